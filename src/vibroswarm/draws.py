@@ -1,0 +1,107 @@
+"""Chance by address: the uniform number of (seed, run, robot, purpose, index, peer).
+
+Nothing is drawn in order, so no result depends on threads, batches, order or interruption; changing the
+strategy changes no motion, and changing the floor changes no noise.
+
+| name | symbol | where | equation |
+|---|---|---|---|
+| generator | Philox4x32-10 | Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 | 10 rounds |
+| counter | c0..c3 | index, robot + 2^16 purpose, run, peer | 4 words of 32 bits |
+| key | k0, k1 | low and high half of the seed | 2 words of 32 bits |
+| uniform | u | (52 bits + 1/2) / 2^52: inside (0, 1), never on its ends, symmetric about 1/2 | |
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+
+SEED_LIMIT: Final = 2**63
+"""Seeds are whole numbers in [0, 2^63)."""
+
+
+class Purpose(IntEnum):
+    """What a number is drawn for; each has its own numbers."""
+
+    PLACEMENT = 0
+    HARDWARE = 1
+    WALK = 2
+    AVOIDANCE = 3
+    SPEED = 4
+    SENSING = 5
+    MESSAGE = 6
+    LOSS = 7
+    FLOOR = 8
+    OPTIMIZER = 9
+    BOOTSTRAP = 10
+
+
+# The kernels read plain integers: Numba does not take enumerations as constants cheaply.
+PLACEMENT: Final = 0
+HARDWARE: Final = 1
+WALK: Final = 2
+AVOIDANCE: Final = 3
+SPEED: Final = 4
+SENSING: Final = 5
+MESSAGE: Final = 6
+LOSS: Final = 7
+FLOOR: Final = 8
+
+_M0: Final = 0xD2511F53
+_M1: Final = 0xCD9E8D57
+_W0: Final = 0x9E3779B9
+_W1: Final = 0xBB67AE85
+_LOW: Final = 0xFFFFFFFF
+_SCALE: Final = 2.0**-52
+
+
+@kernel
+def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[int, int, int, int]:
+    """Ten rounds of Philox on a counter of four 32-bit words with a key of two."""
+    low = np.uint64(_LOW)
+    shift = np.uint64(32)
+    a, b, c, d = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
+    key0, key1 = np.uint64(k0), np.uint64(k1)
+    for _ in range(10):
+        left = np.uint64(_M0) * a
+        right = np.uint64(_M1) * c
+        a, b, c, d = (right >> shift) ^ b ^ key0, right & low, (left >> shift) ^ d ^ key1, left & low
+        key0 = (key0 + np.uint64(_W0)) & low
+        key1 = (key1 + np.uint64(_W1)) & low
+    return a, b, c, d  # type: ignore[return-value]
+
+
+@kernel
+def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """The number in (0, 1) at this address.
+
+    Args:
+        seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
+    """
+    word, other, _, _ = philox4x32(
+        index & _LOW, robot | (purpose << 16), run & _LOW, peer & _LOW, seed & _LOW, (seed >> 32) & _LOW
+    )
+    return (float((np.uint64(word) << np.uint64(20)) | (np.uint64(other) >> np.uint64(12))) + 0.5) * _SCALE
+
+
+@kernel
+def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
+    for i in range(out.size):
+        out[i] = uniform(seed, run, robot, purpose, first + i, 0)
+
+
+def uniforms(seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0) -> NDArray[np.float64]:
+    """The numbers of ``count`` consecutive indices, shape (count,)."""
+    out = np.empty(count, dtype=np.float64)
+    _fill(out, seed, run, robot, int(purpose), first)
+    return out
+
+
+def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
+    """A permutation of 0..count-1 for the floor of ``run``: the order of its uniform numbers, shape (count,)."""
+    return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")

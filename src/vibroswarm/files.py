@@ -1,0 +1,105 @@
+"""Files and folders that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from vibroswarm.errors import InputError, RunError
+
+
+@contextmanager
+def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; on leaving without an error, rename it to ``path``.
+
+    Raises:
+        InputError: ``path`` exists and ``replace`` is false, or its folder cannot be written.
+        RunError: the disk is full or failed.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
+    if path.exists() and not replace:
+        raise InputError(f"'{path}' exists already; choose another name or say --force", field="--out")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except OSError as error:
+        raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
+    part = Path(name)
+    try:
+        yield part
+        part.chmod(0o666 & ~_umask())
+        part.replace(path)
+    except OSError as error:
+        raise RunError(f"could not write '{path}': {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
+    """Give an empty folder beside ``path``; on leaving without an error, rename it to ``path``.
+
+    An existing ``path`` is refused, or swapped for the new one when ``replace`` is true and it looks like
+    a result of ours (or is empty): a folder of something else is never removed.
+
+    Raises:
+        InputError: ``path`` exists, or cannot be written.
+        RunError: the disk is full or failed.
+    """
+    path = Path(path)
+    check_folder(path, replace=replace)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        part.chmod(0o777 & ~_umask())
+    except OSError as error:
+        raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
+    old: Path | None = None
+    try:
+        yield part
+        check_folder(path, replace=replace)  # somebody may have made it in the meantime
+        if path.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
+            path.replace(old)
+        part.replace(path)
+    except OSError as error:
+        if old is not None and old.exists() and not path.exists():
+            old.replace(path)
+        raise RunError(f"could not write '{path}': {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        if old is not None:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+MARKER = "scenario.toml"
+"""The file by which a folder is known to be a result."""
+
+
+def check_folder(path: Path, *, replace: bool = False) -> None:
+    """Refuse a result folder that exists (unless it may be replaced) or that a file stands in the way of."""
+    if path.is_symlink() or path.exists():
+        if not path.is_dir():
+            raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")
+        empty = not any(path.iterdir())
+        if empty and not path.is_symlink():
+            return
+        if not replace:
+            raise InputError(f"'{path}' exists already; choose another name or say --force", field="--out")
+        if path.is_symlink() or not (path / MARKER).is_file():
+            raise InputError(
+                f"'{path}' is not a vibroswarm result (no {MARKER} in it), so --force does not replace it",
+                field="--out",
+            )
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

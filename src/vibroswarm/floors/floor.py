@@ -1,0 +1,115 @@
+"""A floor: a rectangle of tiles, each vibrating or still, somewhere in an arena.
+
+| name | symbol | unit | shape |
+|---|---|---|---|
+| tiles | E (Eq. 1) | 1 vibrating, 0 still | (rows, columns), top row first |
+| fill ratio | f (Eq. 3) | - | scalar |
+| tile index | - | row * columns + column | -1: on no tile |
+
+x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its
+arena (then a border without tiles is neither vibrating nor still) or be cut by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """Tiles and where they lie.
+
+    Args:
+        tiles: (rows, columns) of 0 and 1, top row first.
+        tile_width_m, tile_height_m: size of one tile, m.
+        left_m, bottom_m: the floor's lower left corner in the arena, m.
+        name: what it is called, for titles and results.
+
+    Raises:
+        InputError: no tiles, values other than 0 and 1, sizes that are not finite and positive.
+    """
+
+    tiles: NDArray[np.uint8]
+    tile_width_m: float
+    tile_height_m: float
+    left_m: float = 0.0
+    bottom_m: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tiles", as_tiles(self.tiles))
+        self.tiles.setflags(write=False)
+        for field in ("tile_width_m", "tile_height_m"):
+            value = getattr(self, field)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{value!r} is no size; give a finite number above 0", field=f"floor.{field}")
+        for field in ("left_m", "bottom_m"):
+            if not np.isfinite(getattr(self, field)):
+                raise InputError(f"{getattr(self, field)!r} is not finite", field=f"floor.{field}")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Floor):
+            return NotImplemented
+        return self.geometry == other.geometry and np.array_equal(self.tiles, other.tiles)
+
+    def __hash__(self) -> int:
+        return hash((self.geometry, self.tiles.tobytes()))
+
+    @property
+    def geometry(self) -> tuple[int, int, float, float, float, float]:
+        """rows, columns, tile width and height, left and bottom (m)."""
+        rows, columns = self.tiles.shape
+        return rows, columns, self.tile_width_m, self.tile_height_m, self.left_m, self.bottom_m
+
+    @property
+    def fill_ratio(self) -> float:
+        """Share of tiles that vibrate, f (Eq. 3)."""
+        return float(self.tiles.sum()) / self.tiles.size
+
+    @classmethod
+    def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
+        """The tiles stretched over a rectangle of ``width_m`` by ``height_m`` from the origin."""
+        grid = as_tiles(tiles)
+        return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
+
+    def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
+        """Index of the tile under each point; -1 where there is none. A shared edge is of the right or lower tile.
+
+        Args:
+            x_m, y_m: points in the arena, m, of one shape.
+        Returns: int32 of that shape.
+        """
+        rows, columns = self.tiles.shape
+        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+        top_m = self.bottom_m + rows * self.tile_height_m
+        column = np.floor((x - self.left_m) / self.tile_width_m).astype(np.int64)
+        row = np.floor((top_m - y) / self.tile_height_m).astype(np.int64)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
+    """A contiguous copy of ``values`` as (rows, columns) of 0 and 1.
+
+    Raises:
+        InputError: not a rectangle, empty, or with values other than 0 and 1.
+    """
+    try:
+        grid = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("a floor is a rectangle of 0 and 1", field="floor") from None
+    if grid.ndim != 2 or grid.size == 0:
+        raise InputError(f"a floor is a rectangle of tiles, not of shape {grid.shape}", field="floor")
+    wrong = ~((grid == 0) | (grid == 1))
+    if wrong.any():
+        row, column = (int(i[0]) for i in np.nonzero(wrong))
+        raise InputError(
+            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; a tile is 0 (still) or 1 (vibrating)",
+            field="floor",
+        )
+    return np.ascontiguousarray(grid, dtype=np.uint8)
