@@ -1,1 +1,68 @@
-"""vibroswarm."""
+"""vibroswarm: swarms of small robots that inspect a surface and decide together what it is like.
+
+    from vibroswarm import preset, simulate, verdict
+
+    result = simulate(preset("paper"), seed=7)
+    print(verdict(result).consensus)
+
+The public names are those of ``__all__``; each is looked up when it is first used, so that importing the
+package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from vibroswarm.analysis.verdict import verdict
+    from vibroswarm.errors import InputError, RunError
+    from vibroswarm.floors.design import make_floor
+    from vibroswarm.floors.difficulty import measure
+    from vibroswarm.floors.floor import Floor
+    from vibroswarm.motion.pose import pose
+    from vibroswarm.page.from_result import write_run_page
+    from vibroswarm.presets import preset
+    from vibroswarm.result import Result
+    from vibroswarm.scenario import Scenario
+    from vibroswarm.simulate import simulate
+
+__all__ = [
+    "Floor",
+    "InputError",
+    "Result",
+    "RunError",
+    "Scenario",
+    "make_floor",
+    "measure",
+    "pose",
+    "preset",
+    "simulate",
+    "verdict",
+    "write_run_page",
+]
+
+_HOME: Final = {
+    "Floor": "floors.floor",
+    "InputError": "errors",
+    "Result": "result",
+    "RunError": "errors",
+    "Scenario": "scenario",
+    "make_floor": "floors.design",
+    "measure": "floors.difficulty",
+    "pose": "motion.pose",
+    "preset": "presets",
+    "simulate": "simulate",
+    "verdict": "analysis.verdict",
+    "write_run_page": "page.from_result",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

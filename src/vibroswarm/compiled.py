@@ -1,4 +1,4 @@
-"""The one door to Numba: ``@kernel`` compiles a scalar function where Numba is, and leaves it plain elsewhere.
+"""The one door to Numba: ``@kernel`` compiles a function where Numba is, and leaves it plain elsewhere.
 
 Numba's own disk cache looks only at the file of the function itself, so a change in a function that it
 calls from another file would go unseen. The cache folder is therefore named by a hash of all sources of
@@ -33,24 +33,42 @@ def _user_cache() -> Path:
 
 
 @cache
+def source_hash() -> str:
+    """16 hexadecimal digits of all sources of the package: the state of the code."""
+    digest = hashlib.sha256()
+    folder = Path(__file__).parent
+    for source in sorted(folder.rglob("*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@cache
 def cache_folder() -> Path | None:
-    """Folder of the compiled kernels of exactly these sources and versions, or None if none can be written."""
+    """Folder of the compiled kernels of these sources and versions, or None if none can be written."""
     import llvmlite
     import numba
     import numpy
 
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
     versions = (sys.version, numba.__version__, llvmlite.__version__, numpy.__version__, platform.machine())
-    digest.update(repr(versions).encode())
+    key = hashlib.sha256(f"{source_hash()} {versions!r}".encode()).hexdigest()[:20]
     try:
-        folder = _user_cache() / "vibroswarm" / "kernels" / digest.hexdigest()[:20]
+        folder = _user_cache() / "vibroswarm" / "kernels" / key
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except (OSError, RuntimeError):  # a read-only or missing home: compile anew each time
         return None
+
+
+def is_cached() -> bool:
+    """Whether kernels of these sources have been compiled and kept before (or need no compiling)."""
+    if PLAIN:
+        return True
+    try:
+        folder = cache_folder()
+    except ImportError:
+        return True
+    return folder is not None and any(folder.rglob("*.nbc"))
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -66,7 +84,9 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder) if folder else before
     try:
-        compiled: Callable[P, R] = numba.njit(cache=folder is not None, nogil=True)(function)
+        compiled: Callable[P, R] = numba.njit(cache=folder is not None, nogil=True, error_model="numpy")(
+            function
+        )
     finally:
         config.CACHE_DIR = before
     return compiled

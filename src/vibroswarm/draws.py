@@ -5,7 +5,7 @@ strategy changes no motion, and changing the floor changes no noise.
 
 | name | symbol | where | equation |
 |---|---|---|---|
-| generator | Philox4x32-10 | Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 | 10 rounds |
+| generator | Philox4x32-10 | Salmon et al., "Parallel random numbers", SC 2011 | 10 rounds |
 | counter | c0..c3 | index, robot + 2^16 purpose, run, peer | 4 words of 32 bits |
 | key | k0, k1 | low and high half of the seed | 2 words of 32 bits |
 | uniform | u | (52 bits + 1/2) / 2^52: inside (0, 1), never on its ends, symmetric about 1/2 | |
@@ -95,7 +95,9 @@ def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: in
         out[i] = uniform(seed, run, robot, purpose, first + i, 0)
 
 
-def uniforms(seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0) -> NDArray[np.float64]:
+def uniforms(
+    seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0
+) -> NDArray[np.float64]:
     """The numbers of ``count`` consecutive indices, shape (count,)."""
     out = np.empty(count, dtype=np.float64)
     _fill(out, seed, run, robot, int(purpose), first)
@@ -103,5 +105,5 @@ def uniforms(seed: int, run: int, robot: int, purpose: Purpose, count: int, firs
 
 
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
-    """A permutation of 0..count-1 for the floor of ``run``: the order of its uniform numbers, shape (count,)."""
+    """A permutation of 0..count-1 for the floor of ``run``: the order of its numbers, shape (count,)."""
     return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")

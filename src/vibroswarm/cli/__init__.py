@@ -1,1 +1,82 @@
-"""vibroswarm."""
+"""The command ``vibroswarm``: one file a command, one public call each.
+
+Exit codes: 0 done; 2 bad input; 1 a failure while working; 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from vibroswarm.errors import InputError, RunError, nearest
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says which command or option is nearest to one that there is not."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        if "invalid choice: " in message and "(choose from " in message:
+            word = message.split("invalid choice: ")[1].split(" (")[0].strip("'")
+            choices = message.split("(choose from ")[1].rstrip(")").replace("'", "").split(", ")
+            message += nearest(word, choices)
+        elif message.startswith("unrecognized arguments: "):
+            word = message.removeprefix("unrecognized arguments: ").split()[0].split("=")[0]
+            message += nearest(word, [o for action in self._actions for o in action.option_strings])
+        self.print_usage(sys.stderr)
+        self.exit(2, f"{self.prog}: error: {message}\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of all commands. What a command needs is imported when it runs."""
+    from vibroswarm.cli import floors, run
+
+    top = _Parser(
+        prog="vibroswarm",
+        description="Swarms of small robots that inspect a surface and decide together what it is like.",
+        epilog="'vibroswarm COMMAND --help' tells more.",
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="store_true", help="say the version and leave")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
+    run.add_parser(commands)
+    floors.add_parser(commands)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; gives the exit code."""
+    top = parser()
+    arguments, unknown = top.parse_known_args(argv)
+    if unknown:
+        of_command = getattr(arguments, "parser", top)
+        of_command.error(f"unrecognized arguments: {' '.join(unknown)}")
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"vibroswarm {version('vibroswarm')}")
+        return 0
+    if arguments.command is None:
+        top.print_help()
+        return 0
+    try:
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return code
+    except InputError as error:
+        return _failed(str(error), 2)
+    except RunError as error:
+        return _failed(str(error), 1)
+    except MemoryError:
+        return _failed("out of memory; ask for fewer robots, tiles or runs", 1)
+    except KeyboardInterrupt:
+        return _failed("interrupted", 130)
+    except BrokenPipeError:  # the reader, such as `head`, has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def _failed(message: str, code: int) -> int:
+    print(f"vibroswarm: {'error: ' if code != 130 else ''}{message}", file=sys.stderr)
+    return code

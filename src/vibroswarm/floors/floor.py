@@ -13,11 +13,15 @@ arena (then a border without tiles is neither vibrating nor still) or be cut by 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.errors import InputError
+
+TILE_LIMIT: Final = 4_000_000
+"""The most tiles that a floor may have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,9 @@ class Floor:
         for field in ("tile_width_m", "tile_height_m"):
             value = getattr(self, field)
             if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{value!r} is no size; give a finite number above 0", field=f"floor.{field}")
+                raise InputError(
+                    f"{value!r} is no size; give a finite number above 0", field=f"floor.{field}"
+                )
         for field in ("left_m", "bottom_m"):
             if not np.isfinite(getattr(self, field)):
                 raise InputError(f"{getattr(self, field)!r} is not finite", field=f"floor.{field}")
@@ -71,6 +77,20 @@ class Floor:
         """Share of tiles that vibrate, f (Eq. 3)."""
         return float(self.tiles.sum()) / self.tiles.size
 
+    def fill_ratio_within(self, width_m: float, height_m: float) -> float:
+        """Share of the tiled area inside an arena of this size that vibrates; f where no tile is cut."""
+        rows, columns = self.tiles.shape
+        left = self.left_m + self.tile_width_m * np.arange(columns)
+        bottom = self.bottom_m + self.tile_height_m * np.arange(rows)[::-1]
+        # Rounding of the far edges must not turn whole tiles into cut ones.
+        across = np.clip(np.minimum(left + self.tile_width_m, width_m) - np.maximum(left, 0.0), 0.0, None)
+        up = np.clip(np.minimum(bottom + self.tile_height_m, height_m) - np.maximum(bottom, 0.0), 0.0, None)
+        if np.allclose(across, self.tile_width_m, rtol=1e-9) and np.allclose(
+            up, self.tile_height_m, rtol=1e-9
+        ):
+            return self.fill_ratio
+        return float(up @ self.tiles @ across / (up.sum() * across.sum()))
+
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
         """The tiles stretched over a rectangle of ``width_m`` by ``height_m`` from the origin."""
@@ -78,7 +98,9 @@ class Floor:
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
-        """Index of the tile under each point; -1 where there is none. A shared edge is of the right or lower tile.
+        """Index of the tile under each point; -1 where there is none.
+
+        A shared edge belongs to the tile at its right or below it.
 
         Args:
             x_m, y_m: points in the arena, m, of one shape.
@@ -87,10 +109,23 @@ class Floor:
         rows, columns = self.tiles.shape
         x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         top_m = self.bottom_m + rows * self.tile_height_m
-        column = np.floor((x - self.left_m) / self.tile_width_m).astype(np.int64)
-        row = np.floor((top_m - y) / self.tile_height_m).astype(np.int64)
+        column = np.floor((x - self.left_m) / self.tile_width_m)
+        row = np.floor((top_m - y) / self.tile_height_m)
+        # Compared as floating point numbers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def check_size(rows: int, columns: int, field: str = "tiles") -> None:
+    """Refuse a floor without tiles, or with more than ``TILE_LIMIT``.
+
+    Raises:
+        InputError: so it is.
+    """
+    if rows < 1 or columns < 1:
+        raise InputError(f"{rows} x {columns} is no floor; give at least 1 x 1 tiles", field=field)
+    if rows * columns > TILE_LIMIT:
+        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field=field)
 
 
 def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
@@ -109,7 +144,8 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
     if wrong.any():
         row, column = (int(i[0]) for i in np.nonzero(wrong))
         raise InputError(
-            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; a tile is 0 (still) or 1 (vibrating)",
+            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; "
+            "a tile is 0 (still) or 1 (vibrating)",
             field="floor",
         )
     return np.ascontiguousarray(grid, dtype=np.uint8)

@@ -1,1 +1,1 @@
-"""vibroswarm."""
+"""What each robot believed, said and decided: a strategy replayed over observations."""

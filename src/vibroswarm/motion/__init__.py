@@ -1,1 +1,1 @@
-"""vibroswarm."""
+"""Where and when robots sampled: one contract, many sources."""

@@ -1,1 +1,1 @@
-"""vibroswarm."""
+"""What each sample read: an energy and a bit for every row of a motion table."""

@@ -1,1 +1,1 @@
-"""vibroswarm."""
+"""The one-file page that shows a run."""

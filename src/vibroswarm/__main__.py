@@ -1,0 +1,7 @@
+"""``python -m vibroswarm`` is the command ``vibroswarm``."""
+
+import sys
+
+from vibroswarm.cli import main
+
+sys.exit(main())

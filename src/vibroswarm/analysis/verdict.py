@@ -1,0 +1,108 @@
+"""The verdict on one run: the swarm's outcome, when, how sure, robot by robot.
+
+| name | symbol | equation |
+|---|---|---|
+| belief in the decision | - | p for decision 0, 1 - p for decision 1, at the decision |
+| estimate | f | alpha / (alpha + beta), posterior mean at the end |
+| interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.observation.model import error_rates
+from vibroswarm.result import Result
+
+
+@dataclass(frozen=True)
+class RobotVerdict:
+    """What became of one robot; times in s."""
+
+    robot: int
+    decision: int
+    decision_time_s: float | None
+    belief_at_decision: float | None
+    belief_in_decision: float | None
+    belief: float | None
+    estimate: float
+    interval: tuple[float, float]
+    alpha: int
+    beta: int
+    samples: int
+    received: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one run; times in s."""
+
+    consensus: str
+    consensus_time_s: float | None
+    decision: int | None
+    """What all decided alike, else None."""
+    truth: int | None
+    fill_ratio: float
+    decision_boundary: float
+    right: int
+    wrong: int
+    undecided: int
+    end_s: float
+    share_of_ones_expected: float
+    """What a sample at a uniformly random place on the tiles reads as vibrating, with the sensor's errors."""
+    share_of_ones_read: float | None
+    robots: tuple[RobotVerdict, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def verdict(result: Result, run: int = 0) -> Verdict:
+    """The verdict on one run of a result."""
+    of_run = pl.col("run") == run
+    summary = result.runs.filter(of_run).to_dicts()[0]
+    robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())
+    alike = {robot.decision for robot in robots}
+    false_positive, false_negative = error_rates(result.scenario.sensor)
+    fill = summary["fill_ratio"]
+    bits = result.observations.filter(of_run)["observation"]
+    return Verdict(
+        consensus=summary["consensus"],
+        consensus_time_s=summary["consensus_time_s"],
+        decision=alike.pop() if len(alike) == 1 and -1 not in alike else None,
+        truth=summary["truth"],
+        fill_ratio=fill,
+        decision_boundary=result.scenario.decision.decision_boundary,
+        right=summary["right"],
+        wrong=summary["wrong"],
+        undecided=summary["undecided"],
+        end_s=summary["end_s"],
+        share_of_ones_expected=fill * (1 - false_negative) + (1 - fill) * false_positive,
+        share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
+        robots=robots,
+    )
+
+
+def _robot(row: dict[str, Any]) -> RobotVerdict:
+    from scipy.special import betaincinv
+
+    alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
+    sure = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
+    return RobotVerdict(
+        robot=row["robot"],
+        decision=row["decision"],
+        decision_time_s=row["decision_time_s"],
+        belief_at_decision=belief,
+        belief_in_decision=sure,
+        belief=row["belief"],
+        estimate=alpha / (alpha + beta),
+        interval=(float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975))),
+        alpha=alpha,
+        beta=beta,
+        samples=row["samples"],
+        received=row["received"],
+    )

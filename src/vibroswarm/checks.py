@@ -1,0 +1,113 @@
+"""Checks across the fields of a scenario; each raises an ``InputError`` that names the field to mend."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    from vibroswarm.scenario import Scenario
+
+
+def _check_ranges(s: Scenario) -> None:
+    pairs = (
+        ("robot.misalignment", s.robot.misalignment_min, s.robot.misalignment_max),
+        ("robot.speed_factor", s.robot.speed_factor_min, s.robot.speed_factor_max),
+        ("walk.leg", s.walk.leg_min_ms, s.walk.leg_max_ms),
+    )
+    for name, low, high in pairs:
+        if low > high:
+            unit = "_ms" if name == "walk.leg" else ""
+            raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
+    if len(s.rays.side_m) != len(s.rays.angle_deg):
+        raise InputError(
+            f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg; as many",
+            field="rays.side_m",
+        )
+
+
+def start_region(s: Scenario) -> tuple[float, float, float, float]:
+    """x from, x to, y from, y to of the robots' centres at the start, m."""
+    margin = max(s.swarm.start_margin_m, s.robot.body_radius_m)
+    return margin, s.arena.width_m - margin, margin, s.arena.height_m - margin
+
+
+def lattice_sites(s: Scenario) -> tuple[int, int]:
+    """Columns and rows of robots that fit side by side in the start region: at least so many always fit."""
+    left, right, low, high = start_region(s)
+    pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
+    return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
+
+
+def _check_places(s: Scenario) -> None:
+    left, right, low, high = start_region(s)
+    size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
+    if left > right or low > high:
+        shorter = min(s.arena.width_m, s.arena.height_m) / 2
+        if s.robot.body_radius_m > shorter:
+            raise InputError(
+                f"a robot of radius {s.robot.body_radius_m:g} m does not fit into an arena of {size}",
+                field="arena.width_m" if s.arena.width_m <= s.arena.height_m else "arena.height_m",
+            )
+        raise InputError(
+            f"{s.swarm.start_margin_m:g} leaves no place in an arena of {size}; at most {shorter:g}",
+            field="swarm.start_margin_m",
+        )
+    columns, rows = lattice_sites(s)
+    if s.swarm.robots > columns * rows:
+        raise InputError(
+            f"{s.swarm.robots} robots of radius {s.robot.body_radius_m:g} m do not fit into an arena of "
+            f"{size} with a start margin of {s.swarm.start_margin_m:g} m; at most {columns * rows}",
+            field="swarm.robots",
+        )
+
+
+def _check_time(s: Scenario) -> None:
+    if s.run.t_end_s >= s.robot.battery_life_s:
+        raise InputError(
+            f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
+            "the battery would be empty",
+            field="robot.battery_life_s",
+        )
+    if s.ticks > 2**31 - 2:
+        raise InputError(
+            f"{s.run.t_end_s:g} s is over 2^31 control periods; make one of them larger", field="run.t_end_s"
+        )
+    if s.sample.sample_interval_ms + s.sample.stop_ms < s.run.control_period_ms:
+        raise InputError(
+            f"{s.sample.sample_interval_ms:g} with stop_ms {s.sample.stop_ms:g} is less than one control "
+            f"period ({s.run.control_period_ms} ms)",
+            field="sample.sample_interval_ms",
+        )
+    wheel = 1 + max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+    step_m = s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
+    if step_m > s.robot.body_radius_m:
+        raise InputError(
+            f"{s.run.control_period_ms} ms is too long: a robot could drive {step_m * 1000:.3g} mm, more "
+            "than its radius, between two looks",
+            field="run.control_period_ms",
+        )
+
+
+def _check_sensor(s: Scenario) -> None:
+    if s.sensor.model == "energies":
+        for field in ("vibrating_energies", "still_energies"):
+            if getattr(s.sensor, field) is None:
+                raise InputError(
+                    'missing; model = "energies" draws from measured energies', field=f"sensor.{field}"
+                )
+
+
+def _check_floor(s: Scenario) -> None:
+    rows, columns = s.floor.tiles_for(0, 0)[0].shape
+    width = s.floor.tile_width_m or s.arena.width_m / columns
+    height = s.floor.tile_height_m or s.arena.height_m / rows
+    right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
+    if right <= 0 or top <= 0 or s.floor.left_m >= s.arena.width_m or s.floor.bottom_m >= s.arena.height_m:
+        raise InputError(
+            "the floor lies outside the arena; no robot could sample a tile", field="floor.left_m"
+        )
+
+
+ALL = (_check_ranges, _check_places, _check_time, _check_sensor, _check_floor)

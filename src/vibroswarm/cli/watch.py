@@ -1,0 +1,150 @@
+"""``--watch``: an inspection played back in the terminal, or in plain lines where there is none."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.cli.words import decision_words
+from vibroswarm.motion.pose import pose
+from vibroswarm.result import Result
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+FRAMES_PER_S = 12
+LINES = 20
+"""Lines that a playback without a terminal prints."""
+BAR = 24
+SYMBOLS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is shown at one time; one entry a robot."""
+
+    time_s: float
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    belief: NDArray[np.float64]
+    decision: NDArray[np.int64]
+
+
+class Playback:
+    """Moments of one run of a result (run 0), made from its tables."""
+
+    def __init__(self, result: Result) -> None:
+        self.result, self.scenario = result, result.scenario
+        self.floor = result.floor()
+        self.robots = result.ends.height
+        self.end_s = float(result.ends["end_s"][0])
+        joined = result.motion.join(result.inference, on=["run", "robot", "sample"], maintain_order="left")
+        self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
+
+    def at(self, time_s: float) -> Moment:
+        """What is so at this time."""
+        assert self.result.segments is not None, "a playback needs segments"
+        at = min(time_s, self.end_s)
+        where = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
+        belief = np.full(self.robots, self._prior_belief())
+        decision = np.full(self.robots, -1)
+        for robot, samples in enumerate(self.samples):
+            done = int(samples["time_s"].search_sorted(at, side="right"))
+            if done:
+                belief[robot], decision[robot] = samples["belief"][done - 1], samples["decision"][done - 1]
+        return Moment(at, where[:, 0], where[:, 1], belief, decision)
+
+    def _prior_belief(self) -> float:
+        from scipy.special import betainc
+
+        decision = self.scenario.decision
+        return float(betainc(decision.prior_alpha, decision.prior_beta, decision.decision_boundary))
+
+
+def play(result: Result, speed: float) -> None:
+    """Play run 0 back, ``speed`` times as fast as it was; in plain lines where stdout is no terminal."""
+    playback = Playback(result)
+    if not sys.stdout.isatty():
+        for time_s in np.linspace(0.0, playback.end_s, LINES + 1)[1:]:
+            print(line(playback.at(float(time_s))), flush=True)
+        return
+    from rich.live import Live
+
+    began_s = time.monotonic()
+    with Live(frame(playback, playback.at(0.0), speed), refresh_per_second=FRAMES_PER_S) as live:
+        time_s = 0.0
+        while time_s < playback.end_s:
+            time.sleep(1.0 / FRAMES_PER_S)
+            time_s = (time.monotonic() - began_s) * speed
+            live.update(frame(playback, playback.at(time_s), speed))
+
+
+def line(moment: Moment) -> str:
+    """A moment in one plain line."""
+    marks = {-1: "?", 0: "<", 1: ">"}
+    beliefs = " ".join(
+        f"{robot}:{belief:.2f}{marks[int(decision)]}"
+        for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True))
+    )
+    decided = int((moment.decision != -1).sum())
+    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}  belief in 'less' {beliefs}"
+
+
+def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
+    """A moment as a picture of the terminal: the arena, and each robot's belief as a bar."""
+    from rich.columns import Columns
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.text import Text
+
+    decided = int((moment.decision != -1).sum())
+    head = Text(
+        f"t = {moment.time_s:7.1f} s of {playback.end_s:g} s   {speed:g}x   "
+        f"{decided} of {playback.robots} decided   Ctrl-C leaves"
+    )
+    arena = Panel(Text("\n".join(arena_rows(playback, moment))), title="arena", expand=False)
+    beliefs = Panel(Text("\n".join(belief_rows(playback, moment))), title="belief", expand=False)
+    return Group(head, Columns([arena, beliefs]))
+
+
+def _fancy() -> bool:
+    """Whether the terminal takes more than ASCII."""
+    return "utf" in (sys.stdout.encoding or "").lower()
+
+
+def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
+    """The arena from above: shaded where it vibrates, a sign for each robot; a cell is twice as high as wide."""
+    width_m, height_m = playback.scenario.arena.width_m, playback.scenario.arena.height_m
+    columns = int(np.clip(round(2 * rows * width_m / height_m), 4, 100))
+    rows = max(2, round(columns * height_m / width_m / 2))
+    x = (np.arange(columns) + 0.5) * width_m / columns
+    y = height_m - (np.arange(rows) + 0.5) * height_m / rows
+    tile = playback.floor.tile_at(*np.meshgrid(x, y))
+    flat = playback.floor.tiles.ravel()
+    shade, dot = ("░", "·") if _fancy() else ("#", ".")
+    cells = np.where(tile < 0, " ", np.where(flat[tile] == 1, shade, dot))
+    column = np.clip((moment.x_m / width_m * columns).astype(int), 0, columns - 1)
+    row = np.clip(((height_m - moment.y_m) / height_m * rows).astype(int), 0, rows - 1)
+    for robot in range(playback.robots):
+        cells[row[robot], column[robot]] = SYMBOLS[robot % len(SYMBOLS)]
+    return ["".join(cells[r]) for r in range(rows)]
+
+
+def belief_rows(playback: Playback, moment: Moment) -> list[str]:
+    """A bar for each robot: full when it believes that less than the boundary vibrates."""
+    boundary = playback.scenario.decision.decision_boundary
+    block, rest = ("█", "─") if _fancy() else ("=", "-")
+    rows = [f"{'':3}{'0':<{BAR}}1   in 'less than {100 * boundary:g} %'"]
+    for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
+        full = round(belief * BAR)
+        said = "" if decision == -1 else f"  decided: {decision_words(int(decision), boundary)}"
+        rows.append(
+            f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{said}"
+        )
+    return rows

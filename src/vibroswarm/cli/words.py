@@ -1,0 +1,99 @@
+"""The verdict in a person's words."""
+
+from __future__ import annotations
+
+from textwrap import fill
+
+from vibroswarm.analysis.verdict import RobotVerdict, Verdict
+from vibroswarm.result import Result
+
+WIDTH = 100
+FEEDBACK = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
+
+
+def percent(share: float) -> str:
+    """``0.5`` as ``50 %``."""
+    return f"{100 * share:.4g} %"
+
+
+def decision_words(decision: int | None, boundary: float) -> str:
+    """What a decision says about the floor."""
+    if decision is None or decision == -1:
+        return "undecided"
+    return f"{'more' if decision else 'less'} than {percent(boundary)} vibrates"
+
+
+def headline(found: Verdict) -> str:
+    """The outcome in one sentence."""
+    robots = len(found.robots)
+    what = decision_words(found.decision, found.decision_boundary)
+    together = "the robot decided" if robots == 1 else f"all {robots} robots decided"
+    at = "" if found.consensus_time_s is None else f" by {found.consensus_time_s:.1f} s"
+    if found.consensus == "right":
+        return f"CONSENSUS, RIGHT: {together} '{what}'{at}."
+    if found.consensus == "wrong":
+        return f"CONSENSUS, WRONG: {together} '{what}'{at}, and that is not so."
+    if found.consensus == "agreed":
+        return f"CONSENSUS: {together} '{what}'{at}; the fill ratio is the boundary itself, neither is right."
+    decided = robots - found.undecided
+    sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else f"{decided} decided"
+    if found.consensus == "split":
+        return f"SPLIT: all {robots} robots decided, but not alike: {sides}."
+    return f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {found.end_s:g} s ({sides})."
+
+
+def how_sure(found: Verdict) -> str:
+    """How sure the robots were."""
+    beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
+    note = "A belief counts every bit as independent evidence, which bits of neighbouring samples are not."
+    if not beliefs:
+        beliefs = [r.belief for r in found.robots if r.belief is not None]
+        return (
+            f"How sure: no robot was; belief in 'less' is {_range(beliefs)}. {note}"
+            if beliefs
+            else "No sample taken."
+        )
+    return f"How sure: belief in the decision, when it fell, {_range(beliefs)}. {note}"
+
+
+def _range(shares: list[float]) -> str:
+    low, high = percent(round(min(shares), 4)), percent(round(max(shares), 4))
+    return low if low == high else f"{low} to {high}"
+
+
+def robot_line(robot: RobotVerdict, boundary: float) -> str:
+    """One robot in one line of the table."""
+    at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f} s"
+    sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f} %"
+    low, high = robot.interval
+    return (
+        f"{robot.robot:>5}  {decision_words(robot.decision, boundary):<26} {at:>9} {sure:>8}   "
+        f"{robot.estimate:.3f} [{low:.3f}, {high:.3f}] {robot.samples:>8} {robot.received:>6}"
+    )
+
+
+def verdict_text(result: Result, found: Verdict) -> str:
+    """The whole verdict, some lines of plain text."""
+    scenario, floor = result.scenario, result.floor()
+    ones, tiles = int(floor.tiles.sum()), floor.tiles.size
+    robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
+    lines = [
+        f"{robots}, {FEEDBACK[scenario.strategy.name]}, on '{floor.name}' "
+        f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), seed {result.seed}",
+        "",
+        headline(found),
+        how_sure(found),
+    ]
+    if found.share_of_ones_read is not None:
+        lines.append(
+            f"Samples read as vibrating: {percent(round(found.share_of_ones_read, 4))}; with the sensor's errors, "
+            f"{percent(round(found.share_of_ones_expected, 4))} were to be expected on this floor."
+        )
+    lines += [
+        "",
+        f"{'robot':>5}  {'decision':<26} {'at':>9} {'belief':>8}   "
+        f"{'posterior of f (95 %)':<20} {'own':>8} {'heard':>6}",
+        *(robot_line(robot, found.decision_boundary) for robot in found.robots),
+        "",
+    ]
+    return "\n".join(fill(line, WIDTH) if ". " in line else line for line in lines)

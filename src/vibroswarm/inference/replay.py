@@ -1,0 +1,263 @@
+"""Replay of a strategy over the samples of a run, messages and all.
+
+All hear all. A bit sent at tick k is read at the receiver's first walking tick after k, never during its
+stop; ties are read in robot order, and each message and receiver is lost with probability ``loss``. So a
+robot whose stop began at tick s (and that last walked at s - 1) has read, when it samples, what was sent
+up to tick s - 2.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.draws import LOSS, MESSAGE, uniform
+from vibroswarm.motion.contract import Motion
+from vibroswarm.robot.believe import Posterior
+from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.program import (
+    GATES,
+    STRATEGIES,
+    Mind,
+    MindProgram,
+    begin_mind,
+    receive,
+    sample,
+)
+
+INFERENCE: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "sample": pl.UInt32,
+    "message": pl.UInt8,
+    "alpha": pl.UInt32,
+    "beta": pl.UInt32,
+    "received": pl.UInt32,
+    "belief": pl.Float64,
+    "decision": pl.Int8,
+}
+FINALS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "alpha": pl.UInt32,
+    "beta": pl.UInt32,
+    "received": pl.UInt32,
+}
+"""The posterior at the end of the run, with what was received since the last own sample."""
+
+MIND = np.dtype(
+    [("alpha", np.int64), ("beta", np.int64), ("belief", np.float64), ("log_term", np.float64)]
+    + [(name, np.int64) for name in ("decision", "own", "received", "message", "heard")]
+)
+"""One robot's ``Mind``, and how many of the run's messages it has come past."""
+
+
+def mind_program(scenario: Scenario) -> MindProgram:
+    """The parameters of deciding and saying, as the robot's program reads them."""
+    decision, strategy = scenario.decision, scenario.strategy
+    return MindProgram(
+        strategy=STRATEGIES.index(strategy.name),
+        eta=strategy.eta,
+        kappa=strategy.kappa,
+        boundary=decision.decision_boundary,
+        credible_threshold=decision.credible_threshold,
+        min_observations=decision.min_observations,
+        gate=GATES.index(decision.gate),
+        gate_counts_current=decision.gate_counts_current,
+        revise=decision.revise,
+        prior_alpha=decision.prior_alpha,
+        prior_beta=decision.prior_beta,
+    )
+
+
+@kernel
+def load_mind(minds: NDArray[np.void], i: int) -> Mind:
+    """Row ``i`` as the robot's program sees it."""
+    row = minds[i]
+    posterior = Posterior(row.alpha, row.beta, row.belief, row.log_term)
+    return Mind(posterior, row.decision, row.own, row.received, row.message)
+
+
+@kernel
+def store_mind(minds: NDArray[np.void], i: int, mind: Mind) -> None:
+    """The reverse of ``load_mind``."""
+    row = minds[i]
+    row.alpha, row.beta = mind.posterior.alpha, mind.posterior.beta
+    row.belief, row.log_term = mind.posterior.belief, mind.posterior.log_term
+    row.decision, row.own = mind.decision, mind.own
+    row.received, row.message = mind.received, mind.message
+
+
+@kernel
+def begin_minds(minds: NDArray[np.void], program: MindProgram) -> None:
+    """All robots at the prior, nothing heard."""
+    first = begin_mind(program)
+    for i in range(minds.size):
+        store_mind(minds, i, first)
+        minds[i].heard = 0
+
+
+@kernel
+def lost(seed: int, run: int, receiver: int, sender: int, index: int, loss: float) -> bool:
+    """Whether the sender's message of its sample ``index`` does not reach the receiver."""
+    return loss > 0.0 and uniform(seed, run, receiver, LOSS, index, sender) < loss
+
+
+@kernel
+def hear(
+    minds: NDArray[np.void],
+    i: int,
+    until_tick: int,
+    sent: NDArray[np.int64],
+    count: int,
+    program: MindProgram,
+    seed: int,
+    run: int,
+    loss: float,
+) -> None:
+    """Robot ``i`` reads what was sent up to ``until_tick`` and not yet read.
+
+    Args:
+        sent: (messages, 4): tick, sender, sample, bit, in the order of sending; ``count`` are there so far.
+    """
+    mind = load_mind(minds, i)
+    k = minds[i].heard
+    while k < count and sent[k, 0] <= until_tick:
+        sender = sent[k, 1]
+        if sender != i and not lost(seed, run, i, sender, sent[k, 2], loss):
+            mind = receive(mind, sent[k, 3], program)
+        k += 1
+    store_mind(minds, i, mind)
+    minds[i].heard = k
+
+
+@kernel
+def take_sample(
+    minds: NDArray[np.void], i: int, index: int, observation: int, program: MindProgram, seed: int, run: int
+) -> None:
+    """Robot ``i`` observes, updates, tests and composes; ``index`` is the number of its sample."""
+    u = uniform(seed, run, i, MESSAGE, index, 0)
+    store_mind(minds, i, sample(load_mind(minds, i), observation, u, program))
+
+
+@kernel
+def write_row(out: NDArray[np.void], k: int, minds: NDArray[np.void], i: int) -> None:
+    """The inference table's row of the sample just taken."""
+    row, mind = out[k], minds[i]
+    row.message, row.decision, row.received = mind.message, mind.decision, mind.received
+    row.alpha, row.beta, row.belief = mind.alpha, mind.beta, mind.belief
+
+
+INFERENCE_ROW = np.dtype(
+    [
+        ("message", np.uint8),
+        ("alpha", np.uint32),
+        ("beta", np.uint32),
+        ("received", np.uint32),
+        ("belief", np.float64),
+        ("decision", np.int8),
+    ]
+)
+
+
+@kernel
+def replay_run(
+    samples: NDArray[np.int64],
+    last_heard_tick: NDArray[np.int64],
+    minds: NDArray[np.void],
+    sent: NDArray[np.int64],
+    out: NDArray[np.void],
+    program: MindProgram,
+    seed: int,
+    run: int,
+    loss: float,
+) -> None:
+    """One run from the prior to its end.
+
+    Args:
+        samples: (samples, 5): tick, robot, sample, stop tick, observation; sorted by tick, then robot.
+        last_heard_tick: (robots,): what was sent up to this tick has been read at the end of the run.
+        minds: (robots,), overwritten. sent: (samples, 4) of scratch. out: (samples,) of ``INFERENCE_ROW``.
+    """
+    begin_minds(minds, program)
+    for k in range(samples.shape[0]):
+        tick, i, index = samples[k, 0], samples[k, 1], samples[k, 2]
+        hear(minds, i, samples[k, 3] - 2, sent, k, program, seed, run, loss)
+        take_sample(minds, i, index, samples[k, 4], program, seed, run)
+        sent[k, 0], sent[k, 1], sent[k, 2], sent[k, 3] = tick, i, index, minds[i].message
+        write_row(out, k, minds, i)
+    for i in range(minds.size):
+        hear(minds, i, last_heard_tick[i], sent, samples.shape[0], program, seed, run, loss)
+
+
+def to_ticks(times_s: pl.Series, tick_ms: int) -> NDArray[np.int64]:
+    """The ticks nearest to the times, shape (rows,)."""
+    return np.rint(times_s.to_numpy() * (1000.0 / tick_ms)).astype(np.int64)
+
+
+def infer(
+    scenario: Scenario, seed: int, motion: Motion, observations: pl.DataFrame
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The inference table and the final posteriors, from a motion and its observation table (same rows).
+
+    Raises:
+        ValueError: the rows of motion and observations are not the same.
+    """
+    key = ["run", "robot", "sample"]
+    if not motion.samples.select(key).equals(observations.select(key)):
+        raise ValueError("the observation table has not the rows of the motion table")
+    tick_ms, program = scenario.run.control_period_ms, mind_program(scenario)
+    table = np.stack(
+        [
+            to_ticks(motion.samples["time_s"], tick_ms),
+            *(motion.samples[name].to_numpy().astype(np.int64) for name in ("robot", "sample")),
+            to_ticks(motion.samples["stop_start_s"], tick_ms),
+            observations["observation"].to_numpy().astype(np.int64),
+        ],
+        axis=1,
+    )
+    run_of = motion.samples["run"].to_numpy()
+    out = np.zeros(table.shape[0], dtype=INFERENCE_ROW)
+    finals = []
+    for (key_of_run,), ends in motion.ends.group_by("run", maintain_order=True):
+        run = int(str(key_of_run))
+        low, high = int(np.searchsorted(run_of, run, "left")), int(np.searchsorted(run_of, run, "right"))
+        part = table[low:high]
+        minds = np.zeros(ends.height, dtype=MIND)
+        sent = np.zeros((high - low, 4), dtype=np.int64)
+        heard = heard_at_end(ends, tick_ms)
+        replay_run(part, heard, minds, sent, out[low:high], program, seed, run, scenario.network.loss)
+        finals.append(final_frame(run, minds))
+    return inference_frame(motion.samples, out), pl.concat(finals)
+
+
+def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
+    """What was sent up to this tick has been read when the run ends, shape (robots,).
+
+    A robot that walks last walked at the tick before the end; one that stands, before its stop began.
+    """
+    standing_since = ends["stop_start_s"].fill_null(ends["end_s"])
+    return to_ticks(standing_since, tick_ms) - 2
+
+
+def inference_frame(samples: pl.DataFrame, rows: NDArray[np.void]) -> pl.DataFrame:
+    """The inference table, in the order of the motion table."""
+    columns = {name: pl.Series(rows[name].copy()) for name in INFERENCE_ROW.names or ()}
+    frame = samples.select("run", "robot", "sample").with_columns(**columns)
+    return frame.select(list(INFERENCE)).cast(INFERENCE)  # type: ignore[arg-type]
+
+
+def final_frame(run: int, minds: NDArray[np.void]) -> pl.DataFrame:
+    """The posteriors at the end of one run."""
+    return pl.DataFrame(
+        {
+            "run": np.full(minds.size, run, dtype=np.uint32),
+            "robot": np.arange(minds.size, dtype=np.uint16),
+            **{name: minds[name].astype(np.uint32) for name in ("alpha", "beta", "received")},
+        },
+        schema=FINALS,
+    )

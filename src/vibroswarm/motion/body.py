@@ -1,0 +1,139 @@
+"""The robots' bodies: parameters as the kernels read them, and what differs from robot to robot.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| misalignment | m_d | - | U(min, max), one a robot |
+| speed factor | s_d | - | Gamma(shape, scale) + location, clipped; one a sample or one a robot |
+| battery | b_d | - | 1 - t / battery_life |
+| wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 15) |
+| track | - | m | turn rate = (v_r - v_l) / track |
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.checks import lattice_sites, start_region
+from vibroswarm.compiled import kernel
+from vibroswarm.draws import HARDWARE, SPEED, uniform
+from vibroswarm.robot.walk import TIMERS, WalkProgram
+from vibroswarm.scenario import Robot, Scenario
+
+SPEED_NODES: Final = 2**14
+"""Intervals of the table of the speed factor's quantile; between nodes it is linear."""
+
+
+class Body(NamedTuple):
+    """Parameters of arena, bodies and rays; lengths in m, times in s."""
+
+    tick_s: float
+    width_m: float
+    height_m: float
+    radius_m: float
+    full_speed_m_s: float
+    drive_track_m: float
+    turn_track_m: float
+    misalignment_min: float
+    misalignment_max: float
+    speed_quantiles: NDArray[np.float64]
+    speed_redrawn: bool
+    battery_life_s: float
+    ray_forward_m: float
+    ray_side_m: tuple[float, ...]
+    ray_cos: tuple[float, ...]
+    ray_sin: tuple[float, ...]
+    look_m: float
+    """Rays matter up to the shorter of their range and theta_c."""
+    ray_reach_m: float
+    """No ray sees a thing further than this from the robot's centre."""
+    disc_radius_m: float
+    start: tuple[float, float, float, float]
+    """x from, x to, y from, y to of the centres at the start."""
+    lattice: tuple[int, int]
+    """Columns and rows of robots that fit side by side into it."""
+
+
+@lru_cache(maxsize=16)
+def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
+    """The clipped speed factor at SPEED_NODES + 1 equally spaced probabilities, shape (SPEED_NODES + 1,)."""
+    from scipy.special import gammaincinv
+
+    probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
+    probability[-1] = 1.0 - 2.0**-53
+    factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, probability)
+    table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
+    return np.ascontiguousarray(table, dtype=np.float64)
+
+
+def body_of(scenario: Scenario) -> Body:
+    """The parameters of a scenario as the kernels read them."""
+    robot, rays = scenario.robot, scenario.rays
+    look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
+    angles = [math.radians(angle) for angle in rays.angle_deg]
+    return Body(
+        tick_s=scenario.tick_s,
+        width_m=scenario.arena.width_m,
+        height_m=scenario.arena.height_m,
+        radius_m=robot.body_radius_m,
+        full_speed_m_s=robot.full_speed_m_s,
+        drive_track_m=robot.drive_track_m,
+        turn_track_m=robot.turn_track_m,
+        misalignment_min=robot.misalignment_min,
+        misalignment_max=robot.misalignment_max,
+        speed_quantiles=speed_quantiles(robot),
+        speed_redrawn=robot.speed_redraw == "sample",
+        battery_life_s=robot.battery_life_s,
+        ray_forward_m=rays.forward_m,
+        ray_side_m=tuple(rays.side_m),
+        ray_cos=tuple(math.cos(angle) for angle in angles),
+        ray_sin=tuple(math.sin(angle) for angle in angles),
+        look_m=look_m,
+        ray_reach_m=math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m,
+        disc_radius_m=rays.disc_radius_m,
+        start=start_region(scenario),
+        lattice=lattice_sites(scenario),
+    )
+
+
+def walk_program(scenario: Scenario) -> WalkProgram:
+    """The walk's parameters as the robot's program reads them."""
+    walk, sample = scenario.walk, scenario.sample
+    return WalkProgram(
+        tick_ms=scenario.run.control_period_ms,
+        location_ms=walk.walk_duration_location_ms,
+        scale_ms=walk.walk_duration_scale_ms,
+        leg_min_ms=walk.leg_min_ms,
+        leg_max_ms=walk.leg_max_ms,
+        turn_max_deg=walk.turn_max_deg,
+        avoidance_threshold_mm=walk.avoidance_threshold_mm,
+        gain=walk.turn_gain_percent_per_deg,
+        integral_gain=walk.turn_integral_gain_percent_per_deg_s,
+        tolerance_deg=walk.turn_tolerance_deg,
+        sample_interval_ms=sample.sample_interval_ms,
+        stop_ms=sample.stop_ms,
+        timer=TIMERS.index(sample.timer),
+        interrupts_avoidance=sample.interrupts_avoidance,
+    )
+
+
+@kernel
+def misalignment(body: Body, seed: int, run: int, robot: int) -> float:
+    """m_d of a robot."""
+    u = uniform(seed, run, robot, HARDWARE, 0, 0)
+    return body.misalignment_min + (body.misalignment_max - body.misalignment_min) * u
+
+
+@kernel
+def speed_factor(body: Body, seed: int, run: int, robot: int, sample: int) -> float:
+    """s_d of a robot after ``sample`` samples."""
+    u = uniform(seed, run, robot, SPEED, sample if body.speed_redrawn else 0, 0)
+    place = u * (body.speed_quantiles.size - 1)
+    node = int(place)
+    low = body.speed_quantiles[node]
+    factor: float = low + (body.speed_quantiles[node + 1] - low) * (place - node)
+    return factor

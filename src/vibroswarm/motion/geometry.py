@@ -1,0 +1,66 @@
+"""Arcs, rays and bodies in the plane; scalars in, scalars out.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| chord | - | m | v dt sinc(w dt / 2), along heading + w dt / 2: the exact arc of a constant v and w |
+| ray | t | m | smallest t >= 0 with origin + t direction on a wall or on a disc |
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroswarm.compiled import kernel
+
+
+@kernel
+def arc(
+    x_m: float, y_m: float, heading_rad: float, speed_m_s: float, rate_rad_s: float, dt_s: float
+) -> tuple[float, float, float]:
+    """Pose after ``dt_s`` of constant speed and turn rate, exactly."""
+    half = 0.5 * rate_rad_s * dt_s
+    sinc = math.sin(half) / half if abs(half) > 1e-6 else 1.0 - half * half / 6.0
+    chord = speed_m_s * dt_s * sinc
+    along = heading_rad + half
+    return x_m + chord * math.cos(along), y_m + chord * math.sin(along), heading_rad + 2.0 * half
+
+
+@kernel
+def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, height_m: float) -> float:
+    """Distance along the unit direction (dx, dy) to the arena's walls, from inside; 0 from outside."""
+    if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
+        return 0.0
+    nearest = math.inf
+    if dx > 0.0:
+        nearest = (width_m - x_m) / dx
+    elif dx < 0.0:
+        nearest = -x_m / dx
+    if dy > 0.0:
+        nearest = min(nearest, (height_m - y_m) / dy)
+    elif dy < 0.0:
+        nearest = min(nearest, -y_m / dy)
+    return nearest
+
+
+@kernel
+def disc_distance(
+    x_m: float, y_m: float, dx: float, dy: float, centre_x_m: float, centre_y_m: float, radius_m: float
+) -> float:
+    """Distance along the unit direction (dx, dy) to a disc; 0 from inside, infinite when it is missed."""
+    to_x, to_y = centre_x_m - x_m, centre_y_m - y_m
+    along = to_x * dx + to_y * dy
+    beyond = to_x * to_x + to_y * to_y - radius_m * radius_m
+    if beyond <= 0.0:
+        return 0.0
+    if along <= 0.0:
+        return math.inf
+    root = along * along - beyond
+    if root < 0.0:
+        return math.inf
+    return along - math.sqrt(root)
+
+
+@kernel
+def wrapped_rad(angle_rad: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))

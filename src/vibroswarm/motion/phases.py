@@ -1,0 +1,288 @@
+"""One control period of a swarm in named phases: sense, control, move, contact.
+
+``Swarm`` is the whole state between two ticks. Each phase is a plain function on it; ``fixed_step`` calls
+them in order, and a run with the messages in the loop calls the same ones.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.draws import AVOIDANCE, PLACEMENT, WALK, uniform
+from vibroswarm.motion.body import Body, misalignment, speed_factor
+from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
+from vibroswarm.robot.walk import (
+    AVOID,
+    DRIVE,
+    STOP,
+    TURN,
+    Dice,
+    WalkProgram,
+    WalkState,
+    begin_walk,
+    looks,
+    walk_step,
+    wheel_commands_percent,
+)
+
+ROBOT = np.dtype(
+    [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "from_x_m", "from_y_m", "from_heading_rad")]
+    + [(name, np.float64) for name in ("misalignment", "speed_factor", "battery")]
+    + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
+    + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
+    + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
+    + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
+    + [(name, np.int64) for name in ("legs", "avoidances", "samples")]
+    + [(name, np.float64) for name in ("leg_ms", "error_deg", "integral_deg_s")]
+)
+"""One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
+speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
+the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; and the
+``WalkState`` of its program."""
+
+Swarm = NDArray[np.void]
+"""The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
+
+
+@kernel
+def load(swarm: Swarm, i: int) -> WalkState:
+    """What robot ``i``'s program remembers."""
+    row = swarm[i]
+    return WalkState(
+        row.mode, row.resume, row.sampled != 0, row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
+        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples,
+    )  # fmt: skip
+
+
+@kernel
+def store(swarm: Swarm, i: int, state: WalkState) -> None:
+    """The reverse of ``load``."""
+    row = swarm[i]
+    row.mode, row.resume, row.sampled = state.mode, state.resume, state.sampled
+    row.leg_ms, row.driven_ms, row.timer_ms = state.leg_ms, state.driven_ms, state.timer_ms
+    row.stopped_ms, row.error_deg, row.integral_deg_s = (
+        state.stopped_ms,
+        state.error_deg,
+        state.integral_deg_s,
+    )
+    row.legs, row.avoidances, row.samples = state.legs, state.avoidances, state.samples
+
+
+@kernel
+def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> Dice:
+    """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
+    swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, 0)
+    swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, 0)
+    swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, 0)
+    return Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
+
+
+@kernel
+def begin(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int) -> None:
+    """The state at tick 0: placed, standing, with the first leg drawn."""
+    place(swarm, body, seed, run)
+    for i in range(swarm.size):
+        swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, 0, 1) - 1.0)
+        swarm[i].misalignment = misalignment(body, seed, run, i)
+        swarm[i].speed_factor = speed_factor(body, seed, run, i, 0)
+        swarm[i].battery = 1.0
+        clear_account(swarm, i)
+        swarm[i].stop_ticks = 1
+        swarm[i].gyro_deg = 0.0
+        swarm[i].stop_tick = 0
+        first = Dice(uniform(seed, run, i, WALK, 0, 0), 0.5, 0.5)
+        store(swarm, i, begin_walk(program, first))
+        roll(swarm, i, seed, run, 1, 0)
+
+
+@kernel
+def place(swarm: Swarm, body: Body, seed: int, run: int) -> None:
+    """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
+    left, right, low, high = body.start[0], body.start[1], body.start[2], body.start[3]
+    for i in range(swarm.size):
+        found = False
+        for attempt in range(1000):
+            swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, 0)
+            swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, 0)
+            if not touches(swarm, body, i, i, swarm[i].x_m, swarm[i].y_m):
+                found = True
+                break
+        if not found:
+            place_on_lattice(swarm, body, seed, run)
+            return
+
+
+@kernel
+def place_on_lattice(swarm: Swarm, body: Body, seed: int, run: int) -> None:
+    """Robots side by side on distinct sites of a lattice, drawn at random (Fisher-Yates)."""
+    columns, rows = body.lattice[0], body.lattice[1]
+    sites = np.arange(columns * rows)
+    pitch_x = (body.start[1] - body.start[0]) / max(columns - 1, 1)
+    pitch_y = (body.start[3] - body.start[2]) / max(rows - 1, 1)
+    for i in range(swarm.size):
+        other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, 0, 2))
+        sites[i], sites[other] = sites[other], sites[i]
+        swarm[i].x_m = body.start[0] + pitch_x * (sites[i] % columns)
+        swarm[i].y_m = body.start[2] + pitch_y * (sites[i] // columns)
+
+
+@kernel
+def touches(swarm: Swarm, body: Body, i: int, count: int, x_m: float, y_m: float) -> bool:
+    """Whether a body at (x, y) would overlap one of the first ``count`` robots, robot ``i`` left out."""
+    apart = 4.0 * body.radius_m * body.radius_m
+    for j in range(count):
+        dx, dy = swarm[j].x_m - x_m, swarm[j].y_m - y_m
+        if j != i and dx * dx + dy * dy < apart:
+            return True
+    return False
+
+
+@kernel
+def sense(swarm: Swarm, body: Body, program: WalkProgram) -> None:
+    """Read the rays of the robots that are about to look."""
+    for i in range(swarm.size):
+        if looks(load(swarm, i), program, swarm[i].gyro_deg):
+            swarm[i].nearest_mm = 1000.0 * nearest_m(swarm, body, i)
+
+
+@kernel
+def nearest_m(swarm: Swarm, body: Body, i: int) -> float:
+    """The shortest of robot ``i``'s rays, m; infinite when none sees a thing that would matter.
+
+    What lies beyond ``look_m``, the shorter of range and theta_c, changes nothing and is not looked for.
+    """
+    x, y, reach = swarm[i].x_m, swarm[i].y_m, body.ray_reach_m
+    near_wall = x < reach or y < reach or body.width_m - x < reach or body.height_m - y < reach
+    nearest = math.inf
+    ahead_x, ahead_y = math.cos(swarm[i].heading_rad), math.sin(swarm[i].heading_rad)
+    if near_wall:
+        nearest = rays_to_walls(body, x, y, ahead_x, ahead_y)
+    reach += body.disc_radius_m
+    for j in range(swarm.size):
+        dx, dy = swarm[j].x_m - x, swarm[j].y_m - y
+        if j != i and dx * dx + dy * dy < reach * reach:
+            nearest = min(nearest, rays_to_disc(body, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m))
+    return nearest if nearest <= body.look_m else math.inf
+
+
+@kernel
+def rays_to_walls(body: Body, x_m: float, y_m: float, ahead_x: float, ahead_y: float) -> float:
+    """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
+    nearest = math.inf
+    for k in range(len(body.ray_side_m)):
+        from_x = x_m + body.ray_forward_m * ahead_x - body.ray_side_m[k] * ahead_y
+        from_y = y_m + body.ray_forward_m * ahead_y + body.ray_side_m[k] * ahead_x
+        dx = ahead_x * body.ray_cos[k] - ahead_y * body.ray_sin[k]
+        dy = ahead_y * body.ray_cos[k] + ahead_x * body.ray_sin[k]
+        nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, body.width_m, body.height_m))
+    return nearest
+
+
+@kernel
+def rays_to_disc(
+    body: Body, x_m: float, y_m: float, ahead_x: float, ahead_y: float, disc_x_m: float, disc_y_m: float
+) -> float:
+    """The shortest ray to another robot's disc, m."""
+    nearest = math.inf
+    for k in range(len(body.ray_side_m)):
+        from_x = x_m + body.ray_forward_m * ahead_x - body.ray_side_m[k] * ahead_y
+        from_y = y_m + body.ray_forward_m * ahead_y + body.ray_side_m[k] * ahead_x
+        dx = ahead_x * body.ray_cos[k] - ahead_y * body.ray_sin[k]
+        dy = ahead_y * body.ray_cos[k] + ahead_x * body.ray_sin[k]
+        nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, body.disc_radius_m))
+    return nearest
+
+
+@kernel
+def control(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int, tick: int) -> int:
+    """Step each robot's program; commands become speed and turn rate. Gives how many sample now."""
+    sampling = 0
+    for i in range(swarm.size):
+        before = load(swarm, i)
+        dice = Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
+        after = walk_step(before, program, swarm[i].gyro_deg, swarm[i].nearest_mm, dice)
+        store(swarm, i, after)
+        if after.legs != before.legs or after.avoidances != before.avoidances:
+            roll(swarm, i, seed, run, after.legs, after.avoidances)
+        if after.mode == STOP and before.mode != STOP:
+            swarm[i].stop_tick = tick
+        left, right = wheel_commands_percent(after, program)
+        full = 0.01 * body.full_speed_m_s * swarm[i].speed_factor * swarm[i].battery
+        left_m_s = left * full * (1.0 - swarm[i].misalignment)
+        right_m_s = right * full * (1.0 + swarm[i].misalignment)
+        track_m = body.drive_track_m if after.mode == DRIVE else body.turn_track_m
+        swarm[i].speed_m_s = 0.5 * (left_m_s + right_m_s)
+        swarm[i].rate_rad_s = (right_m_s - left_m_s) / track_m
+        sampling += after.sampled
+    return sampling
+
+
+@kernel
+def move(swarm: Swarm, body: Body) -> None:
+    """Where each robot would be at the next tick if nothing stood in its way."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        row.gyro_deg = math.degrees(row.rate_rad_s * body.tick_s)
+        if row.mode == STOP:
+            row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
+        else:
+            row.from_x_m, row.from_y_m, row.from_heading_rad = arc(
+                row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, body.tick_s
+            )
+
+
+@kernel
+def blocked(swarm: Swarm, body: Body, i: int) -> bool:
+    """Whether robot ``i``'s move would end in a wall or in another body, as they stand now."""
+    x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, body.radius_m
+    if x < r or y < r or x > body.width_m - r or y > body.height_m - r:
+        return True
+    return touches(swarm, body, i, swarm.size, x, y)
+
+
+@kernel
+def contact(swarm: Swarm, body: Body) -> None:
+    """Move the robots in index order; one that would overlap stays, while heading and clocks go on.
+
+    ``from_x_m`` and ``from_y_m`` hold where each robot came from afterwards, for the segment table.
+    """
+    for i in range(swarm.size):
+        if swarm[i].speed_m_s != 0.0 and blocked(swarm, body, i):
+            swarm[i].speed_m_s = 0.0
+            swarm[i].from_x_m, swarm[i].from_y_m = swarm[i].x_m, swarm[i].y_m
+        swarm[i].x_m, swarm[i].from_x_m = swarm[i].from_x_m, swarm[i].x_m
+        swarm[i].y_m, swarm[i].from_y_m = swarm[i].from_y_m, swarm[i].y_m
+        swarm[i].heading_rad, swarm[i].from_heading_rad = swarm[i].from_heading_rad, swarm[i].heading_rad
+
+
+@kernel
+def refresh(swarm: Swarm, body: Body, seed: int, run: int, i: int, tick: int) -> None:
+    """What changes at a sample: the speed factor is drawn anew, the battery is read."""
+    swarm[i].speed_factor = speed_factor(body, seed, run, i, swarm[i].samples)
+    swarm[i].battery = 1.0 - tick * body.tick_s / body.battery_life_s
+
+
+@kernel
+def account(swarm: Swarm) -> None:
+    """Add the period under way to what it was spent on."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        if row.mode == DRIVE:
+            row.drive_ticks += 1
+        elif row.mode == TURN:
+            row.turn_ticks += 1
+        elif row.mode == AVOID:
+            row.avoid_ticks += 1
+        else:
+            row.stop_ticks += 1
+
+
+@kernel
+def clear_account(swarm: Swarm, i: int) -> None:
+    """Begin a new account, at a sample."""
+    row = swarm[i]
+    row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = 0

@@ -1,0 +1,44 @@
+"""Where anyone was at any time, from a segment table."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.errors import InputError
+
+
+def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
+    """Position and heading of one robot of one run.
+
+    Args:
+        segments: a segment table (see ``contract``): exact arcs, each from its ``start_s`` to the next.
+        time_s: times from 0 on, s, any shape. After the last segment's start its arc goes on, so times
+            beyond the end of the run are not meaningful.
+    Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
+    Raises:
+        InputError: no such run or robot in the table, or a time before its first segment.
+    """
+    own = segments.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+    if own.height == 0:
+        raise InputError(f"the segment table has no robot {robot} in run {run}", field="robot")
+    times = np.asarray(time_s, dtype=np.float64)
+    start = own["start_s"].to_numpy()
+    if times.size and not float(times.min()) >= start[0]:
+        raise InputError(f"{times.min():g} s is before the first segment, at {start[0]:g} s", field="time_s")
+    k = np.searchsorted(start, times, side="right") - 1
+    column = {name: own[name].to_numpy()[k] for name in ("x_m", "y_m", "heading_rad")}
+    elapsed = times - start[k]
+    half = 0.5 * own["turn_rate_rad_s"].to_numpy()[k] * elapsed
+    chord = own["speed_m_s"].to_numpy()[k] * elapsed * np.sinc(half / np.pi)
+    along = column["heading_rad"] + half
+    heading = column["heading_rad"] + 2.0 * half
+    return np.stack(
+        [
+            column["x_m"] + chord * np.cos(along),
+            column["y_m"] + chord * np.sin(along),
+            (heading + np.pi) % (2.0 * np.pi) - np.pi,
+        ],
+        axis=-1,
+    )

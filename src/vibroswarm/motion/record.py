@@ -1,0 +1,198 @@
+"""What the engines write down: buffers of samples and segments, and their tables.
+
+Kernels fill arrays of plain rows; ``sample_frame``, ``segment_frame`` and ``end_frame`` turn them into the
+tables of the contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion
+from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.phases import Swarm, clear_account
+from vibroswarm.robot.walk import KINDS, STOP
+
+SAMPLE_ROW = np.dtype(
+    [("run", np.uint32), ("robot", np.uint16), ("sample", np.uint32)]
+    + [("stop_tick", np.int64), ("tick", np.int64)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
+    + [(name, np.int64) for name in ("drive", "turn", "avoid", "stop")]
+)  # fmt: skip
+SEGMENT_ROW = np.dtype(
+    [("run", np.uint32), ("robot", np.uint16), ("tick", np.int64)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
+    + [("kind", np.int64)]
+)  # fmt: skip
+
+END_ROW = np.dtype(
+    [("run", np.uint32), ("robot", np.uint16), ("tick", np.int64), ("stop_tick", np.int64)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
+)  # fmt: skip
+
+
+class Rows(NamedTuple):
+    """What one run has written: ``SAMPLE_ROW``, ``SEGMENT_ROW`` (or None), ``END_ROW``."""
+
+    samples: NDArray[np.void]
+    segments: NDArray[np.void] | None
+    ends: NDArray[np.void]
+
+
+class Record(NamedTuple):
+    """Rows written so far; ``filled`` holds how many of each."""
+
+    samples: NDArray[np.void]
+    segments: NDArray[np.void]
+    filled: NDArray[np.int64]
+    """(2,): samples, segments."""
+    latest: NDArray[np.float64]
+    """(robots, 3): speed, turn rate and kind of each robot's open segment; kind -1: none yet."""
+
+
+def empty_record(robots: int, samples: int, segments: int) -> Record:
+    """Buffers for so many rows; no segments at all when ``segments`` is 0."""
+    return Record(
+        np.zeros(samples, dtype=SAMPLE_ROW),
+        np.zeros(segments, dtype=SEGMENT_ROW),
+        np.zeros(2, dtype=np.int64),
+        np.full((robots, 3), -1.0),
+    )
+
+
+def copy_record(record: Record) -> Record:
+    """Buffers that do not change with the others."""
+    samples, segments, filled, latest = record
+    return Record(samples.copy(), segments.copy(), filled.copy(), latest.copy())
+
+
+@kernel
+def room(record: Record, robots: int) -> int:
+    """Ticks for which the buffers suffice even if every robot writes a row at each."""
+    ticks = (record.samples.size - record.filled[0]) // robots
+    if record.segments.size > 0:
+        ticks = min(ticks, (record.segments.size - record.filled[1]) // robots)
+    return int(ticks)
+
+
+@kernel
+def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
+    """One row for the sample that robot ``i`` takes at this tick; its time account starts anew."""
+    row = record.samples[record.filled[0]]
+    record.filled[0] += 1
+    row.run, row.robot, row.sample = run, i, swarm[i].samples - 1
+    row.stop_tick, row.tick = swarm[i].stop_tick, tick
+    row.x_m, row.y_m, row.heading_rad = swarm[i].x_m, swarm[i].y_m, wrapped_rad(swarm[i].heading_rad)
+    row.drive, row.turn = swarm[i].drive_ticks, swarm[i].turn_ticks
+    row.avoid, row.stop = swarm[i].avoid_ticks, swarm[i].stop_ticks
+    clear_account(swarm, i)
+
+
+@kernel
+def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move: bool) -> None:
+    """A row for each robot whose speed, turn rate or kind is not that of its open segment.
+
+    Args:
+        after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
+    """
+    for i in range(swarm.size):
+        kind = swarm[i].mode
+        speed, rate = swarm[i].speed_m_s, swarm[i].rate_rad_s
+        latest = record.latest[i]
+        if latest[0] == speed and latest[1] == rate and latest[2] == kind:
+            continue
+        latest[0], latest[1], latest[2] = speed, rate, kind
+        row = record.segments[record.filled[1]]
+        record.filled[1] += 1
+        row.run, row.robot, row.tick, row.kind = run, i, tick, kind
+        row.x_m = swarm[i].from_x_m if after_move else swarm[i].x_m
+        row.y_m = swarm[i].from_y_m if after_move else swarm[i].y_m
+        row.heading_rad = wrapped_rad(swarm[i].from_heading_rad if after_move else swarm[i].heading_rad)
+        row.speed_m_s, row.rate_rad_s = speed, rate
+
+
+def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:
+    """Times of ticks, s: the float nearest to the exact decimal."""
+    return ticks * tick_ms / 1000.0
+
+
+def sample_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
+    """The motion table, in the order of run, time, robot."""
+    spent = {f"{name}_s": seconds(rows[name], tick_ms).astype(np.float32) for name in KINDS}
+    return pl.DataFrame(
+        {
+            "run": rows["run"].copy(),
+            "robot": rows["robot"].copy(),
+            "sample": rows["sample"].copy(),
+            "stop_start_s": seconds(rows["stop_tick"], tick_ms),
+            "time_s": seconds(rows["tick"], tick_ms),
+            "x_m": rows["x_m"].copy(),
+            "y_m": rows["y_m"].copy(),
+            "heading_rad": rows["heading_rad"].copy(),
+            **spent,
+        },
+        schema=MOTION,
+    )
+
+
+def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
+    """The segment table, in the order of run, time, robot."""
+    kinds = np.array(KINDS)
+    return pl.DataFrame(
+        {
+            "run": rows["run"].copy(),
+            "robot": rows["robot"].copy(),
+            "start_s": seconds(rows["tick"], tick_ms),
+            "x_m": rows["x_m"].copy(),
+            "y_m": rows["y_m"].copy(),
+            "heading_rad": rows["heading_rad"].copy(),
+            "speed_m_s": rows["speed_m_s"].copy(),
+            "turn_rate_rad_s": rows["rate_rad_s"].copy(),
+            "kind": kinds[rows["kind"]].tolist(),
+        },
+        schema=SEGMENTS,
+    )
+
+
+def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
+    """Where the robots of a run are at ``tick``, and the stop under way, if any (-1: none)."""
+    rows = np.zeros(swarm.size, dtype=END_ROW)
+    rows["run"], rows["robot"], rows["tick"] = run, np.arange(swarm.size), tick
+    rows["x_m"], rows["y_m"] = swarm["x_m"], swarm["y_m"]
+    rows["heading_rad"] = [wrapped_rad(heading) for heading in swarm["heading_rad"]]
+    rows["stop_tick"] = np.where(swarm["mode"] == STOP, swarm["stop_tick"], -1)
+    return rows
+
+
+def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
+    """The table of ends."""
+    frame = pl.DataFrame(
+        {
+            "run": rows["run"].copy(),
+            "robot": rows["robot"].copy(),
+            "end_s": seconds(rows["tick"], tick_ms),
+            "x_m": rows["x_m"].copy(),
+            "y_m": rows["y_m"].copy(),
+            "heading_rad": rows["heading_rad"].copy(),
+            "stop_start_s": seconds(rows["stop_tick"], tick_ms),
+        },
+        schema=ENDS,
+    )
+    walking = pl.Series(rows["stop_tick"] < 0)
+    return frame.with_columns(stop_start_s=pl.when(walking).then(None).otherwise("stop_start_s"))
+
+
+def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
+    """The rows of several runs as one Motion."""
+    segments = [piece.segments for piece in pieces if piece.segments is not None]
+    return Motion(
+        samples=sample_frame(np.concatenate([piece.samples for piece in pieces]), tick_ms),
+        ends=end_frame(np.concatenate([piece.ends for piece in pieces]), tick_ms),
+        segments=segment_frame(np.concatenate(segments), tick_ms) if segments else None,
+    )

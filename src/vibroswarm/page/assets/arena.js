@@ -1,0 +1,99 @@
+// The floor from above: three canvases on top of each other (floor, past samples, what moves).
+
+const arena = { view: null, context: null };
+
+// From metres to CSS pixels; y points up in the arena and down on the screen.
+function arenaView(width) {
+  const scale = width / run.arena.width_m;
+  const height = run.arena.height_m * scale;
+  return { width, height, scale, x: (x) => x * scale, y: (y) => height - y * scale };
+}
+
+// The largest width that fits its column and, on a wide screen, the height that is left.
+function arenaWidth(legendHeight) {
+  const wide = matchMedia("(min-width: 960px)").matches;
+  if (!wide) return byId("legend").parentElement.clientWidth - 2;
+  const around = document.querySelector(".masthead").offsetHeight + document.querySelector(".player").offsetHeight;
+  const room = innerHeight - around - legendHeight - 32;
+  return Math.floor(Math.max(Math.min(innerWidth * 0.54, room * run.arena.width_m / run.arena.height_m), 280));
+}
+
+function layOutArena() {
+  const frame = byId("arena-frame"), legend = byId("legend");
+  legend.style.width = legend.parentElement.style.minWidth = "";
+  legend.style.width = `${arenaWidth(36)}px`; // how the legend breaks depends on the width, and the width on it
+  const width = arenaWidth(legend.offsetHeight);
+  legend.style.width = `${width}px`;
+  arena.view = arenaView(width);
+  legend.parentElement.style.minWidth = `${width}px`;
+  frame.style.width = `${arena.view.width}px`;
+  frame.style.height = `${arena.view.height}px`;
+  const fit = (id) => fitCanvas(byId(id), arena.view.width, arena.view.height);
+  drawFloor(fit("floor"), arena.view);
+  resetPast(fit("past"), arena.view);
+  arena.context = fit("actors");
+}
+
+function drawArena(t, followed, speed) {
+  const { context, view } = arena;
+  drawPast(t);
+  context.clearRect(0, 0, view.width, view.height);
+  const poses = robots.map((robot) => poseAt(robot, t));
+  drawTrails(context, view, t, followed);
+  drawFresh(context, view, t);
+  drawRays(context, view, poses);
+  robots.forEach((robot, i) => {
+    if (poses[i]) drawDoing(context, view, robot, poses[i], t);
+  });
+  robots.forEach((robot, i) => {
+    if (!poses[i]) return;
+    const decision = mindAt(robot, t).decision;
+    drawBody(context, view, poses[i], decision, robot === followed);
+    drawName(context, view, poses[i], decision, robot.name);
+  });
+  robots.forEach((robot, i) => {
+    if (poses[i]) drawMessage(context, view, robot, poses[i], t, flashTime(speed));
+  });
+}
+
+// The legend, drawn with the same brushes as the floor.
+const LEGEND = [
+  ["vibrates", (c) => legendTile(c, true)],
+  ["still", (c) => legendTile(c, false)],
+  ["read vibrating", (c) => drawSampleMark(c, 11, 9, 4, VIBRATING, false)],
+  ["read still", (c) => drawSampleMark(c, 11, 9, 4, STILL, false)],
+  ["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)],
+  ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
+  ["too near", (c) => legendRay(c)],
+];
+
+function legendTile(context, shakes) {
+  context.fillStyle = shakes ? colours["tile-vibrating"] : colours["tile-still"];
+  context.fillRect(2, 1, 18, 16);
+  if (shakes) {
+    context.fillStyle = wavePattern(context, colours.ripple, 10, 4.5, 1.1);
+    context.fillRect(2, 1, 18, 16);
+  }
+  context.strokeStyle = colours["line-strong"];
+  context.lineWidth = 1;
+  context.strokeRect(2.5, 1.5, 17, 15);
+}
+
+function legendRay(context) {
+  context.strokeStyle = context.fillStyle = colours.alert;
+  context.lineWidth = 2;
+  line(context, 2, 9, 17, 9);
+  context.beginPath();
+  context.arc(17, 9, 3, 0, 2 * Math.PI);
+  context.fill();
+}
+
+function drawLegend() {
+  const items = LEGEND.map(([text, draw]) => {
+    const canvas = make("canvas", "");
+    canvas.setAttribute("aria-hidden", "true");
+    draw(fitCanvas(canvas, 22, 18));
+    return make("span", "legend-item", canvas, text);
+  });
+  byId("legend").replaceChildren(...items);
+}

@@ -1,0 +1,55 @@
+// Canvases in CSS pixels, crisp on every screen.
+
+const FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif';
+
+const pixelRatio = () => Math.min(Math.max(window.devicePixelRatio || 1, 1), 3);
+
+// Gives a canvas a size in CSS pixels; returns its context, whose unit is then one CSS pixel.
+function fitCanvas(canvas, width, height) {
+  const ratio = pixelRatio();
+  canvas.width = Math.max(Math.round(width * ratio), 1);
+  canvas.height = Math.max(Math.round(height * ratio), 1);
+  if (canvas.style) {
+    canvas.style.width = `${width}px`;
+    canvas.style.height = `${height}px`;
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return context;
+}
+
+function hiddenCanvas(width, height) {
+  const canvas = document.createElement("canvas");
+  return { canvas, context: fitCanvas(canvas, width, height) };
+}
+
+// Half a device pixel off, so that a thin line fills whole pixels.
+function crisp(value) {
+  const ratio = pixelRatio();
+  return (Math.round(value * ratio) + 0.5) / ratio;
+}
+
+function line(context, x0, y0, x1, y1) {
+  context.beginPath();
+  context.moveTo(x0, y0);
+  context.lineTo(x1, y1);
+  context.stroke();
+}
+
+// Waves that fill what vibrates, on the floor and in charts: a pattern in CSS pixels.
+function wavePattern(context, colour, length, gap, weight) {
+  const ratio = pixelRatio();
+  const { canvas, context: brush } = hiddenCanvas(length, gap);
+  brush.strokeStyle = colour;
+  brush.lineWidth = weight;
+  brush.beginPath();
+  for (let x = -2; x <= length + 2; x += 0.5) {
+    brush.lineTo(x, gap / 2 + gap * 0.22 * Math.sin(2 * Math.PI * x / length));
+  }
+  brush.stroke();
+  const pattern = context.createPattern(canvas, "repeat");
+  pattern.setTransform(new DOMMatrix([length / canvas.width, 0, 0, gap / canvas.height, 0, 0]));
+  return pattern;
+}
+
+const clampedRatio = (value, low, high) => Math.min(Math.max((value - low) / (high - low), 0), 1);

@@ -1,0 +1,28 @@
+// The footer and the lines of explanation: what the run was, for whoever wants to make it again.
+
+function buildDetails() {
+  const rule = run.rule, f = run.floor;
+  const gates = { total: "readings, own and received", received: "received bits", own: "own samples" };
+  const known = [
+    ["Run", `seed ${run.seed}, run ${run.run}`],
+    ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
+    ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
+    ["Fill ratio", String(run.truth.fill_ratio)],
+    ["Strategy", STRATEGY_WORDS[run.strategy] ?? run.strategy],
+    ["Decides", `beyond ${rule.credible_threshold}, after more than ${rule.min_observations} ${gates[rule.gate] ?? rule.gate}`],
+  ];
+  byId("details").replaceChildren(...[...known, ...run.details].map(([name, text]) =>
+    make("div", "", make("dt", "", name), make("dd", "", text))));
+}
+
+const exactCm = (metres) => `${Number((100 * metres).toFixed(2))} cm`;
+
+function buildLeads() {
+  const { boundary, credible_threshold: limit } = run.rule;
+  const claim = boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
+  say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides mostly still, `
+    + `below ${Number((1 - limit).toFixed(6))} mostly vibrating.`);
+  byId("posterior-lead").replaceChildren(
+    `Beta(\u03b1, \u03b2) after its latest own sample; left of ${boundary} is p, hatched the rest. `,
+    make("span", "nobreak", "\u25b2 truth: ", make("b", "", String(run.truth.fill_ratio)), "."));
+}

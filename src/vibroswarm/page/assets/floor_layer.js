@@ -1,0 +1,61 @@
+// The floor: drawn once, and again when its size or the colours change.
+
+function drawFloor(context, view) {
+  context.clearRect(0, 0, view.width, view.height);
+  context.fillStyle = colours.bare;
+  context.fillRect(0, 0, view.width, view.height);
+  context.fillStyle = dotPattern(context);
+  context.fillRect(0, 0, view.width, view.height);
+  drawTiles(context, view);
+  drawRuler(context, view);
+}
+
+// Edges of tile columns and rows in whole pixels, so that no seams show.
+function tileEdges(view) {
+  const f = run.floor, ratio = pixelRatio();
+  const snap = (value) => Math.round(value * ratio) / ratio;
+  const top = f.bottom_m + f.rows * f.tile_height_m;
+  return {
+    x: Array.from({ length: f.columns + 1 }, (_, i) => snap(view.x(f.left_m + i * f.tile_width_m))),
+    y: Array.from({ length: f.rows + 1 }, (_, i) => snap(view.y(top - i * f.tile_height_m))),
+  };
+}
+
+function drawTiles(context, view) {
+  const f = run.floor, edges = tileEdges(view);
+  const gap = Math.min(Math.max(f.tile_height_m * view.scale / 12, 4), 11);
+  const waves = wavePattern(context, colours.ripple, gap * 2.4, gap, 1.15);
+  for (let tile = 0; tile < f.rows * f.columns; tile++) {
+    const column = tile % f.columns, row = (tile - column) / f.columns;
+    const box = [edges.x[column], edges.y[row], edges.x[column + 1] - edges.x[column], edges.y[row + 1] - edges.y[row]];
+    const shakes = tileIsVibrating(tile);
+    context.fillStyle = shakes ? colours["tile-vibrating"] : colours["tile-still"];
+    context.fillRect(...box);
+    if (!shakes) continue;
+    context.fillStyle = waves;
+    context.fillRect(...box);
+  }
+  context.strokeStyle = colours.line;
+  context.lineWidth = 1;
+  for (const x of edges.x) line(context, crisp(x), edges.y[0], crisp(x), edges.y[f.rows]);
+  for (const y of edges.y) line(context, edges.x[0], crisp(y), edges.x[f.columns], crisp(y));
+}
+
+function dotPattern(context) {
+  const { canvas, context: brush } = hiddenCanvas(8, 8);
+  brush.fillStyle = colours["line-strong"];
+  brush.fillRect(3.5, 3.5, 1, 1);
+  const pattern = context.createPattern(canvas, "repeat");
+  pattern.setTransform(new DOMMatrix([8 / canvas.width, 0, 0, 8 / canvas.height, 0, 0]));
+  return pattern;
+}
+
+// Ticks every 10 cm along the walls.
+function drawRuler(context, view) {
+  context.strokeStyle = colours["ink-3"];
+  context.lineWidth = 1;
+  for (let x = 0.1; x < run.arena.width_m - 1e-6; x += 0.1) {
+    line(context, crisp(view.x(x)), view.height, crisp(view.x(x)), view.height - 5);
+  }
+  for (let y = 0.1; y < run.arena.height_m - 1e-6; y += 0.1) line(context, 0, crisp(view.y(y)), 5, crisp(view.y(y)));
+}

@@ -1,0 +1,38 @@
+// Light and dark: follows the system until the button is used. Canvases read their colours here.
+
+const COLOUR_NAMES = [
+  "paper", "panel", "ink", "ink-2", "ink-3", "line", "line-strong", "still", "vibrating", "still-soft",
+  "vibrating-soft", "tile-still", "tile-vibrating", "ripple", "alert", "bare",
+];
+const colours = {};
+const themeListeners = [];
+const systemDark = matchMedia("(prefers-color-scheme: dark)");
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+function themeName() {
+  return document.documentElement.dataset.theme ?? (systemDark.matches ? "dark" : "light");
+}
+
+function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of COLOUR_NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  colours.of = [colours.still, colours.vibrating];
+  colours.soft = [colours["still-soft"], colours["vibrating-soft"]];
+}
+
+function applyTheme() {
+  readColours();
+  const other = themeName() === "dark" ? "light" : "dark";
+  byId("theme").textContent = other === "dark" ? "Dark" : "Light";
+  byId("theme").setAttribute("aria-label", `Switch to ${other} colours`);
+  for (const listener of themeListeners) listener();
+}
+
+function toggleTheme() {
+  document.documentElement.dataset.theme = themeName() === "dark" ? "light" : "dark";
+  applyTheme();
+}
+
+byId("theme").addEventListener("click", toggleTheme);
+systemDark.addEventListener("change", applyTheme);
+readColours();

@@ -1,0 +1,41 @@
+// How numbers and findings are said.
+
+const STATE_WORDS = { drive: "driving", turn: "turning", avoid: "avoiding", stop: "sampling" };
+const DECISION_WORDS = { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" };
+const STRATEGY_WORDS = { none: "no feedback", positive: "positive feedback", soft: "soft feedback" };
+
+const seconds = (value) => `${value.toFixed(1)} s`;
+const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
+const whole = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
+
+// Three places, and never a certainty that is not there.
+function probability(value) {
+  if (value > 0.9995 && value < 1) return "> 0.999";
+  if (value < 0.0005 && value > 0) return "< 0.001";
+  return value.toFixed(3);
+}
+
+// "0, 2 and 5"
+function listed(words) {
+  return words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words[words.length - 1]}`;
+}
+
+function stateWord(kind) {
+  return STATE_WORDS[kind] ?? kind;
+}
+
+// An element with a class, attributes and children; text is always text.
+function make(tag, className, ...children) {
+  const element = document.createElement(tag);
+  if (className) element.className = className;
+  element.append(...children);
+  return element;
+}
+
+// Text is set only where it changes, which spares the browser a layout.
+function say(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+const byId = (id) => document.getElementById(id);

@@ -1,0 +1,122 @@
+"""A picture of one run: the floor, the paths that the robots took, and the samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.files import whole_file
+from vibroswarm.motion.pose import pose
+from vibroswarm.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+POINTS_PER_S = 2
+TILE, INK, WRONG = "#d9d4c7", "#2b2b2b", "#b3261e"
+
+
+def run_figure(result: Result, run: int = 0) -> Figure:
+    """Floor, paths and samples of one run, drawn to scale; legible in grey.
+
+    Vibrating tiles are hatched. A sample is a mark at its place: filled when it read "vibrating", open when
+    "still", in red with a cross when the reading is not the tile's kind.
+    """
+    from matplotlib.figure import Figure
+
+    scenario = result.scenario
+    width, height = scenario.arena.width_m, scenario.arena.height_m
+    scale = 6.4 / max(width, height)
+    figure = Figure(
+        figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + 1.2), layout="constrained"
+    )
+    axes = figure.add_subplot()
+    _draw_floor(axes, result, run)
+    _draw_paths(axes, result, run)
+    _draw_samples(axes, result, run)
+    axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
+    axes.set_title(
+        f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
+        f"{scenario.strategy.name} feedback, seed {result.seed}: {summary['consensus']}",
+        fontsize=9,
+        wrap=True,
+    )
+    figure.legend(loc="outside lower center", ncols=3, fontsize=7.5, frameon=False)
+    return figure
+
+
+def _draw_floor(axes: Axes, result: Result, run: int) -> None:
+    from matplotlib.patches import Rectangle
+
+    floor = result.floor(run)
+    rows, columns, tile_w, tile_h, left, bottom = floor.geometry
+    labelled = False
+    for row, column in np.argwhere(floor.tiles == 1):
+        corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)
+        label = None if labelled else "vibrating tile"
+        axes.add_patch(
+            Rectangle(
+                corner, tile_w, tile_h, facecolor=TILE, edgecolor="#b8b09c", hatch="////", lw=0, label=label
+            )
+        )
+        labelled = True
+    outline = Rectangle(
+        (left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor="#8a8577", lw=0.8
+    )
+    axes.add_patch(outline)
+
+
+def _draw_paths(axes: Axes, result: Result, run: int) -> None:
+    if result.segments is None:
+        return
+    ends = result.ends.filter(pl.col("run") == run)
+    for robot, end_s, x_m, y_m in ends.select("robot", "end_s", "x_m", "y_m").iter_rows():
+        times = np.arange(0.0, end_s, 1.0 / POINTS_PER_S)
+        path = pose(result.segments, run, robot, times)
+        axes.plot(
+            path[:, 0], path[:, 1], color="#4c78a8", lw=0.35, alpha=0.5, label="path" if robot == 0 else None
+        )
+        axes.annotate(str(robot), (x_m, y_m), ha="center", va="center", fontsize=6, color="white", zorder=5)
+    axes.plot(ends["x_m"], ends["y_m"], "o", ms=9, color=INK, ls="", zorder=4, label="robot at the end")
+
+
+def _draw_samples(axes: Axes, result: Result, run: int) -> None:
+    samples = result.motion.filter(pl.col("run") == run).join(
+        result.observations, on=["run", "robot", "sample"]
+    )
+    tiles = np.append(result.floor(run).tiles.ravel(), 0)
+    bit = samples["observation"].to_numpy()
+    tile = samples["tile"].to_numpy()
+    amiss = (tile >= 0) & (tiles[tile] != bit)
+    x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
+    for chosen, face, edge, marker, label in (
+        ((bit == 1) & ~amiss, INK, INK, "o", "read as vibrating"),
+        ((bit == 0) & ~amiss, "white", INK, "o", "read as still"),
+        ((bit == 1) & amiss, WRONG, WRONG, "X", "vibrating, wrongly"),
+        ((bit == 0) & amiss, "white", WRONG, "X", "still, wrongly"),
+    ):
+        axes.scatter(
+            x[chosen],
+            y[chosen],
+            s=11,
+            c=face,
+            edgecolors=edge,
+            linewidths=0.5,
+            marker=marker,
+            label=label,
+            zorder=3,
+        )
+
+
+def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
+    """Draw one run into a file: PNG, SVG or PDF by its suffix."""
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
+    with whole_file(path) as part:
+        run_figure(result, run).savefig(part, dpi=150, metadata={} if path.suffix.lower() != ".png" else None)

@@ -1,0 +1,215 @@
+"""A result: the tables of an inspection with its scenario, seed, versions and state of the code.
+
+On disk it is a folder: ``scenario.toml``, ``result.json`` and one Parquet file a table. Each Parquet file
+also holds scenario, seed and versions in its own metadata, so that it can be read by anything, alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+from polars.testing import assert_frame_equal
+
+from vibroswarm.errors import InputError
+from vibroswarm.files import MARKER, whole_folder
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.replay import INFERENCE
+from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS
+from vibroswarm.observation.model import OBSERVATIONS
+from vibroswarm.scenario import Scenario
+
+SCHEMA_VERSION: Final = 1
+
+CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "agreed")
+"""Outcome of a run. ``agreed``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
+so that neither decision is right."""
+
+ROBOTS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "decision": pl.Int8,
+    "decision_time_s": pl.Float64,
+    "belief_at_decision": pl.Float64,
+    "belief": pl.Float64,
+    "belief_in_truth": pl.Float64,
+    "alpha": pl.UInt32,
+    "beta": pl.UInt32,
+    "samples": pl.UInt32,
+    "sent": pl.UInt32,
+    "received": pl.UInt32,
+}
+"""``belief`` is at the moment of decision, or at the last sample of a robot that never decided;
+``belief_in_truth`` the share of it that is in what is so. alpha, beta and received are at the end."""
+
+RUNS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "consensus": pl.Enum(list(CONSENSUS)),
+    "consensus_time_s": pl.Float64,
+    "fill_ratio": pl.Float64,
+    "truth": pl.Int8,
+    "right": pl.UInt16,
+    "wrong": pl.UInt16,
+    "undecided": pl.UInt16,
+    "end_s": pl.Float64,
+    "stopped_early": pl.Boolean,
+}
+"""``truth`` is 1 above the boundary, 0 below, null on it. A run that stopped early has biased motion
+statistics: it is marked by ``stopped_early``."""
+
+FLOORS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "rows": pl.UInt32,
+    "columns": pl.UInt32,
+    "tile_width_m": pl.Float64,
+    "tile_height_m": pl.Float64,
+    "left_m": pl.Float64,
+    "bottom_m": pl.Float64,
+    "tiles": pl.String,
+    "name": pl.String,
+}
+"""``tiles`` holds the rows from the top, of 0 and 1, joined without a mark."""
+
+TABLES: Final[dict[str, dict[str, Any]]] = {
+    "motion": MOTION,
+    "ends": ENDS,
+    "segments": SEGMENTS,
+    "observations": OBSERVATIONS,
+    "inference": INFERENCE,
+    "robots": ROBOTS,
+    "runs": RUNS,
+    "floors": FLOORS,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """All that is known of some runs of one scenario; the tables are polars frames (see ``TABLES``)."""
+
+    scenario: Scenario
+    seed: int
+    motion: pl.DataFrame
+    ends: pl.DataFrame
+    segments: pl.DataFrame | None
+    observations: pl.DataFrame
+    inference: pl.DataFrame
+    robots: pl.DataFrame
+    runs: pl.DataFrame
+    floors: pl.DataFrame
+    source: str = "fixed-step"
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Result):
+            return NotImplemented
+        if (self.scenario, self.seed, self.source) != (other.scenario, other.seed, other.source):
+            return False
+        return dict(self.versions) == dict(other.versions) and self.same_tables(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def same_tables(self, other: Result) -> bool:
+        """Whether every table is equal, bit by bit, order and types included."""
+        for name in TABLES:
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if (mine is None) != (theirs is None):
+                return False
+            try:
+                if mine is not None:
+                    assert_frame_equal(mine, theirs, check_exact=True)
+            except AssertionError:
+                return False
+        return True
+
+    def floor(self, run: int = 0) -> Floor:
+        """The floor of a run."""
+        rows = self.floors.filter(pl.col("run") == run).to_dicts()
+        if not rows:
+            raise InputError(f"there is no run {run} in this result", field="run")
+        row, grid = rows[0], (rows[0]["rows"], rows[0]["columns"])
+        tiles = [[int(c) for c in row["tiles"][i * grid[1] : (i + 1) * grid[1]]] for i in range(grid[0])]
+        geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
+        return Floor(tiles, *geometry, row["name"])  # type: ignore[arg-type]
+
+    def write(self, path: str | Path, *, replace: bool = False) -> None:
+        """Write the result as a folder, whole or not at all."""
+        with whole_folder(Path(path), replace=replace) as part:
+            self.write_into(part)
+
+    def write_into(self, folder: Path) -> None:
+        """Write the result's files into an existing folder."""
+        (folder / MARKER).write_text(self.scenario.to_toml(), encoding="utf-8")
+        about = self._about()
+        (folder / "result.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        metadata = {"vibroswarm": json.dumps(about), "scenario": self.scenario.to_toml()}
+        for name in TABLES:
+            frame = getattr(self, name)
+            if frame is not None:
+                frame.write_parquet(folder / f"{name}.parquet", compression="zstd", metadata=metadata)
+
+    def _about(self) -> dict[str, Any]:
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "seed": self.seed,
+            "source": self.source,
+            "scenario_hash": self.scenario.hash,
+            "tables": [name for name in TABLES if getattr(self, name) is not None],
+            "versions": dict(self.versions),
+        }
+
+    @classmethod
+    def read(cls, path: str | Path) -> Result:
+        """The result that ``write`` has written; equal to it.
+
+        Raises:
+            InputError: no result there, one of a newer format, or a damaged or missing table.
+        """
+        folder = Path(path)
+        try:
+            about = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+            version, names = int(about["schema_version"]), list(about["tables"])
+            seed, source, versions = int(about["seed"]), str(about["source"]), dict(about["versions"])
+        except OSError as error:
+            raise InputError(
+                f"is no result of vibroswarm ({error.strerror}: result.json)", field=str(folder)
+            ) from None
+        except (ValueError, KeyError, TypeError):
+            raise InputError("result.json is damaged", field=str(folder)) from None
+        if version > SCHEMA_VERSION:
+            raise InputError(
+                f"is of format {version}; this version reads up to {SCHEMA_VERSION}: update vibroswarm",
+                field=str(folder),
+            )
+        frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
+        missing = [name for name in TABLES if frames[name] is None and name != "segments"]
+        if missing:
+            raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
+        scenario = Scenario.read(folder / MARKER)
+        return cls(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
+
+
+def _read_table(folder: Path, name: str) -> pl.DataFrame:
+    path = folder / f"{name}.parquet"
+    try:
+        frame = pl.read_parquet(path)
+    except (OSError, pl.exceptions.PolarsError) as error:
+        raise InputError(f"is missing or damaged ({str(error).splitlines()[0]})", field=str(path)) from None
+    if dict(frame.schema) != TABLES[name]:
+        raise InputError(f"has not the columns of the table '{name}'", field=str(path))
+    return frame
+
+
+def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
+    """The floors of the runs as a table."""
+    return pl.DataFrame(
+        [
+            (run, *floor.geometry, "".join("1" if tile else "0" for tile in floor.tiles.ravel()), floor.name)
+            for run, floor in floors.items()
+        ],
+        schema=FLOORS,
+        orient="row",
+    )

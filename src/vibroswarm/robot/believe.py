@@ -1,0 +1,68 @@
+"""The Beta posterior of the fill ratio and the belief that it lies below the boundary.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| alpha, beta | alpha, beta | - | counts of ones and zeros heard, prior included (Eq. 7, 8) |
+| boundary | x | - | 0.5 in the paper |
+| belief | p | - | P(f < x) = I_x(alpha, beta) (Eq. 9) |
+| log_term | L | - | ln [x^alpha (1-x)^beta / B(alpha, beta)] |
+| variance | Gamma | - | alpha beta / ((alpha+beta)^2 (alpha+beta+1)) (Eq. 12) |
+
+For whole alpha and beta each update adds or takes one term:
+
+    I_x(a+1, b) = I_x(a, b) - e^L / a,    L(a+1, b) = L + ln x     + ln((a+b)/a)
+    I_x(a, b+1) = I_x(a, b) + e^L / b,    L(a, b+1) = L + ln (1-x) + ln((a+b)/b)
+
+The logarithm of the term is carried, not the term: that one underflows on one-sided runs that turn round.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from vibroswarm.compiled import kernel
+
+
+class Posterior(NamedTuple):
+    """Beta(alpha, beta), and the belief p = P(f < boundary)."""
+
+    alpha: int
+    beta: int
+    belief: float
+    log_term: float
+
+
+@kernel
+def prior(alpha: int, beta: int, boundary: float) -> Posterior:
+    """Beta(alpha, beta) for whole alpha, beta >= 1, reached from Beta(1, 1), at which p = x."""
+    posterior = Posterior(1, 1, boundary, math.log(boundary) + math.log1p(-boundary))
+    for _ in range(alpha - 1):
+        posterior = observe(posterior, 1, boundary)
+    for _ in range(beta - 1):
+        posterior = observe(posterior, 0, boundary)
+    return posterior
+
+
+@kernel
+def observe(posterior: Posterior, bit: int, boundary: float) -> Posterior:
+    """The posterior after one more bit, own or received (Eq. 7, 8)."""
+    alpha, beta, belief, log_term = posterior
+    total = alpha + beta
+    if bit:
+        belief -= math.exp(log_term) / alpha
+        log_term += math.log(boundary) + math.log(total / alpha)
+        alpha += 1
+    else:
+        belief += math.exp(log_term) / beta
+        log_term += math.log1p(-boundary) + math.log(total / beta)
+        beta += 1
+    # Rounding may step over an end by some 1e-16.
+    return Posterior(alpha, beta, min(max(belief, 0.0), 1.0), log_term)
+
+
+@kernel
+def variance(alpha: int, beta: int) -> float:
+    """Gamma, the variance of Beta(alpha, beta) (Eq. 12)."""
+    total = float(alpha + beta)
+    return alpha * beta / (total * total * (total + 1.0))

@@ -1,0 +1,197 @@
+"""The random walk: drive, turn at the end of a leg, avoid what the rays see, stop to sample.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| leg | T_r | ms | Cauchy(gamma_0, gamma), clipped |
+| turn | phi | deg | U(-turn_max, turn_max) |
+| error | e | deg | angle still to turn, by the gyro |
+| integral | - | deg s | sum of e dt |
+| command | - | % of full | 2.5 e + 0.15 integral, clipped to +-100 |
+| timer | t - t_s | ms | counts towards tau |
+
+The clock counts whole control periods ("ticks"). A step is called once a tick and says what the robot does
+until the next one; a tick on which ``sampled`` is true is the one at which the sample is taken, and the
+robot still stands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from vibroswarm.compiled import kernel
+
+DRIVE: Final = 0
+TURN: Final = 1
+AVOID: Final = 2
+STOP: Final = 3
+KINDS: Final = ("drive", "turn", "avoid", "stop")
+
+RESET_AFTER_TURN: Final = 0
+HOLD_IN_TURN: Final = 1
+ALWAYS: Final = 2
+FROZEN_IN_AVOIDANCE: Final = 3
+TIMERS: Final = ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance")
+
+
+class WalkProgram(NamedTuple):
+    """The parameters of the walk; units in the names."""
+
+    tick_ms: int
+    location_ms: float
+    scale_ms: float
+    leg_min_ms: float
+    leg_max_ms: float
+    turn_max_deg: float
+    avoidance_threshold_mm: float
+    gain: float
+    integral_gain: float
+    tolerance_deg: float
+    sample_interval_ms: float
+    stop_ms: float
+    timer: int
+    interrupts_avoidance: bool
+
+
+class WalkState(NamedTuple):
+    """All that the walk remembers from one tick to the next."""
+
+    mode: int
+    """What it does until the next tick: DRIVE, TURN, AVOID or STOP."""
+    resume: int
+    """What it goes on with after a stop."""
+    sampled: bool
+    """Whether the sample is taken at this tick."""
+    leg_ms: float
+    driven_ms: int
+    timer_ms: int
+    stopped_ms: int
+    error_deg: float
+    integral_deg_s: float
+    legs: int
+    """Legs begun: the index of the next leg's numbers."""
+    avoidances: int
+    samples: int
+
+
+class Dice(NamedTuple):
+    """The uniform numbers that the next leg, the turn at this leg's end and the next avoidance would use."""
+
+    leg: float
+    turn: float
+    avoid: float
+
+
+@kernel
+def leg_duration_ms(program: WalkProgram, u: float) -> float:
+    """T_r ~ Cauchy(gamma_0, gamma) clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
+    leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))
+    return min(max(leg_ms, program.leg_min_ms), program.leg_max_ms)
+
+
+@kernel
+def turn_angle_deg(program: WalkProgram, u: float) -> float:
+    """phi ~ U(-turn_max, turn_max), deg, anticlockwise positive."""
+    return program.turn_max_deg * (2.0 * u - 1.0)
+
+
+@kernel
+def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
+    """The state at tick 0, at which the robot stands; it walks from tick 1."""
+    leg_ms = leg_duration_ms(program, dice.leg)
+    return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0)
+
+
+@kernel
+def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
+    """Whether the step at this tick reads the rays: only when the robot is about to drive."""
+    mode = state.mode
+    if mode == STOP:
+        if not state.sampled:
+            return False
+        mode = state.resume
+    if mode == DRIVE:
+        return True
+    return abs(state.error_deg - gyro_deg) <= program.tolerance_deg
+
+
+@kernel
+def walk_step(
+    state: WalkState, program: WalkProgram, gyro_deg: float, nearest_mm: float, dice: Dice
+) -> WalkState:
+    """What the robot does from this tick to the next.
+
+    Args:
+        gyro_deg: turned since the last tick. nearest_mm: the shortest ray (read only when ``looks``).
+        dice: see ``Dice``; used up when ``legs`` or ``avoidances`` of the state grow.
+    """
+    mode, resume = state.mode, state.resume
+    leg_ms, driven_ms, timer_ms, stopped_ms = state.leg_ms, state.driven_ms, state.timer_ms, state.stopped_ms
+    error_deg, integral_deg_s = state.error_deg, state.integral_deg_s
+    legs, avoidances, samples = state.legs, state.avoidances, state.samples
+
+    if mode == STOP:
+        if not state.sampled:
+            stopped_ms += program.tick_ms
+            sampled = stopped_ms >= program.stop_ms
+            return WalkState(STOP, resume, sampled, leg_ms, driven_ms, timer_ms, stopped_ms,
+                             error_deg, integral_deg_s, legs, avoidances, samples + sampled)  # fmt: skip
+        mode, timer_ms = resume, 0
+    elif mode != DRIVE:
+        error_deg -= gyro_deg
+
+    due = timer_ms > program.sample_interval_ms
+    if due and (mode != AVOID or program.interrupts_avoidance):
+        return WalkState(STOP, mode, False, leg_ms, driven_ms, timer_ms, 0,
+                         error_deg, integral_deg_s, legs, avoidances, samples)  # fmt: skip
+
+    if mode != DRIVE and abs(error_deg) <= program.tolerance_deg:
+        if mode == TURN:
+            leg_ms, driven_ms, legs = leg_duration_ms(program, dice.leg), 0, legs + 1
+            if program.timer == RESET_AFTER_TURN or program.timer == FROZEN_IN_AVOIDANCE:
+                timer_ms = 0
+        mode = DRIVE
+
+    if mode == DRIVE:
+        if driven_ms >= leg_ms:
+            mode, error_deg, integral_deg_s = TURN, turn_angle_deg(program, dice.turn), 0.0
+        elif nearest_mm < program.avoidance_threshold_mm:
+            mode, error_deg, integral_deg_s = AVOID, turn_angle_deg(program, dice.avoid), 0.0
+            avoidances += 1
+
+    if mode == DRIVE:
+        driven_ms += program.tick_ms
+    else:
+        integral_deg_s += error_deg * program.tick_ms / 1000.0
+    if counts(mode, program.timer):
+        timer_ms += program.tick_ms
+    return WalkState(mode, resume, False, leg_ms, driven_ms, timer_ms, stopped_ms,
+                     error_deg, integral_deg_s, legs, avoidances, samples)  # fmt: skip
+
+
+@kernel
+def counts(mode: int, timer: int) -> bool:
+    """Whether the sample timer runs in this mode."""
+    if mode == DRIVE:
+        return True
+    if mode == AVOID:
+        return timer != FROZEN_IN_AVOIDANCE
+    return mode == TURN and timer == ALWAYS
+
+
+@kernel
+def turn_command_percent(state: WalkState, program: WalkProgram) -> float:
+    """Wheel command of a turn in place, % of full, anticlockwise positive: 2.5 e + 0.15 integral, clipped."""
+    command = program.gain * state.error_deg + program.integral_gain * state.integral_deg_s
+    return min(max(command, -100.0), 100.0)
+
+
+@kernel
+def wheel_commands_percent(state: WalkState, program: WalkProgram) -> tuple[float, float]:
+    """Left and right wheel, % of full speed, until the next tick."""
+    if state.mode == DRIVE:
+        return 100.0, 100.0
+    if state.mode == STOP:
+        return 0.0, 0.0
+    turn = turn_command_percent(state, program)
+    return -turn, turn

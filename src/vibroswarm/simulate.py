@@ -1,0 +1,184 @@
+"""Scenario to result: motion, observation and inference put together."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib.metadata import version
+
+import polars as pl
+
+import vibroswarm.motion.fixed_step  # noqa: F401  (makes itself known as a source)
+from vibroswarm.compiled import source_hash
+from vibroswarm.draws import SEED_LIMIT
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.replay import infer
+from vibroswarm.motion.contract import Motion, join, source
+from vibroswarm.observation.model import observe
+from vibroswarm.outcome import robot_table, run_table
+from vibroswarm.result import Result, floor_frame
+from vibroswarm.scenario import Scenario
+
+PIECE_S = 100.0
+"""With stop = "all_decided" motion is advanced in pieces of this length."""
+
+Progress = Callable[[float], None]
+"""Told now and then which share of the work is done, in [0, 1]."""
+
+
+def simulate(
+    scenario: Scenario,
+    seed: int = 1,
+    runs: int | Sequence[int] = 1,
+    *,
+    motion: str = "fixed-step",
+    segments: bool = False,
+    energies: bool = True,
+    progress: Progress | None = None,
+) -> Result:
+    """Run a scenario.
+
+    Args:
+        scenario: what is to be simulated.
+        seed: a whole number in [0, 2^63). Same scenario, seed and run: the same result, bit by bit.
+        runs: how many runs (0, 1, ...), or which.
+        motion: the source of motion, by name.
+        segments: also keep the table from which poses at any time can be had.
+        energies: also keep the energies of the samples.
+        progress: called with the share of the work done.
+    Raises:
+        InputError: a seed or a run out of range, an unknown source.
+    """
+    chosen = check_runs(seed, runs)
+    floors = floors_of(scenario, seed, chosen)
+    if scenario.run.stop == "all_decided":
+        moved = _until_all_decided(scenario, seed, chosen, floors, motion, segments, progress)
+    else:
+        moved = _to_the_end(scenario, seed, chosen, motion, segments, progress)
+    observations = observe(scenario, seed, moved.samples, floors, energies=energies)
+    inference, finals = infer(scenario, seed, moved, observations)
+    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
+
+
+def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
+    """The runs as a sorted list of distinct numbers."""
+    if not 0 <= seed < SEED_LIMIT:
+        raise InputError(f"{seed} is no seed; give a whole number from 0 to 2^63 - 1", field="seed")
+    if isinstance(runs, int):
+        if runs < 1:
+            raise InputError(f"{runs} is too few; at least 1", field="runs")
+        return list(range(runs))
+    chosen = sorted(set(runs))
+    if not chosen or len(chosen) != len(runs) or chosen[0] < 0 or chosen[-1] >= 2**32:
+        raise InputError("give distinct whole numbers from 0 to 2^32 - 1, at least one", field="runs")
+    return chosen
+
+
+def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
+    """The floor of each run; one and the same where it is not drawn by run."""
+    if scenario.floor.drawn_by_run:
+        return {run: scenario.floor_for(seed, run) for run in runs}
+    return dict.fromkeys(runs, scenario.floor_for(seed, 0))
+
+
+def _to_the_end(
+    scenario: Scenario, seed: int, runs: Sequence[int], motion: str, segments: bool, progress: Progress | None
+) -> Motion:
+    engine = source(motion)
+    if progress is None:
+        return engine.batch(scenario, seed, runs, segments)
+    pieces = []
+    for done, run in enumerate(runs):
+        state = engine.init(scenario, seed, run, segments)
+        while state.time_s < scenario.run.t_end_s:
+            pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
+            progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
+    return join(pieces)
+
+
+def _until_all_decided(
+    scenario: Scenario,
+    seed: int,
+    runs: Sequence[int],
+    floors: Mapping[int, Floor],
+    motion: str,
+    segments: bool,
+    progress: Progress | None,
+) -> Motion:
+    pieces = []
+    for done, run in enumerate(runs):
+        pieces.append(_one_until_all_decided(scenario, seed, run, floors, motion, segments))
+        if progress is not None:
+            progress((done + 1) / len(runs))
+    return join(pieces)
+
+
+def _one_until_all_decided(
+    scenario: Scenario, seed: int, run: int, floors: Mapping[int, Floor], motion: str, segments: bool
+) -> Motion:
+    """Motion up to the tick at which the last robot decides, in pieces and not beyond need."""
+    state = source(motion).init(scenario, seed, run, segments)
+    so_far: list[Motion] = []
+    while state.time_s < scenario.run.t_end_s:
+        before = state.copy()
+        piece = state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s))
+        moved = join([*so_far, piece])
+        observations = observe(scenario, seed, moved.samples, floors, energies=False)
+        inference, _ = infer(scenario, seed, moved, observations)
+        decided_s = _all_decided_s(moved, inference, scenario.swarm.robots)
+        if decided_s is not None:
+            return join([*so_far, before.advance(decided_s + scenario.tick_s)])
+        so_far.append(piece)
+    return join(so_far)
+
+
+def _all_decided_s(motion: Motion, inference: pl.DataFrame, robots: int) -> float | None:
+    """When the last robot of a run has decided for the first time, or None."""
+    decided = inference["decision"] != -1
+    first = motion.samples.filter(decided).group_by("robot").agg(pl.col("time_s").min())["time_s"]
+    return float(first.max()) if first.len() == robots else None  # type: ignore[arg-type]
+
+
+def result_of(
+    scenario: Scenario,
+    seed: int,
+    floors: Mapping[int, Floor],
+    motion: Motion,
+    observations: pl.DataFrame,
+    inference: pl.DataFrame,
+    finals: pl.DataFrame,
+    source_name: str,
+) -> Result:
+    """Tables of three stages as a result, with the robots and the runs summed up."""
+    boundary, arena = scenario.decision.decision_boundary, scenario.arena
+    fills = {run: floor.fill_ratio_within(arena.width_m, arena.height_m) for run, floor in floors.items()}
+    robots = robot_table(motion, inference, finals, fills, boundary)
+    return Result(
+        scenario=scenario,
+        seed=seed,
+        motion=motion.samples,
+        ends=motion.ends,
+        segments=motion.segments,
+        observations=observations,
+        inference=inference,
+        robots=robots,
+        runs=run_table(robots, motion.ends, fills, boundary, scenario.run.t_end_s),
+        floors=floor_frame(floors),
+        source=source_name,
+        versions=versions(),
+    )
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of what made a result, the processor architecture and the state of the code."""
+    packages = ("vibroswarm", "numpy", "numba", "scipy", "polars")
+    return {
+        **{name: version(name) for name in packages},
+        "python": platform.python_version(),
+        "architecture": platform.machine(),
+        "system": platform.system(),
+        "code": source_hash(),
+    }

@@ -1,0 +1,38 @@
+"""Soft feedback, u^s: a robot says a random bit between reading and belief (Algorithm 3).
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| weight | delta | - | exp(-eta Gamma) abs(1/2 - p)^kappa, in [0, 0.5^kappa] (Eq. 13) |
+| probability | - | - | delta (1 - p) + (1 - delta) O (Eq. 11) |
+
+With delta = 0 it says O, as no feedback does.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroswarm.compiled import kernel
+from vibroswarm.robot.believe import variance
+
+
+@kernel
+def weight(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
+    """delta (Eq. 13)."""
+    delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa
+    return delta
+
+
+@kernel
+def probability(observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
+    """Probability that the message is 1 (Eq. 11)."""
+    delta = weight(alpha, beta, belief, eta, kappa)
+    return delta * (1.0 - belief) + (1.0 - delta) * observation
+
+
+@kernel
+def message(
+    observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
+) -> int:
+    """m ~ Bernoulli(probability): 1 where the uniform number lies below it."""
+    return 1 if u < probability(observation, alpha, beta, belief, eta, kappa) else 0

@@ -1,0 +1,202 @@
+"""The whole run, messages in the loop: the fixed-step engine with sampling minds and a radio.
+
+It is what a strategy needs that changes how robots move or when they stop. For the replayable ones it
+gives the same tables as motion, observation and inference one after the other, and a test holds it to that.
+A period is sense, control, listen, move, contact, sample, communicate.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.draws import SENSING, uniform
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.replay import (
+    INFERENCE_ROW,
+    MIND,
+    begin_minds,
+    final_frame,
+    hear,
+    inference_frame,
+    mind_program,
+    take_sample,
+    write_row,
+)
+from vibroswarm.motion.body import Body, body_of, walk_program
+from vibroswarm.motion.contract import Motion
+from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
+from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
+from vibroswarm.observation.model import OBSERVATIONS, energy_of, sensing_numbers, share_below
+from vibroswarm.robot.walk import STOP, WalkProgram
+from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.program import MindProgram
+
+
+class Ground(NamedTuple):
+    """The floor and the sensor as the kernel reads them; lengths in m."""
+
+    tiles: NDArray[np.uint8]
+    left_m: float
+    top_m: float
+    tile_width_m: float
+    tile_height_m: float
+    still_share_below: float
+    vibrating_share_below: float
+
+
+class Radio(NamedTuple):
+    """Messages in the order of sending: (room, 4) of tick, sender, sample, bit; and how many there are."""
+
+    sent: NDArray[np.int64]
+    total: NDArray[np.int64]
+    loss: float
+
+
+class Notes(NamedTuple):
+    """What is written down beside the motion: (room,) of ``INFERENCE_ROW``; (room, 2) of tile and bit."""
+
+    inference: NDArray[np.void]
+    observations: NDArray[np.int64]
+
+
+@kernel
+def tile_below(ground: Ground, x_m: float, y_m: float) -> int:
+    """Index of the tile under a point; -1 where there is none."""
+    column = np.floor((x_m - ground.left_m) / ground.tile_width_m)
+    row = np.floor((ground.top_m - y_m) / ground.tile_height_m)
+    rows, columns = ground.tiles.shape
+    if column < 0 or row < 0 or column >= columns or row >= rows:
+        return -1
+    index: int = int(row) * columns + int(column)
+    return index
+
+
+@kernel
+def read(ground: Ground, tile: int, u: float) -> int:
+    """The bit that a sample on this tile reads."""
+    vibrating = tile >= 0 and ground.tiles.ravel()[tile] == 1
+    return 1 if u > (ground.vibrating_share_below if vibrating else ground.still_share_below) else 0
+
+
+@kernel
+def listen(
+    swarm: Swarm, minds: NDArray[np.void], radio: Radio, program: MindProgram, seed: int, run: int, tick: int
+) -> None:
+    """Robots that walk read what was sent before this tick."""
+    for i in range(swarm.size):
+        if swarm[i].mode != STOP:
+            hear(minds, i, tick - 1, radio.sent, radio.total[0], program, seed, run, radio.loss)
+
+
+@kernel
+def sample_and_communicate(
+    swarm: Swarm, body: Body, ground: Ground, minds: NDArray[np.void], radio: Radio, record: Record,
+    notes: Notes, program: MindProgram, seed: int, run: int, tick: int,
+) -> None:  # fmt: skip
+    """Robots whose stop is over observe, update, test, compose and send, in index order."""
+    for i in range(swarm.size):
+        if not swarm[i].sampled:
+            continue
+        k, index = record.filled[0], swarm[i].samples - 1
+        tile = tile_below(ground, swarm[i].x_m, swarm[i].y_m)
+        bit = read(ground, tile, uniform(seed, run, i, SENSING, index, 0))
+        take_sample(minds, i, index, bit, program, seed, run)
+        notes.observations[k, 0], notes.observations[k, 1] = tile, bit
+        write_row(notes.inference, k, minds, i)
+        sent = radio.sent[radio.total[0]]
+        sent[0], sent[1], sent[2], sent[3] = tick, i, index, minds[i].message
+        radio.total[0] += 1
+        write_sample(record, swarm, run, i, tick)
+        refresh(swarm, body, seed, run, i, tick)
+
+
+@kernel
+def all_decided(minds: NDArray[np.void]) -> bool:
+    """Whether no robot is undecided."""
+    undecided = 0
+    for i in range(minds.size):
+        undecided += minds[i].decision == -1
+    return undecided == 0
+
+
+@kernel
+def run_whole(
+    swarm: Swarm, body: Body, walk: WalkProgram, ground: Ground, minds: NDArray[np.void], radio: Radio,
+    record: Record, notes: Notes, program: MindProgram, seed: int, run: int, until: int, stop_early: bool,
+) -> int:  # fmt: skip
+    """A run from tick 1 to ``until``, or until the last robot has decided; gives the tick reached."""
+    for tick in range(1, until):
+        sense(swarm, body, walk)
+        sampling = control(swarm, body, walk, seed, run, tick)
+        listen(swarm, minds, radio, program, seed, run, tick)
+        move(swarm, body)
+        contact(swarm, body)
+        if sampling > 0:
+            sample_and_communicate(swarm, body, ground, minds, radio, record, notes, program, seed, run, tick)
+        account(swarm)
+        if stop_early and sampling > 0 and all_decided(minds):
+            return tick + 1
+    return until
+
+
+def ground_of(scenario: Scenario, floor: Floor) -> Ground:
+    """Floor and sensor of a run as the kernel reads them."""
+    return Ground(
+        tiles=floor.tiles,
+        left_m=floor.left_m,
+        top_m=floor.bottom_m + floor.tiles.shape[0] * floor.tile_height_m,
+        tile_width_m=floor.tile_width_m,
+        tile_height_m=floor.tile_height_m,
+        still_share_below=share_below(scenario.sensor, False),
+        vibrating_share_below=share_below(scenario.sensor, True),
+    )
+
+
+def whole_run(
+    scenario: Scenario, seed: int, run: int, floor: Floor
+) -> tuple[Motion, pl.DataFrame, pl.DataFrame, pl.DataFrame]:
+    """Motion, observation table, inference table and final posteriors of one run, made in one loop."""
+    robots, ticks = scenario.swarm.robots, scenario.ticks
+    walk, body = walk_program(scenario), body_of(scenario)
+    between = 1 + int(walk.sample_interval_ms // walk.tick_ms) + int(walk.stop_ms // walk.tick_ms)
+    room = robots * (ticks // between + 2)
+    swarm, minds = np.zeros(robots, dtype=ROBOT), np.zeros(robots, dtype=MIND)
+    radio = Radio(np.zeros((room, 4), dtype=np.int64), np.zeros(1, dtype=np.int64), scenario.network.loss)
+    record = empty_record(robots, room, 0)
+    notes = Notes(np.zeros(room, dtype=INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
+    program = mind_program(scenario)
+    begin(swarm, body, walk, seed, run)
+    begin_minds(minds, program)
+    end = run_whole(
+        swarm, body, walk, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
+        ticks, scenario.run.stop == "all_decided",
+    )  # fmt: skip
+    count = int(record.filled[0])
+    motion = tables(
+        [Rows(record.samples[:count], None, end_rows(swarm, run, end))], scenario.run.control_period_ms
+    )
+    observations = _observation_frame(scenario, seed, floor, motion.samples, notes.observations[:count])
+    inference = inference_frame(motion.samples, notes.inference[:count])
+    return motion, observations, inference, final_frame(run, minds)
+
+
+def _observation_frame(
+    scenario: Scenario, seed: int, floor: Floor, samples: pl.DataFrame, read_off: NDArray[np.int64]
+) -> pl.DataFrame:
+    """The observation table; the energies are those of the numbers that gave the bits."""
+    tile, bit = read_off[:, 0], read_off[:, 1]
+    u = sensing_numbers(seed, *(samples[name].to_numpy() for name in ("run", "robot", "sample")))
+    vibrating = np.append(floor.tiles.ravel(), 0)[tile] == 1
+    energy = np.empty(u.size, dtype=np.float32)
+    for kind in (False, True):
+        energy[vibrating == kind] = energy_of(scenario.sensor, kind, u[vibrating == kind])
+    return samples.select("run", "robot", "sample").with_columns(
+        tile=pl.Series(tile, dtype=OBSERVATIONS["tile"]),
+        energy=pl.Series(energy),
+        observation=pl.Series(bit.astype(np.uint8)),
+    )
