@@ -1,20 +1,7 @@
 """What is to be simulated: frozen, validated, hashable, TOML in and out.
 
-Every default is what the paper's simulations really did (preset ``paper``), so a scenario file needs to
-say only what differs. Units stand in the names. Field to paper:
-
-| field | symbol | unit |
-|---|---|---|
-| walk.walk_duration_location_ms, walk.walk_duration_scale_ms | gamma_0, gamma | ms |
-| walk.avoidance_threshold_mm | theta_c | mm |
-| sample.sample_interval_ms | tau | ms |
-| sensor.rms_threshold | theta_E | - |
-| decision.credible_threshold, decision.min_observations | p_c, O_c | - |
-| decision.decision_boundary | 0.5 in the paper | - |
-| strategy.eta, strategy.kappa | eta, kappa | - |
-| robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
-| robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
-| robot.battery_life_s | b_d = 1 - t / battery_life_s | s |
+A scenario is made of the sections of ``fields``. Every default is what the paper's simulations really did
+(preset ``paper``), so a scenario file needs to say only what differs.
 """
 
 from __future__ import annotations
@@ -25,191 +12,34 @@ import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ValidationError, model_validator
 
 from vibroswarm.errors import InputError, nearest
-from vibroswarm.floors.floor import Floor, as_tiles
+from vibroswarm.fields import (
+    Arena,
+    Decision,
+    FloorField,
+    Network,
+    Rays,
+    Robot,
+    Run,
+    Sample,
+    Section,
+    Sensor,
+    Strategy,
+    Swarm,
+    Walk,
+)
+from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patterns import family
-from vibroswarm.floors.source import is_random, named_tiles, resolve
+from vibroswarm.floors.source import is_random, resolve
 
 SCHEMA_VERSION = 1
 
-Length = Annotated[float, Field(gt=0, le=1e4)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Duration = Annotated[float, Field(ge=0, le=1e9)]
-RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict=False)]
-Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
 
-
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Arena(_Section):
-    """The walls, a rectangle with its lower left corner at the origin."""
-
-    width_m: Length = 1.0
-    height_m: Length = 1.0
-
-
-class FloorField(_Section):
-    """Which tiles lie in the arena, and where."""
-
-    source: str = Field(default="random:0.48", min_length=1)
-    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, or the name of the floor in ``tiles``."""
-    rows: Annotated[int, Field(ge=1, le=2000)] = 5
-    columns: Annotated[int, Field(ge=1, le=2000)] = 5
-    """Tiles of a random floor; a pattern and ``tiles`` have their own."""
-    tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
-    """The floor itself, one string of 0 and 1 a row, top row first; goes before ``source``."""
-    redraw: Literal["run", "study"] = "run"
-    """A random floor is drawn anew for each run, or once (that of run 0) for all."""
-    tile_width_m: Length | None = None
-    tile_height_m: Length | None = None
-    """Size of one tile; without it the tiles are stretched over the arena."""
-    left_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
-    bottom_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
-
-    @property
-    def drawn_by_run(self) -> bool:
-        """Whether each run has a floor of its own."""
-        return self.tiles is None and self.redraw == "run" and is_random(self.source)
-
-    def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
-        """The tiles of ``run``, (rows, columns), and their name."""
-        if self.tiles is not None:
-            if len({len(row) for row in self.tiles}) > 1:
-                raise InputError("the rows are not of one length", field="floor.tiles")
-            if set("".join(self.tiles)) - {"0", "1"}:
-                raise InputError("a row is a string of 0 and 1", field="floor.tiles")
-            return as_tiles([[int(tile) for tile in row] for row in self.tiles]), self.source
-        return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
-
-
-class Swarm(_Section):
-    """How many robots, and where they start."""
-
-    robots: Annotated[int, Field(ge=1, le=10_000)] = 5
-    start_margin_m: Annotated[float, Field(ge=0, le=1e4)] = 0.05
-    """Centres start uniform in the arena less this margin (never nearer to a wall than the body allows)."""
-
-
-class Robot(_Section):
-    """The body and its imperfections, fitted to the simulator's logs."""
-
-    body_radius_m: Annotated[float, Field(gt=0, le=10)] = 0.015
-    full_speed_m_s: Annotated[float, Field(gt=0, le=10)] = 0.0549
-    drive_track_m: Annotated[float, Field(gt=0, le=10)] = 0.0394
-    turn_track_m: Annotated[float, Field(gt=0, le=10)] = 0.046
-    misalignment_min: Annotated[float, Field(gt=-1, lt=1)] = -0.1
-    misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
-    speed_factor_shape: Annotated[float, Field(gt=0, le=1e6)] = 3.1
-    speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
-    speed_factor_location: Annotated[float, Field(ge=-100, le=100)] = 0.8
-    speed_factor_min: Annotated[float, Field(gt=0, le=100)] = 0.9
-    speed_factor_max: Annotated[float, Field(gt=0, le=100)] = 1.5
-    speed_redraw: Literal["sample", "robot"] = "sample"
-    battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
-    """Battery factor is 1 - t / this, updated at samples."""
-
-
-class Rays(_Section):
-    """The three distance sensors. They start ahead of the centre and see walls and other robots' discs."""
-
-    forward_m: Annotated[float, Field(ge=0, le=10)] = 0.008
-    side_m: RayList = (0.0, 0.0075, -0.0075)
-    angle_deg: RayList = (0.0, 27.0, -27.0)
-    range_m: Annotated[float, Field(gt=0, le=100)] = 0.15
-    disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
-    """Radius of other robots as the rays see them."""
-
-
-class Walk(_Section):
-    """The random walk and the turns."""
-
-    walk_duration_location_ms: Annotated[float, Field(ge=0, le=1e9)] = 7860.0
-    walk_duration_scale_ms: Annotated[float, Field(ge=0, le=1e9)] = 10725.0
-    leg_min_ms: Duration = 1000.0
-    leg_max_ms: Duration = 30_000.0
-    turn_max_deg: Annotated[float, Field(gt=0, le=180)] = 180.0
-    avoidance_threshold_mm: Annotated[float, Field(ge=0, le=1e5)] = 55.0
-    turn_gain_percent_per_deg: Annotated[float, Field(gt=0, le=1e4)] = 2.5
-    turn_integral_gain_percent_per_deg_s: Annotated[float, Field(ge=0, le=1e4)] = 0.15
-    turn_tolerance_deg: Annotated[float, Field(gt=0, le=90)] = 2.5
-
-
-class Sample(_Section):
-    """When a robot stops to sample, and for how long."""
-
-    sample_interval_ms: Annotated[float, Field(ge=0, le=1e9)] = 3778.0
-    stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
-    timer: Literal["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"] = "reset_after_turn"
-    """The timer counts driving and avoiding. In a leg-end turn it stands still and then starts again from 0
-    (``reset_after_turn``), stands still (``hold_in_turn``) or counts (``always``, the text);
-    ``frozen_in_avoidance`` is the first, with avoidance not counted either."""
-    interrupts_avoidance: bool = True
-    """A sample that falls due may interrupt an avoidance turn, which goes on after it."""
-
-
-class Sensor(_Section):
-    """What a sample reads: an energy E (RMS of the filtered acceleration) and the bit O = (E > theta_E)."""
-
-    model: Literal["gamma", "energies"] = "gamma"
-    rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
-    vibrating_shape: Annotated[float, Field(gt=0, le=1e6)] = 5.33497
-    vibrating_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.5132
-    vibrating_location: Annotated[float, Field(ge=-1e6, le=1e6)] = -0.2001
-    still_shape: Annotated[float, Field(gt=0, le=1e6)] = 2.52194
-    still_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.28754
-    still_location: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.13731
-    vibrating_energies: Energies | None = None
-    still_energies: Energies | None = None
-    """Measured energies to draw from, with ``model = "energies"``."""
-
-
-class Strategy(_Section):
-    """What a robot says: u- ``none``, u+ ``positive``, u^s ``soft``."""
-
-    name: Literal["none", "positive", "soft"] = "none"
-    eta: Annotated[float, Field(ge=0, le=1e12)] = 1500.0
-    kappa: Annotated[float, Field(ge=0, le=1e6)] = 2.0
-
-
-class Decision(_Section):
-    """When a robot decides."""
-
-    decision_boundary: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
-    min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
-    gate: Literal["total", "received", "own"] = "total"
-    """Which observations are counted against ``min_observations`` (strictly more are needed)."""
-    gate_counts_current: bool = False
-    """Whether the sample just taken is counted."""
-    revise: bool = False
-    """Whether a robot under ``soft`` that has decided may decide anew, as Algorithm 1 allows u^s."""
-    prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
-    prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
-
-
-class Network(_Section):
-    """Who hears what: all hear all; each message and receiver is lost with probability ``loss``."""
-
-    loss: Share = 0.0
-
-
-class Run(_Section):
-    """How long, and in which steps."""
-
-    t_end_s: Annotated[float, Field(gt=0, le=1e7)] = 1200.0
-    stop: Literal["t_end", "all_decided"] = "t_end"
-    control_period_ms: Annotated[int, Field(ge=1, le=10_000)] = 20
-
-
-class Scenario(_Section):
+class Scenario(Section):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, duration.
 
     Raises (through ``read``, ``from_toml`` and ``with_values``):

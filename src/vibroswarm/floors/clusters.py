@@ -103,7 +103,6 @@ def take(state: Clusters, cell: int) -> float:
 def _new_label(state: Clusters) -> int:
     new = state.free[state.free[0]]
     state.free[0] -= 1
-    state.size[new] = 0
     return int(new)
 
 
@@ -111,6 +110,7 @@ def _new_label(state: Clusters) -> int:
 def _give_back(state: Clusters, label: int) -> None:
     state.free[0] += 1
     state.free[state.free[0]] = label
+    state.size[label] = 0
 
 
 @kernel

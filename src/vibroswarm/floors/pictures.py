@@ -82,10 +82,12 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # Pillow only warns of many a broken or oversized picture
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+                picture.verify()  # the check sums, which decoding does not look at; it uses the picture up
+            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 return _grey(picture, name)
     except InputError:
         raise
-    except Image.DecompressionBombError:
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
     except Exception as error:  # Pillow raises many kinds on bytes that are no whole picture
         raise InputError(f"is no whole PNG picture ({error or type(error).__name__})", field=name) from None

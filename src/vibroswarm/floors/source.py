@@ -94,7 +94,7 @@ def _unknown(spec: str) -> str:
 
 def _is_there(spec: str) -> bool:
     try:
-        return Path(spec).exists()
+        return bool(spec) and Path(spec).exists()
     except (OSError, ValueError):  # a name that is too long, or holds a NUL
         return False
 

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from vibroswarm.checks import lattice_sites, start_region
 from vibroswarm.compiled import kernel
 from vibroswarm.draws import HARDWARE, SPEED, uniform
+from vibroswarm.fields import Robot
 from vibroswarm.robot.walk import TIMERS, WalkProgram
-from vibroswarm.scenario import Robot, Scenario
+from vibroswarm.scenario import Scenario
 
 SPEED_NODES: Final = 2**14
 """Intervals of the table of the speed factor's quantile; between nodes it is linear."""

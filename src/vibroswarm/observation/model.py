@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel
 from vibroswarm.draws import SENSING, uniform
+from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.scenario import Scenario, Sensor
+from vibroswarm.scenario import Scenario
 
 OBSERVATIONS: Final[dict[str, Any]] = {
     "run": pl.UInt32,

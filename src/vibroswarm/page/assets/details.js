@@ -9,7 +9,8 @@ function buildDetails() {
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
     ["Fill ratio", String(run.truth.fill_ratio)],
     ["Strategy", STRATEGY_WORDS[run.strategy] ?? run.strategy],
-    ["Decides", `beyond ${rule.credible_threshold}, after more than ${rule.min_observations} ${gates[rule.gate] ?? rule.gate}`],
+    ["Decides", `beyond ${rule.credible_threshold}, after more than ${rule.min_observations} `
+      + `${gates[rule.gate] ?? rule.gate}`],
   ];
   byId("details").replaceChildren(...[...known, ...run.details].map(([name, text]) =>
     make("div", "", make("dt", "", name), make("dd", "", text))));

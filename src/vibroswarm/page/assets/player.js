@@ -1,7 +1,11 @@
 // The bar at the foot: play, time, slider, speed. It shows the state that main.js holds, and asks it to change.
 
 const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
-const PLAY_SIGNS = { play: "M7 4.5v15l12-7.5z", pause: "M6.5 5h4v14h-4zM13.5 5h4v14h-4z", again: "M12 5a7 7 0 1 0 7 7h-2.2a4.8 4.8 0 1 1-4.8-4.8V11l5.5-5L12 1z" };
+const PLAY_SIGNS = {
+  play: "M7 4.5v15l12-7.5z",
+  pause: "M6.5 5h4v14h-4zM13.5 5h4v14h-4z",
+  again: "M12 5a7 7 0 1 0 7 7h-2.2a4.8 4.8 0 1 1-4.8-4.8V11l5.5-5L12 1z",
+};
 
 function playSign(name) {
   const space = "http://www.w3.org/2000/svg";

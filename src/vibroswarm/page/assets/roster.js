@@ -1,7 +1,7 @@
 // The table, robot by robot: what it does now, what it decided, and its counts over the run.
 
 const ROSTER_HEADS = [
-  ["", ["Robot"]], ["Now", ["doing", "p"]], ["Decision", ["", "after", "p then"]],
+  ["", ["#"]], ["Now", ["doing", "p"]], ["Decision", ["", "after", "p then"]],
   ["By the end", ["\u03b1", "\u03b2", "samples", "sent", "received"]],
 ];
 const ROSTER_WORDS = { "-1": "undecided", 0: "still", 1: "vibrating" };

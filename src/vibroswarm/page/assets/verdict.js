@@ -30,7 +30,14 @@ function verdictMore() {
   const share = `${percent(fill)} of the tiles vibrate`;
   return run.truth.decision === null
     ? `${share}: exactly the boundary, so there is no majority to be right about.`
-    : `${share}, ${run.truth.decision === STILL ? "below" : "above"} the boundary of ${percent(edge)}.`;
+    : `${share}, ${run.truth.decision === STILL ? "below" : "above"} the boundary of ${percent(edge)}.${rightAndWrong()}`;
+}
+
+// Where there is no consensus: how those that decided did.
+function rightAndWrong() {
+  const right = byDecision(run.truth.decision).length, wrong = byDecision(1 - run.truth.decision).length;
+  if (!["split", "incomplete"].includes(run.outcome.consensus) || right + wrong === 0) return "";
+  return ` Decided right: ${right}, wrong: ${wrong}.`;
 }
 
 // Belief in the own decision when it was made.
@@ -43,11 +50,11 @@ function verdictFacts() {
   const sure = certainties(), count = run.samples.time_s.length;
   const misread = run.samples.time_s.reduce((n, _, row) => n + (isMisread(row) ? 1 : 0), 0);
   const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
-  const when = run.outcome.time_s;
+  const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
   const votes = [[STILL, "still"], [VIBRATING, "vibrating"], [-1, "undecided"]]
     .map(([decision, word]) => [byDecision(decision).length, word]).filter(([count]) => count > 0);
   return [
-    [when !== null && run.outcome.consensus === "split" ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus"],
+    [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus"],
     ["Sure of it", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
     ["Robots", votes.map(([count, word]) => `${count} ${word}`).join(", "), "votes"],

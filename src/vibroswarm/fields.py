@@ -1,0 +1,258 @@
+"""The fields of a scenario, section by section; what each is, its default and its bounds.
+
+Every default is what the paper's simulations really did (preset ``paper``). Units stand in the names.
+Field to paper:
+
+| field | symbol | unit |
+|---|---|---|
+| walk.walk_duration_location_ms, walk.walk_duration_scale_ms | gamma_0, gamma | ms |
+| walk.avoidance_threshold_mm | theta_c | mm |
+| sample.sample_interval_ms | tau | ms |
+| sensor.rms_threshold | theta_E | - |
+| decision.credible_threshold, decision.min_observations | p_c, O_c | - |
+| decision.decision_boundary | 0.5 in the paper | - |
+| strategy.eta, strategy.kappa | eta, kappa | - |
+| robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
+| robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
+| robot.battery_life_s | b_d = 1 - t / battery_life_s | s |
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import as_tiles
+from vibroswarm.floors.source import is_random, named_tiles
+
+Length = Annotated[float, Field(gt=0, le=1e4)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Duration = Annotated[float, Field(ge=0, le=1e9)]
+RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict=False)]
+Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
+
+
+class Section(BaseModel):
+    """Frozen and strict: an unknown key, a wrong type, NaN and infinity are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Arena(Section):
+    """The walls, a rectangle with its lower left corner at the origin."""
+
+    width_m: Length = 1.0
+    """Inner width, m."""
+    height_m: Length = 1.0
+    """Inner height, m."""
+
+
+class FloorField(Section):
+    """Which tiles lie in the arena, and where."""
+
+    source: str = Field(default="random:0.48", min_length=1)
+    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, or the name of the floor in ``tiles``."""
+    rows: Annotated[int, Field(ge=1, le=2000)] = 5
+    """Rows of a random floor; a pattern and `tiles` have their own."""
+    columns: Annotated[int, Field(ge=1, le=2000)] = 5
+    """Columns of a random floor."""
+    tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """The floor itself, one string of 0 and 1 a row, top row first; goes before ``source``."""
+    redraw: Literal["run", "study"] = "run"
+    """A random floor is drawn anew for each run, or once (that of run 0) for all."""
+    tile_width_m: Length | None = None
+    """Width of one tile; without it the tiles are stretched over the arena."""
+    tile_height_m: Length | None = None
+    """Height of one tile, likewise."""
+    left_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """The floor's left edge in the arena; what lies outside the arena is cut off."""
+    bottom_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """The floor's lower edge."""
+
+    @property
+    def drawn_by_run(self) -> bool:
+        """Whether each run has a floor of its own."""
+        return self.tiles is None and self.redraw == "run" and is_random(self.source)
+
+    def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
+        """The tiles of ``run``, (rows, columns), and their name."""
+        if self.tiles is not None:
+            if len({len(row) for row in self.tiles}) > 1:
+                raise InputError("the rows are not of one length", field="floor.tiles")
+            if set("".join(self.tiles)) - {"0", "1"}:
+                raise InputError("a row is a string of 0 and 1", field="floor.tiles")
+            return as_tiles([[int(tile) for tile in row] for row in self.tiles]), self.source
+        return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
+
+
+class Swarm(Section):
+    """How many robots, and where they start."""
+
+    robots: Annotated[int, Field(ge=1, le=10_000)] = 5
+    """Number of robots."""
+    start_margin_m: Annotated[float, Field(ge=0, le=1e4)] = 0.05
+    """Centres start uniform in the arena less this margin (never nearer to a wall than the body allows)."""
+
+
+class Robot(Section):
+    """The body and its imperfections, fitted to the simulator's logs."""
+
+    body_radius_m: Annotated[float, Field(gt=0, le=10)] = 0.015
+    """Bodies are discs of this radius to each other and to walls."""
+    full_speed_m_s: Annotated[float, Field(gt=0, le=10)] = 0.0549
+    """Speed at full command (55 mm/s nominal)."""
+    drive_track_m: Annotated[float, Field(gt=0, le=10)] = 0.0394
+    """Distance of the wheels that gives the veer when driving."""
+    turn_track_m: Annotated[float, Field(gt=0, le=10)] = 0.046
+    """Distance of the wheels that gives the turn rate in place."""
+    misalignment_min: Annotated[float, Field(gt=-1, lt=1)] = -0.1
+    """m_d ~ U(min, max), one a robot: left wheel 1 - m_d, right wheel 1 + m_d."""
+    misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
+    """Its upper end."""
+    speed_factor_shape: Annotated[float, Field(gt=0, le=1e6)] = 3.1
+    """s_d ~ Gamma(shape, scale) + location, clipped."""
+    speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
+    """Its scale."""
+    speed_factor_location: Annotated[float, Field(ge=-100, le=100)] = 0.8
+    """Its shift."""
+    speed_factor_min: Annotated[float, Field(gt=0, le=100)] = 0.9
+    """It is clipped to at least this."""
+    speed_factor_max: Annotated[float, Field(gt=0, le=100)] = 1.5
+    """It is clipped to at most this."""
+    speed_redraw: Literal["sample", "robot"] = "sample"
+    """Whether s_d is drawn anew at every sample (what ran) or once a robot (the text)."""
+    battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
+    """Battery factor is 1 - t / this, updated at samples."""
+
+
+class Rays(Section):
+    """The three distance sensors. They start ahead of the centre and see walls and other robots' discs."""
+
+    forward_m: Annotated[float, Field(ge=0, le=10)] = 0.008
+    """Rays start so far ahead of the centre."""
+    side_m: RayList = (0.0, 0.0075, -0.0075)
+    """And so far to the left, one entry a ray."""
+    angle_deg: RayList = (0.0, 27.0, -27.0)
+    """Their directions, anticlockwise from ahead, one entry a ray."""
+    range_m: Annotated[float, Field(gt=0, le=100)] = 0.15
+    """They see nothing beyond."""
+    disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
+    """Radius of other robots as the rays see them."""
+
+
+class Walk(Section):
+    """The random walk and the turns."""
+
+    walk_duration_location_ms: Annotated[float, Field(ge=0, le=1e9)] = 7860.0
+    """gamma_0: location of the Cauchy distribution of leg times."""
+    walk_duration_scale_ms: Annotated[float, Field(ge=0, le=1e9)] = 10725.0
+    """gamma: its scale."""
+    leg_min_ms: Duration = 1000.0
+    """Leg times are clipped to at least this."""
+    leg_max_ms: Duration = 30_000.0
+    """And to at most this."""
+    turn_max_deg: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Turns are uniform between minus and plus this."""
+    avoidance_threshold_mm: Annotated[float, Field(ge=0, le=1e5)] = 55.0
+    """theta_c: a ray shorter than this starts an avoidance turn."""
+    turn_gain_percent_per_deg: Annotated[float, Field(gt=0, le=1e4)] = 2.5
+    """Command of a turn: this times the angle still to turn,"""
+    turn_integral_gain_percent_per_deg_s: Annotated[float, Field(ge=0, le=1e4)] = 0.15
+    """plus this times its integral over time."""
+    turn_tolerance_deg: Annotated[float, Field(gt=0, le=90)] = 2.5
+    """A turn is done when no more is left to turn."""
+
+
+class Sample(Section):
+    """When a robot stops to sample, and for how long."""
+
+    sample_interval_ms: Annotated[float, Field(ge=0, le=1e9)] = 3778.0
+    """tau: a sample falls due when the timer exceeds it."""
+    stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
+    """How long the robot stands before the sample is taken."""
+    timer: Literal["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"] = "reset_after_turn"
+    """The timer counts driving and avoiding. In a leg-end turn it stands still and then starts again from 0
+    (``reset_after_turn``), stands still (``hold_in_turn``) or counts (``always``, the text);
+    ``frozen_in_avoidance`` is the first, with avoidance not counted either."""
+    interrupts_avoidance: bool = True
+    """A sample that falls due may interrupt an avoidance turn, which goes on after it."""
+
+
+class Sensor(Section):
+    """What a sample reads: an energy E (RMS of the filtered acceleration) and the bit O = (E > theta_E)."""
+
+    model: Literal["gamma", "energies"] = "gamma"
+    """Energies from Gamma distributions, or drawn from measured ones."""
+    rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
+    """theta_E: a sample reads as vibrating when E exceeds it."""
+    vibrating_shape: Annotated[float, Field(gt=0, le=1e6)] = 5.33497
+    """E on a vibrating tile ~ Gamma(shape, scale) + location."""
+    vibrating_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.5132
+    """Its scale."""
+    vibrating_location: Annotated[float, Field(ge=-1e6, le=1e6)] = -0.2001
+    """Its shift."""
+    still_shape: Annotated[float, Field(gt=0, le=1e6)] = 2.52194
+    """E on a still tile ~ Gamma(shape, scale) + location."""
+    still_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.28754
+    """Its scale."""
+    still_location: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.13731
+    """Its shift."""
+    vibrating_energies: Energies | None = None
+    """Measured energies of vibrating tiles, for model = "energies"."""
+    still_energies: Energies | None = None
+    """Measured energies of still tiles."""
+
+
+class Strategy(Section):
+    """What a robot says: u- ``none``, u+ ``positive``, u^s ``soft``."""
+
+    name: Literal["none", "positive", "soft"] = "none"
+    """A robot says its reading (none), its decision once it has one (positive), or a bit drawn between
+    its reading and its belief (soft)."""
+    eta: Annotated[float, Field(ge=0, le=1e12)] = 1500.0
+    """Soft feedback: how fast its weight grows as the posterior narrows."""
+    kappa: Annotated[float, Field(ge=0, le=1e6)] = 2.0
+    """Soft feedback: how little it weighs while the belief is near 1/2."""
+
+
+class Decision(Section):
+    """When a robot decides."""
+
+    decision_boundary: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """The question: does more than this share vibrate?"""
+    credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    """p_c: a robot decides when its belief exceeds this."""
+    min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
+    """O_c: strictly more counted observations are needed to decide."""
+    gate: Literal["total", "received", "own"] = "total"
+    """Which observations are counted against ``min_observations`` (strictly more are needed)."""
+    gate_counts_current: bool = False
+    """Whether the sample just taken is counted."""
+    revise: bool = False
+    """Whether a robot under ``soft`` that has decided may decide anew, as Algorithm 1 allows u^s."""
+    prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
+    """The prior is Beta(prior_alpha, prior_beta)."""
+    prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
+    """Its second parameter."""
+
+
+class Network(Section):
+    """Who hears what: all hear all; each message and receiver is lost with probability ``loss``."""
+
+    loss: Share = 0.0
+    """Probability that a message does not reach a receiver."""
+
+
+class Run(Section):
+    """How long, and in which steps."""
+
+    t_end_s: Annotated[float, Field(gt=0, le=1e7)] = 1200.0
+    """End of the run."""
+    stop: Literal["t_end", "all_decided"] = "t_end"
+    """Run to the end, or until all robots have decided (motion statistics are then biased)."""
+    control_period_ms: Annotated[int, Field(ge=1, le=10_000)] = 20
+    """The robot reads clocks, gyro and rays at these ticks."""
