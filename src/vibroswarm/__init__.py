@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vibroswarm.presets import preset
     from vibroswarm.result import Result
     from vibroswarm.scenario import Scenario
-    from vibroswarm.simulate import simulate
+    from vibroswarm.simulation import simulate
 
 __all__ = [
     "Floor",
@@ -52,7 +52,7 @@ _HOME: Final = {
     "measure": "floors.difficulty",
     "pose": "motion.pose",
     "preset": "presets",
-    "simulate": "simulate",
+    "simulate": "simulation",
     "verdict": "analysis.verdict",
     "write_run_page": "page.from_result",
 }

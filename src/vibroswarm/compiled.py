@@ -14,8 +14,12 @@ import sys
 import tempfile
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -47,9 +51,8 @@ def cache_folder() -> Path | None:
     """Folder of the compiled kernels of these sources and versions, or None if none can be written."""
     import llvmlite
     import numba
-    import numpy
 
-    versions = (sys.version, numba.__version__, llvmlite.__version__, numpy.__version__, platform.machine())
+    versions = (sys.version, numba.__version__, llvmlite.__version__, np.__version__, platform.machine())
     key = hashlib.sha256(f"{source_hash()} {versions!r}".encode()).hexdigest()[:20]
     try:
         folder = _user_cache() / "vibroswarm" / "kernels" / key
@@ -62,23 +65,29 @@ def cache_folder() -> Path | None:
 
 def is_cached() -> bool:
     """Whether kernels of these sources have been compiled and kept before (or need no compiling)."""
-    if PLAIN:
+    if not _compiles():
         return True
-    try:
-        folder = cache_folder()
-    except ImportError:
-        return True
+    folder = cache_folder()
     return folder is not None and any(folder.rglob("*.nbc"))
+
+
+def zero_rows(count: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
+    """Zeroed rows whose fields kernels read as attributes (``rows[i].x_m``), compiled or plain."""
+    zeros = np.zeros(count, dtype=dtype)
+    return zeros if _compiles() else zeros.view(np.recarray)
+
+
+@cache
+def _compiles() -> bool:
+    return not PLAIN and find_spec("numba") is not None
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile ``function`` in nopython mode (IEEE arithmetic, no fastmath), cached on disk."""
-    if PLAIN:
+    if not _compiles():
         return function
-    try:
-        import numba
-    except ImportError:
-        return function
+    import numba
+
     folder = cache_folder()
     config: Any = numba.config
     before = config.CACHE_DIR

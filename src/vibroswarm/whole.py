@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.draws import SENSING, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import (
@@ -165,10 +165,10 @@ def whole_run(
     walk, body = walk_program(scenario), body_of(scenario)
     between = 1 + int(walk.sample_interval_ms // walk.tick_ms) + int(walk.stop_ms // walk.tick_ms)
     room = robots * (ticks // between + 2)
-    swarm, minds = np.zeros(robots, dtype=ROBOT), np.zeros(robots, dtype=MIND)
+    swarm, minds = zero_rows(robots, ROBOT), zero_rows(robots, MIND)
     radio = Radio(np.zeros((room, 4), dtype=np.int64), np.zeros(1, dtype=np.int64), scenario.network.loss)
     record = empty_record(robots, room, 0)
-    notes = Notes(np.zeros(room, dtype=INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
+    notes = Notes(zero_rows(room, INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
     program = mind_program(scenario)
     begin(swarm, body, walk, seed, run)
     begin_minds(minds, program)

@@ -108,7 +108,7 @@ def _speed(text: str | None) -> float | None:
 
 def _simulate(scenario: Scenario, seed: int, *, keep: bool) -> Result:
     from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.simulate import simulate
+    from vibroswarm.simulation import simulate
 
     with progress_bar("simulating") as progress:
         return simulate(scenario, seed, 1, segments=keep, progress=progress)

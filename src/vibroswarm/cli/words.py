@@ -48,11 +48,9 @@ def how_sure(found: Verdict) -> str:
     note = "A belief counts every bit as independent evidence, which bits of neighbouring samples are not."
     if not beliefs:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
-        return (
-            f"How sure: no robot was; belief in 'less' is {_range(beliefs)}. {note}"
-            if beliefs
-            else "No sample taken."
-        )
+        if not beliefs:
+            return "No robot took a sample."
+        return f"How sure: no robot was; belief in 'less' is {_range(beliefs)}. {note}"
     return f"How sure: belief in the decision, when it fell, {_range(beliefs)}. {note}"
 
 

@@ -31,7 +31,7 @@ TILE_LIMIT: Final = 10_000
 """The largest floor that is made: beyond it the moves are too few."""
 
 _MOVES: Final = 150_000
-_INSIST: Final = 5.0  # weight of the one measure that is insisted on
+_INSIST: Final = 20.0  # weight of the one measure that is insisted on
 _ENOUGH: Final = 0.002  # a search stops here, well within the tolerance
 _REGULAR_STARTS: Final = 4
 _WITHIN_SIGHT: Final = 0.1  # a miss beyond this is not mended by a longer search
@@ -174,7 +174,7 @@ def _searches(wish: _Wish) -> Iterator[tuple[NDArray[np.uint8], float, int]]:
 def _traded(wish: _Wish, start: NDArray[np.uint8]) -> list[_Found]:
     """The nearest if the Moran index is insisted on, and if the entropy is."""
     weights = (_INSIST, 1.0), (1.0, _INSIST)
-    hot = 3.0 * _INSIST
+    hot = _INSIST
     return [_anneal(wish, wish.goal(*pair), start, hot, _MOVES, 100 + i) for i, pair in enumerate(weights)]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.draws import LOSS, MESSAGE, uniform
 from vibroswarm.motion.contract import Motion
 from vibroswarm.robot.believe import Posterior
@@ -221,13 +221,13 @@ def infer(
         axis=1,
     )
     run_of = motion.samples["run"].to_numpy()
-    out = np.zeros(table.shape[0], dtype=INFERENCE_ROW)
+    out = zero_rows(table.shape[0], INFERENCE_ROW)
     finals = []
     for (key_of_run,), ends in motion.ends.group_by("run", maintain_order=True):
         run = int(str(key_of_run))
         low, high = int(np.searchsorted(run_of, run, "left")), int(np.searchsorted(run_of, run, "right"))
         part = table[low:high]
-        minds = np.zeros(ends.height, dtype=MIND)
+        minds = zero_rows(ends.height, MIND)
         sent = np.zeros((high - low, 4), dtype=np.int64)
         heard = heard_at_end(ends, tick_ms)
         replay_run(part, heard, minds, sent, out[low:high], program, seed, run, scenario.network.loss)

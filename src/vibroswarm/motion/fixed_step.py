@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.errors import InputError
 from vibroswarm.motion.body import Body, body_of, walk_program
 from vibroswarm.motion.contract import Motion, Source, register
@@ -77,7 +77,7 @@ class FixedStepRun:
         self.tick_ms, self.seed, self.run = scenario.run.control_period_ms, seed, run
         self.body, self.program = body_of(scenario), walk_program(scenario)
         robots = scenario.swarm.robots
-        self.swarm = np.zeros(robots, dtype=ROBOT)
+        self.swarm = zero_rows(robots, ROBOT)
         begin(self.swarm, self.body, self.program, seed, run)
         self.tick = 0
         self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.phases import Swarm, clear_account
@@ -59,8 +59,8 @@ class Record(NamedTuple):
 def empty_record(robots: int, samples: int, segments: int) -> Record:
     """Buffers for so many rows; no segments at all when ``segments`` is 0."""
     return Record(
-        np.zeros(samples, dtype=SAMPLE_ROW),
-        np.zeros(segments, dtype=SEGMENT_ROW),
+        zero_rows(samples, SAMPLE_ROW),
+        zero_rows(segments, SEGMENT_ROW),
         np.zeros(2, dtype=np.int64),
         np.full((robots, 3), -1.0),
     )
@@ -162,12 +162,12 @@ def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
     """Where the robots of a run are at ``tick``, and the stop under way, if any (-1: none)."""
-    rows = np.zeros(swarm.size, dtype=END_ROW)
-    rows["run"], rows["robot"], rows["tick"] = run, np.arange(swarm.size), tick
-    rows["x_m"], rows["y_m"] = swarm["x_m"], swarm["y_m"]
-    rows["heading_rad"] = [wrapped_rad(heading) for heading in swarm["heading_rad"]]
-    rows["stop_tick"] = np.where(swarm["mode"] == STOP, swarm["stop_tick"], -1)
-    return rows
+    ends = zero_rows(swarm.size, END_ROW)
+    ends["run"], ends["robot"], ends["tick"] = run, np.arange(swarm.size), tick
+    ends["x_m"], ends["y_m"] = swarm["x_m"], swarm["y_m"]
+    ends["heading_rad"] = [wrapped_rad(heading) for heading in swarm["heading_rad"]]
+    ends["stop_tick"] = np.where(swarm["mode"] == STOP, swarm["stop_tick"], -1)
+    return ends
 
 
 def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:

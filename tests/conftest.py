@@ -1,0 +1,46 @@
+"""What tests of several kinds share."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from vibroswarm.page.record import RunRecord
+
+
+@cache
+def _page_records() -> ModuleType:
+    """The module beside this one; tests are not a package that could be imported by name."""
+    path = Path(__file__).with_name("page_records.py")
+    spec = importlib.util.spec_from_file_location("page_records", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def make_record() -> Callable[..., RunRecord]:
+    """Makes a made-up run for the page (``page_records.make_record``)."""
+    made: Callable[..., RunRecord] = _page_records().make_record
+    return made
+
+
+@pytest.fixture(scope="session")
+def record(make_record: Callable[..., RunRecord]) -> RunRecord:
+    """Five robots, 240 s, half of the bits lost: three decide, two do not."""
+    made = make_record(seed=13, heard=0.5, min_observations=30)
+    assert made.robots["decision"].to_list() == [-1, 0, 0, -1, 0]
+    return made
+
+
+@pytest.fixture(scope="session")
+def long_record(make_record: Callable[..., RunRecord]) -> RunRecord:
+    """Ten robots, 1200 s: the largest run that the page's limits are given for."""
+    return make_record(robots=10, t_end_s=1200.0, title="Ten robots, twenty minutes", min_observations=1500)

@@ -1,0 +1,275 @@
+"""``vibroswarm run`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.result import TABLES, Result
+
+SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
+
+
+def run(*arguments: str) -> int:
+    return main(["run", *arguments])
+
+
+def test_a_folder_with_scenario_tables_picture_and_page(tmp_path, capsys):
+    out = tmp_path / "a folder" / "first"
+    assert run(*SHORT, "--strategy", "soft", "--seed", "7", "--out", str(out)) == 0
+    said = capsys.readouterr().out
+    files = {path.name for path in out.iterdir()}
+    assert files == {"scenario.toml", "result.json", "run.png", "run.html"} | {
+        f"{name}.parquet" for name in TABLES
+    }
+    assert str(out / "run.html") in said
+    assert "5 robots, soft feedback" in said
+    assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.glob("**/.*")) == [], "nothing half-written is left"
+    kept = Result.read(out)
+    assert kept.scenario.strategy.name == "soft"
+    assert kept.seed == 7
+
+
+def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
+    for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
+        assert run(*SHORT, "--seed", seed, "--out", str(tmp_path / name)) == 0
+    first, second, other = (Result.read(tmp_path / name) for name in "abc")
+    assert first == second
+    assert not first.same_tables(other)
+    for name in TABLES:  # the files too, byte by byte
+        mine, theirs = (tmp_path / folder / f"{name}.parquet" for folder in "ab")
+        assert mine.read_bytes() == theirs.read_bytes()
+
+
+def test_a_kept_scenario_runs_again(tmp_path):
+    assert run(*SHORT, "--floor", "diagonal:0.46", "--seed", "3", "--out", str(tmp_path / "a")) == 0
+    again = ["--scenario", str(tmp_path / "a" / "scenario.toml"), "--seed", "3", "--out", str(tmp_path / "b")]
+    assert run(*again) == 0
+    assert Result.read(tmp_path / "a") == Result.read(tmp_path / "b")
+
+
+def test_a_floor_file_is_taken_into_the_scenario(tmp_path):
+    floor = tmp_path / "my floor.txt"
+    floor.write_text("010\n111\n")
+    assert run(*SHORT, "--floor", str(floor), "--out", str(tmp_path / "out")) == 0
+    floor.unlink()
+    kept = Result.read(tmp_path / "out")
+    assert kept.scenario.floor.tiles == ("010", "111")
+    assert kept.floor().name == "my floor.txt"
+    assert run("--scenario", str(tmp_path / "out" / "scenario.toml"), "--set", "run.t_end_s=1") == 0
+
+
+def test_a_scenario_file_names_a_floor_beside_it(tmp_path, monkeypatch, capsys):
+    (tmp_path / "world.txt").write_text("1,0\n0,1\n# -1\n")
+    (tmp_path / "s.toml").write_text(
+        'preset = "paper-empirical"\n[floor]\nsource = "world.txt"\nrows = 2\ncolumns = 2\n[run]\nt_end_s = 5\n'
+    )
+    monkeypatch.chdir("/")
+    assert run("--scenario", str(tmp_path / "s.toml"), "--json") == 0
+    assert json.loads(capsys.readouterr().out)["verdict"]["fill_ratio"] == 0.5
+
+
+def test_json_is_one_document_with_the_verdict(capsys):
+    assert run(*SHORT, "--json", "--watch") == 0
+    told = json.loads(capsys.readouterr().out)
+    verdict = told["verdict"]
+    assert verdict["consensus"] in ("right", "wrong", "split", "incomplete")
+    assert len(verdict["robots"]) == 5
+    assert verdict["right"] + verdict["wrong"] + verdict["undecided"] == 5
+    assert told["versions"]["vibroswarm"]
+
+
+def test_watch_without_a_terminal_gives_plain_lines(capsys):
+    assert run(*SHORT, "--watch") == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("t=")]
+    assert len(lines) == 20
+    assert lines[-1].startswith("t=   60.0 s")
+    assert "\x1b" not in "".join(lines)
+
+
+def test_nothing_is_sampled_before_the_first_stop(capsys):
+    assert run("--set", "run.t_end_s=2", "--watch", "--robots", "1") == 0
+    said = capsys.readouterr().out
+    assert "INCOMPLETE: 1 of 1 robots undecided" in said
+    assert "No robot took a sample." in said
+
+
+def test_the_swarm_words_of_each_outcome(capsys):
+    easy = ["--floor", "stripe:0.48", "--set", "run.t_end_s=300", "--set", "decision.min_observations=5"]
+    assert run(*easy, "--set", "decision.decision_boundary=0.03", "--robots", "3") == 0
+    assert "CONSENSUS, RIGHT: all 3 robots decided 'more than 3 % vibrates' by" in capsys.readouterr().out
+    assert run(*easy, "--set", "decision.decision_boundary=0.03", "--set", "sensor.rms_threshold=50") == 0
+    assert "CONSENSUS, WRONG: all 5 robots decided 'less than 3 % vibrates'" in capsys.readouterr().out
+    assert run(*easy, "--set", "decision.decision_boundary=0.48", "--set", "sensor.rms_threshold=50") == 0
+    assert "neither is right" in capsys.readouterr().out
+
+
+BAD = {
+    "--floor nowhere.txt": ("nowhere.txt", "no such file"),
+    "--floor diagnal:0.46": ("--floor", "did you mean 'diagonal:0.46'?"),
+    "--floor random:0.47": ("0.47", "0.44"),
+    "--floor diagonal:0.46 --tiles 3x3": ("--tiles", "3x3"),
+    "--tiles 5": ("--tiles", "5"),
+    "--tiles 5x5 --floor .": (".", "folder"),
+    "--preset papr": ("preset", "did you mean 'paper'?"),
+    "--strategy sof": ("--strategy", "did you mean 'soft'?"),
+    "--robots many": ("--robots", "'many' is no whole number"),
+    "--robots 0": ("swarm.robots", "0 is wrong"),
+    "--robots 901": ("swarm.robots", "at most 900"),
+    "--robots -3": ("swarm.robots", "-3"),
+    "--seed -1": ("seed", "-1"),
+    "--seed 9223372036854775808": ("seed", "2^63"),
+    "--seed x": ("--seed", "'x' is no whole number"),
+    "--scenario nowhere.toml": ("nowhere.toml", "cannot be read"),
+    "--energies nowhere.csv": ("nowhere.csv", "cannot be read"),
+    "--set walk.gamma=3": ("walk.gamma", "no such field"),
+    "--set strategy.nam=soft": ("strategy.nam", "did you mean 'strategy.name'?"),
+    "--set walk": ("--set", "section.field=value"),
+    "--set walk=3": ("walk", "is a section"),
+    "--set run.t_end_s=nan": ("run.t_end_s", "nan"),
+    "--set run.t_end_s=inf": ("run.t_end_s", "inf"),
+    "--set run.t_end_s=-5": ("run.t_end_s", "-5"),
+    "--set run.t_end_s=0": ("run.t_end_s", "0"),
+    "--set run.t_end_s=8400": ("robot.battery_life_s", "empty"),
+    "--set walk.leg_min_ms=40000": ("walk.leg_min_ms", "40000"),
+    "--set strategy.name=7": ("strategy.name", "7"),
+    "--set swarm.robots=2.5": ("swarm.robots", "2.5"),
+    "--set arena.width_m=0.02": ("arena.width_m", "does not fit"),
+    "--set floor.left_m=3": ("floor.left_m", "outside the arena"),
+    "--watch fast": ("--watch", "'fast' is no speed"),
+    "--watch 0": ("--watch", "'0' is no speed"),
+    "--force": ("--force", "--out names none"),
+}
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_bad_input_is_named_and_ends_with_2(line, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(*line.split()) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("vibroswarm: error: ")
+    assert told.err.count("\n") == 1
+    for words in BAD[line]:
+        assert words in told.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("line", ["--stratgy soft", "--preset paper --scenario x", "--out"])
+def test_bad_options_end_with_2(line, capsys):
+    with pytest.raises(SystemExit) as left:
+        run(*line.split())
+    assert left.value.code == 2
+    assert "error" in capsys.readouterr().err
+
+
+def test_an_unknown_option_or_command_suggests_the_nearest(capsys):
+    with pytest.raises(SystemExit):
+        run("--stratgy", "soft")
+    assert "did you mean '--strategy'?" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["rnu"])
+    assert "did you mean 'run'?" in capsys.readouterr().err
+
+
+def test_an_output_folder_that_exists_is_refused_unless_told(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(*SHORT, "--seed", "1", "--out", str(out)) == 0
+    before = (out / "result.json").read_bytes()
+    assert run(*SHORT, "--seed", "2", "--out", str(out)) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (out / "result.json").read_bytes() == before
+    assert run(*SHORT, "--seed", "2", "--out", str(out), "--force") == 0
+    assert Result.read(out).seed == 2
+
+
+def test_force_never_removes_a_folder_of_something_else(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("ten years")
+    assert run(*SHORT, "--out", str(tmp_path), "--force") == 2
+    assert "not a vibroswarm result" in capsys.readouterr().err
+    assert (tmp_path / "thesis.tex").read_text() == "ten years"
+
+
+def test_a_file_in_the_way_is_refused(tmp_path, capsys):
+    (tmp_path / "out").write_text("mine")
+    assert run(*SHORT, "--out", str(tmp_path / "out"), "--force") == 2
+    assert "is a file" in capsys.readouterr().err
+    assert run(*SHORT, "--out", str(tmp_path / "out" / "deeper")) == 2
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+@pytest.mark.parametrize("where", ["frame", "picture"])
+def test_a_disk_that_fills_up_leaves_nothing_and_ends_with_1(where, tmp_path, monkeypatch, capsys):
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    if where == "frame":
+        monkeypatch.setattr(pl.DataFrame, "write_parquet", full)
+    else:
+        monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+    assert run(*SHORT, "--out", str(tmp_path / "out")) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def command(*arguments: str, **more: object) -> subprocess.Popen[str]:
+    line = [sys.executable, "-m", "vibroswarm", *arguments]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)  # type: ignore[call-overload,no-any-return]
+
+
+def test_ctrl_c_ends_with_130_and_leaves_nothing_half_written(tmp_path):
+    long = ["--set", "run.t_end_s=1000000", "--set", "robot.battery_life_s=1e9", "--robots", "30"]
+    process = command("run", *long, "--out", str(tmp_path / "out"))
+    time.sleep(4)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines()[-1] == "vibroswarm: interrupted"
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reader_that_has_had_enough_is_no_error():
+    process = command("run", *SHORT, "--watch")
+    assert process.stdout is not None
+    process.stdout.close()
+    process.wait(timeout=60)
+    assert process.stderr is not None
+    told = process.stderr.read()
+    process.stderr.close()
+    assert "Traceback" not in told
+    assert process.returncode == 1
+
+
+def test_no_display_and_no_home_are_needed(tmp_path):
+    bare = {"PATH": os.environ["PATH"], "HOME": str(tmp_path / "nobody"), "VIBROSWARM_PLAIN": "1"}
+    tiny = ["--set", "run.t_end_s=6", "--robots", "2"]
+    process = command("run", *tiny, "--out", str(tmp_path / "out"), env=bare)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert Path(tmp_path / "out" / "run.png").stat().st_size > 1000
+
+
+def test_help_and_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("vibroswarm 0.")
+    assert main([]) == 0
+    assert "run one inspection" in capsys.readouterr().out
+
+
+def test_help_does_not_import_the_engine():
+    heavy = ("numba", "polars", "scipy", "pydantic", "matplotlib", "rich")
+    code = f"import sys, vibroswarm.cli as c; c.parser(); print([m for m in {heavy} if m in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

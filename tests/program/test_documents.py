@@ -1,0 +1,58 @@
+"""What the documents say is so: the README's example runs, its commands exist, the reference is up to date."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def blocks(language: str) -> list[str]:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    (example,) = blocks("python")
+    assert len([line for line in example.splitlines() if line.strip()]) <= 11
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "README.md", "exec"), {})  # noqa: S102  (our own document)
+    told = capsys.readouterr().out
+    assert "consensus" in told
+    assert "robots never decided" in told
+    assert (tmp_path / "beliefs.csv").stat().st_size > 1000
+
+
+def test_the_commands_of_the_readme_are_understood():
+    from vibroswarm.cli import parser
+
+    lines = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines()]
+    commands = [shlex.split(line)[1:] for line in lines if re.match(r"(\S*/)?vibroswarm ", line)]
+    assert len(commands) >= 5
+    for command in commands:
+        assert parser().parse_args(command).command in ("run", "floors")
+
+
+def test_the_public_names_are_there():
+    import vibroswarm
+
+    for name in vibroswarm.__all__:
+        assert getattr(vibroswarm, name) is not None
+    with pytest.raises(AttributeError):
+        vibroswarm.nothing  # noqa: B018
+
+
+def test_the_scenario_reference_is_that_of_the_sources():
+    made = runpy.run_path(str(ROOT / "docs" / "make_reference.py"))["reference"]()
+    assert (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8") == made
+
+
+def test_links_between_documents_lead_somewhere():
+    for document in [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
+            assert (document.parent / target).exists(), f"{document.name} links to {target}"

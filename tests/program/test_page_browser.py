@@ -1,0 +1,317 @@
+"""The page in a real browser: it draws, plays, obeys, shows the tables' numbers, and asks for nothing."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.page.record import RunRecord
+from vibroswarm.page.write import write_page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+QUIET = "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+BLANK = """(id) => {
+  const canvas = document.getElementById(id);
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(canvas, 0, 0);
+  const seen = new Set(new Uint32Array(context.getImageData(0, 0, copy.width, copy.height).data.buffer));
+  return seen.size < 3;
+}"""
+
+Open = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
+    options = [*QUIET.split(), "--disable-component-update", "--disable-sync"]
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=options)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def path(record: RunRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "run.html"
+    write_page(record, file)
+    return file
+
+
+@pytest.fixture
+def open_page(browser: Any, path: Path) -> Iterator[Open]:
+    """Opens a page; at the end, whatever it logged or asked for fails the test."""
+    noise: list[str] = []
+    contexts: list[Any] = []
+
+    def opened(hash_: str = "#t=0", file: Path = path, **options: Any) -> Any:
+        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
+        contexts.append(browser.new_context(**options))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: noise.append(f"error: {error}"))
+        own = file.as_uri()
+        page.on("request", lambda request: request.url.split("#")[0] == own or noise.append(request.url))
+        page.goto(own + hash_)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert noise == []
+
+
+def state(page: Any) -> dict[str, Any]:
+    got: dict[str, Any] = page.evaluate("vibroswarm.state()")
+    return got
+
+
+def wait_until(page: Any, true: str) -> None:
+    """Asks until the expression holds (the page's policy forbids the evaluation by which Playwright would wait)."""
+    for _ in range(200):
+        if page.evaluate(true):
+            return
+        page.wait_for_timeout(25)
+    pytest.fail(f"not within 5 s: {true}")
+
+
+def settled(page: Any) -> dict[str, Any]:
+    """The state after the frame that was asked for has been drawn."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return state(page)
+
+
+def latest(record: RunRecord, robot: int, time_s: float) -> dict[str, Any]:
+    table = record.motion.join(record.inference, on=["run", "robot", "sample"])
+    return (
+        table.filter((pl.col("robot") == robot) & (pl.col("time_s") <= time_s)).sort("sample").to_dicts()[-1]
+    )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_draws(open_page: Open, scheme: str) -> None:
+    page = open_page("#t=100", color_scheme=scheme)
+    assert state(page)["theme"] == scheme
+    for canvas in ("floor", "past", "actors", "belief"):
+        assert not page.evaluate(BLANK, canvas), canvas
+    assert page.locator(".card canvas").count() == 5
+
+
+def test_it_plays_when_opened_and_can_be_paused(open_page: Open) -> None:
+    page = open_page("")
+    wait_until(page, "vibroswarm.state().time_s > 1")
+    page.click("#play")
+    stopped = settled(page)
+    assert not stopped["playing"]
+    page.wait_for_timeout(120)
+    assert state(page)["time_s"] == stopped["time_s"]
+    page.click("#play")
+    wait_until(page, f"vibroswarm.state().time_s > {stopped['time_s']}")
+
+
+def test_it_waits_where_motion_is_not_wanted(open_page: Open) -> None:
+    page = open_page("", reduced_motion="reduce")
+    assert settled(page)["time_s"] == 0
+    assert not state(page)["playing"]
+
+
+def test_it_stops_at_the_end_and_begins_again(open_page: Open, record: RunRecord) -> None:
+    page = open_page(f"#t={record.t_end_s - 1}")
+    page.click("#play")
+    wait_until(page, "!vibroswarm.state().playing")
+    assert state(page)["time_s"] == record.t_end_s
+    page.click("#play")
+    wait_until(page, "vibroswarm.state().playing && vibroswarm.state().time_s < 100")
+
+
+def test_the_slider_and_the_chart_scrub(open_page: Open, record: RunRecord) -> None:
+    page = open_page()
+    page.locator("#scrub").fill("120")
+    assert settled(page)["time_s"] == 120
+    assert page.inner_text("#clock") == "120.0 s"
+    box = page.locator("#belief").bounding_box()
+    page.mouse.move(box["x"] + 34 + (box["width"] - 44) * 0.25, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    assert settled(page)["time_s"] == pytest.approx(record.t_end_s * 0.25, abs=1)
+    page.mouse.move(box["x"] + 34 + (box["width"] - 44) * 0.75, box["y"] + box["height"] / 2)
+    page.mouse.up()
+    assert settled(page)["time_s"] == pytest.approx(record.t_end_s * 0.75, abs=1)
+
+
+def test_keys(open_page: Open, record: RunRecord) -> None:
+    page = open_page("#t=60")
+    for key, time_s in [
+        ("ArrowRight", 65),
+        ("Shift+ArrowRight", 125),
+        ("ArrowLeft", 120),
+        (".", 120.02),
+        (",", 120),
+        ("End", record.t_end_s),
+        ("Home", 0),
+    ]:
+        page.keyboard.press(key)
+        assert settled(page)["time_s"] == pytest.approx(time_s, abs=1e-9), key
+    page.keyboard.press("+")
+    assert settled(page)["speed"] == 50
+    page.keyboard.press("-")
+    page.keyboard.press("-")
+    assert settled(page)["speed"] == 10
+    page.keyboard.press("3")
+    assert settled(page)["followed"] == 3
+    page.keyboard.press("Escape")
+    assert settled(page)["followed"] is None
+    page.keyboard.press("Space")
+    wait_until(page, "vibroswarm.state().time_s > 0.5")
+    page.keyboard.press("Space")
+    assert not settled(page)["playing"]
+    page.keyboard.press("?")
+    assert page.locator("#help").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator("#help").is_visible()
+
+
+def test_the_address_opens_a_moment_and_follows(open_page: Open) -> None:
+    page = open_page("#t=90.5&robot=2")
+    assert state(page)["time_s"] == 90.5
+    assert state(page)["followed"] == 2
+    page.keyboard.press("ArrowRight")
+    wait_until(page, "location.hash === '#t=95.5&robot=2'")
+    page.evaluate("location.hash = '#t=30'")
+    wait_until(page, "vibroswarm.state().time_s === 30")
+
+
+@pytest.mark.parametrize("time_s", [45.0, 101.37, 240.0])
+def test_numbers_of_now_are_those_of_the_tables(open_page: Open, record: RunRecord, time_s: float) -> None:
+    page = open_page()
+    page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+    decided = 0
+    for index, robot in enumerate(record.robots["robot"]):
+        row = latest(record, robot, time_s)
+        mind = page.evaluate("([id, t]) => vibroswarm.mind(id, t)", [robot, time_s])
+        assert {
+            name: row[name] for name in ("alpha", "beta", "belief", "decision", "received")
+        }.items() <= mind.items()
+        card = page.locator(".card").nth(index)
+        assert card.locator(".card-alpha").text_content() == str(row["alpha"])
+        assert card.locator(".card-beta").text_content() == str(row["beta"])
+        assert card.locator(".card-p").text_content() == _said(row["belief"])
+        decided += row["decision"] >= 0
+    assert page.text_content("#now-decided") == str(decided)
+
+
+def test_the_table_is_the_table(open_page: Open, record: RunRecord) -> None:
+    page = open_page()
+    for index, row in enumerate(record.robots.sort("robot").to_dicts()):
+        cells = page.locator("#roster tbody tr").nth(index)
+
+        def said(column: str, cells: Any = cells) -> str:
+            return str(cells.locator(f"[data-column={column}]").text_content())
+
+        for column in ("alpha", "beta", "samples", "sent", "received"):
+            assert said(column) == str(row[column])
+        undecided = row["decision"] < 0
+        time_s = "–" if undecided else f"{row['decision_time_s']:.3f}".rstrip("0").rstrip(".") + " s"
+        assert said("decision_time_s") == time_s
+        assert said("belief_at_decision") == ("–" if undecided else _said(row["belief_at_decision"]))
+        assert said("decision").startswith({0: "still", 1: "vibrating", -1: "undecided"}[row["decision"]])
+
+
+def test_robots_are_where_the_segments_say(open_page: Open, record: RunRecord) -> None:
+    page = open_page()
+    for row in record.motion.sample(60, seed=1).to_dicts():
+        pose = page.evaluate("([id, t]) => vibroswarm.pose(id, t)", [row["robot"], row["time_s"] - 0.5])
+        assert np.hypot(pose["x"] - row["x_m"], pose["y"] - row["y_m"]) < 0.001
+        assert abs(np.angle(np.exp(1j * (pose["heading"] - row["heading_rad"])))) < np.radians(3)
+        assert pose["kind"] == "stop"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [
+        ("right", "The swarm is right"),
+        ("wrong", "The swarm is wrong"),
+        ("split", "The swarm is split"),
+        ("incomplete", "decided"),
+        ("agreed", "The swarm agrees"),
+    ],
+)
+def test_every_outcome_is_said(
+    open_page: Open, record: RunRecord, tmp_path: Path, outcome: str, words: str
+) -> None:
+    fill = 0.5 if outcome == "agreed" else record.fill_ratio
+    write_page(
+        replace(record, consensus=outcome, fill_ratio=fill, consensus_time_s=None), tmp_path / "run.html"
+    )
+    page = open_page("#t=10", file=tmp_path / "run.html")
+    assert words in page.inner_text("#verdict-line")
+
+
+def test_a_run_without_samples_opens(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    empty = {name: getattr(record, name).clear() for name in ("motion", "observations", "inference")}
+    nothing = pl.lit(None, dtype=pl.Float64)
+    robots = record.robots.with_columns(
+        decision=pl.lit(-1, dtype=pl.Int8), decision_time_s=nothing, belief_at_decision=nothing
+    )
+    bare = replace(record, robots=robots, consensus="incomplete", consensus_time_s=None, **empty)
+    write_page(bare, tmp_path / "run.html")
+    page = open_page("#t=10", file=tmp_path / "run.html")
+    assert page.inner_text("#verdict-line") == "No robot has decided."
+
+
+def test_names_stay_text(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    name = "</script><img src=x onerror=alert(1)><b>"
+    write_page(replace(record, title=name, details={name: name}), tmp_path / "run.html")
+    page = open_page("#t=10", file=tmp_path / "run.html")
+    assert page.title() == name
+    assert page.inner_text("#run-name") == name
+    assert page.locator("img").count() == 0
+
+
+def test_what_lies_under_the_pointer_is_told(open_page: Open, record: RunRecord) -> None:
+    page = open_page("#t=100")
+    box = page.locator("#actors").bounding_box()
+    pose = page.evaluate("vibroswarm.pose(0, 100)")
+    x, y = box["x"] + pose["x"] * box["width"], box["y"] + (1 - pose["y"]) * box["height"]
+    page.mouse.move(x, y)
+    assert page.inner_text("#tooltip p").startswith("Robot ")
+    page.mouse.click(x, y)
+    assert settled(page)["followed"] is not None
+    page.mouse.move(box["x"] + 3, box["y"] + 3)
+    assert "tile" in page.inner_text("#tooltip p")
+
+
+@pytest.mark.parametrize("size", [(390, 844), (320, 640), (820, 1180), (1024, 700), (1600, 1000)])
+def test_nothing_runs_over_the_side(open_page: Open, size: tuple[int, int]) -> None:
+    page = open_page("#t=100", viewport={"width": size[0], "height": size[1]})
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    arena = page.locator("#arena-frame").bounding_box()
+    story = page.locator(".story").bounding_box()
+    assert arena["width"] >= 280
+    assert arena["x"] + arena["width"] < story["x"] or arena["y"] + arena["height"] < story["y"]
+
+
+def test_the_theme_can_be_switched(open_page: Open) -> None:
+    page = open_page("#t=100")
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(colour)
+    page.click("#theme")
+    assert settled(page)["theme"] == "dark"
+    assert page.evaluate(colour) != light
+
+
+def _said(belief: float) -> str:
+    if 0.9995 < belief < 1:
+        return "> 0.999"
+    return "< 0.001" if 0 < belief < 0.0005 else f"{belief:.3f}"

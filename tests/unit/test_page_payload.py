@@ -1,0 +1,87 @@
+"""The page is given exactly the numbers of the tables."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.page.payload import payload
+from vibroswarm.page.record import RunRecord
+
+
+def columns(packed: dict[str, dict[str, str]]) -> dict[str, np.ndarray[Any, Any]]:
+    return {
+        name: np.frombuffer(b64decode(column["bytes"]), dtype=np.dtype(column["type"]).newbyteorder("<"))
+        for name, column in packed.items()
+    }
+
+
+def test_samples_are_those_of_the_tables(record: RunRecord) -> None:
+    got = columns(payload(record)["samples"])
+    for table in (record.motion, record.observations, record.inference):
+        rows = table.sort("robot", "sample")
+        for name in set(got) & set(rows.columns):
+            np.testing.assert_array_equal(got[name], rows[name].to_numpy(), err_msg=name)
+    assert len(got["time_s"]) == len(record.motion)
+
+
+def test_order_of_rows_does_not_matter(record: RunRecord) -> None:
+    mixed = replace(
+        record, motion=record.motion.reverse(), inference=record.inference.sample(fraction=1, shuffle=True)
+    )
+    assert payload(mixed)["samples"] == payload(record)["samples"]
+
+
+def test_robots_and_outcome_are_those_of_the_tables(record: RunRecord) -> None:
+    made = json.loads(json.dumps(payload(record), allow_nan=False))
+    rows = record.robots.sort("robot")
+    for name in (
+        "robot",
+        "decision",
+        "decision_time_s",
+        "belief_at_decision",
+        "alpha",
+        "beta",
+        "sent",
+        "received",
+    ):
+        assert [robot[name] for robot in made["robots"]] == rows[name].to_list()
+    assert made["outcome"] == {"consensus": record.consensus, "time_s": record.consensus_time_s}
+    assert made["truth"]["fill_ratio"] == record.fill_ratio
+    assert made["rule"]["prior_belief"] == pytest.approx(0.5, abs=1e-15)
+
+
+def test_floor_is_the_floor(record: RunRecord) -> None:
+    floor = payload(record)["floor"]
+    tiles = np.array(list(floor["tiles"]), dtype=int).reshape(floor["rows"], floor["columns"])
+    np.testing.assert_array_equal(tiles, record.floor.tiles)
+
+
+def test_energies_that_are_not_known_are_not_numbers(record: RunRecord) -> None:
+    unknown = record.observations.with_columns(energy=pl.lit(None, dtype=pl.Float32))
+    assert np.isnan(columns(payload(replace(record, observations=unknown))["samples"])["energy"]).all()
+
+
+@pytest.mark.parametrize(("fill", "truth"), [(0.4, 0), (0.5, None), (0.6, 1)])
+def test_truth(record: RunRecord, fill: float, truth: int | None) -> None:
+    assert payload(replace(record, fill_ratio=fill))["truth"]["decision"] == truth
+
+
+def test_a_missing_column_is_named(record: RunRecord) -> None:
+    with pytest.raises(InputError, match="inference: the table has no column belief"):
+        replace(record, inference=record.inference.drop("belief"))
+
+
+def test_an_outcome_that_is_not_known_is_refused(
+    make_record: Callable[..., RunRecord], record: RunRecord
+) -> None:
+    with pytest.raises(InputError, match="consensus: 'perhaps'"):
+        replace(record, consensus="perhaps")
