@@ -63,6 +63,12 @@ def _check_places(s: Scenario) -> None:
         )
 
 
+def longest_step_m(s: Scenario) -> float:
+    """No robot drives further between two ticks, m."""
+    wheel = 1 + max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+    return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
+
+
 def _check_time(s: Scenario) -> None:
     if s.run.t_end_s >= s.robot.battery_life_s:
         raise InputError(
@@ -80,8 +86,7 @@ def _check_time(s: Scenario) -> None:
             f"period ({s.run.control_period_ms} ms)",
             field="sample.sample_interval_ms",
         )
-    wheel = 1 + max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
-    step_m = s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
+    step_m = longest_step_m(s)
     if step_m > s.robot.body_radius_m:
         raise InputError(
             f"{s.run.control_period_ms} ms is too long: a robot could drive {step_m * 1000:.3g} mm, more "

@@ -23,7 +23,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import as_tiles
@@ -40,6 +40,12 @@ class Section(BaseModel):
     """Frozen and strict: an unknown key, a wrong type, NaN and infinity are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _one_zero(cls, value: object) -> object:
+        """-0.0 is 0.0: scenarios that are equal are written alike and have one hash."""
+        return value + 0.0 if isinstance(value, float) else value
 
 
 class Arena(Section):
@@ -101,19 +107,19 @@ class Swarm(Section):
 class Robot(Section):
     """The body and its imperfections, fitted to the simulator's logs."""
 
-    body_radius_m: Annotated[float, Field(gt=0, le=10)] = 0.015
+    body_radius_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.015
     """Bodies are discs of this radius to each other and to walls."""
     full_speed_m_s: Annotated[float, Field(gt=0, le=10)] = 0.0549
     """Speed at full command (55 mm/s nominal)."""
-    drive_track_m: Annotated[float, Field(gt=0, le=10)] = 0.0394
+    drive_track_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.0394
     """Distance of the wheels that gives the veer when driving."""
-    turn_track_m: Annotated[float, Field(gt=0, le=10)] = 0.046
+    turn_track_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.046
     """Distance of the wheels that gives the turn rate in place."""
     misalignment_min: Annotated[float, Field(gt=-1, lt=1)] = -0.1
     """m_d ~ U(min, max), one a robot: left wheel 1 - m_d, right wheel 1 + m_d."""
     misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
     """Its upper end."""
-    speed_factor_shape: Annotated[float, Field(gt=0, le=1e6)] = 3.1
+    speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
     """s_d ~ Gamma(shape, scale) + location, clipped."""
     speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
     """Its scale."""
@@ -189,13 +195,13 @@ class Sensor(Section):
     """Energies from Gamma distributions, or drawn from measured ones."""
     rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
     """theta_E: a sample reads as vibrating when E exceeds it."""
-    vibrating_shape: Annotated[float, Field(gt=0, le=1e6)] = 5.33497
+    vibrating_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.33497
     """E on a vibrating tile ~ Gamma(shape, scale) + location."""
     vibrating_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.5132
     """Its scale."""
     vibrating_location: Annotated[float, Field(ge=-1e6, le=1e6)] = -0.2001
     """Its shift."""
-    still_shape: Annotated[float, Field(gt=0, le=1e6)] = 2.52194
+    still_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 2.52194
     """E on a still tile ~ Gamma(shape, scale) + location."""
     still_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.28754
     """Its scale."""

@@ -84,7 +84,7 @@ class Scenario(Section):
         """
         try:
             values = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
             raise InputError(f"is not TOML: {error}", field=name) from None
         if folder is not None:
             _take_in_floor(values, folder)
@@ -176,11 +176,11 @@ def parse_setting(text: str) -> tuple[str, Any]:
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
-        if set(parsed) != {"value"}:
-            raise InputError(f"'{text}' sets more than one value", field="--set")
-        return name.strip(), parsed["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # not TOML, or a number of thousands of digits
         return name.strip(), value.strip()
+    if set(parsed) != {"value"}:
+        raise InputError(f"'{text}' sets more than one value", field="--set")
+    return name.strip(), parsed["value"]
 
 
 def _take_in_floor(values: dict[str, Any], folder: Path) -> None:

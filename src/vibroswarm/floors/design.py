@@ -31,6 +31,7 @@ TILE_LIMIT: Final = 10_000
 """The largest floor that is made: beyond it the moves are too few."""
 
 _MOVES: Final = 150_000
+_LONGER: Final = 3
 _INSIST: Final = 20.0  # weight of the one measure that is insisted on
 _ENOUGH: Final = 0.002  # a search stops here, well within the tolerance
 _REGULAR_STARTS: Final = 4
@@ -154,7 +155,8 @@ def _wish(
             raise InputError(
                 "one vibrating tile has no entropy; give a higher fill ratio, or no entropy", field="entropy"
             )
-    return _Wish(rows, columns, fill_ratio, ones, moran_index, entropy, seed)
+    entropy = None if entropy is None else float(entropy)
+    return _Wish(rows, columns, float(fill_ratio), ones, float(moran_index), entropy, seed)
 
 
 def _searches(wish: _Wish) -> Iterator[tuple[NDArray[np.uint8], float, int]]:
@@ -167,8 +169,8 @@ def _searches(wish: _Wish) -> Iterator[tuple[NDArray[np.uint8], float, int]]:
     )
     for _, _, tiles in ranked[:_REGULAR_STARTS]:
         yield tiles, 1.0, _MOVES
-    yield scattered, 3.0, 4 * _MOVES
-    yield ranked[0][2], 1.0, 4 * _MOVES
+    yield scattered, 3.0, _LONGER * _MOVES
+    yield ranked[0][2], 1.0, _LONGER * _MOVES
 
 
 def _traded(wish: _Wish, start: NDArray[np.uint8]) -> list[_Found]:

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.checks import lattice_sites, start_region
+from vibroswarm.checks import lattice_sites, longest_step_m, start_region
 from vibroswarm.compiled import kernel
 from vibroswarm.draws import HARDWARE, SPEED, uniform
 from vibroswarm.fields import Robot
@@ -53,6 +53,8 @@ class Body(NamedTuple):
     ray_reach_m: float
     """No ray sees a thing further than this from the robot's centre."""
     disc_radius_m: float
+    longest_step_m: float
+    """No robot moves further between two ticks."""
     start: tuple[float, float, float, float]
     """x from, x to, y from, y to of the centres at the start."""
     lattice: tuple[int, int]
@@ -96,6 +98,7 @@ def body_of(scenario: Scenario) -> Body:
         look_m=look_m,
         ray_reach_m=math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m,
         disc_radius_m=rays.disc_radius_m,
+        longest_step_m=longest_step_m(scenario),
         start=start_region(scenario),
         lattice=lattice_sites(scenario),
     )

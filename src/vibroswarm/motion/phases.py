@@ -202,23 +202,32 @@ def control(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int,
     """Step each robot's program; commands become speed and turn rate. Gives how many sample now."""
     sampling = 0
     for i in range(swarm.size):
-        before = load(swarm, i)
-        dice = Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
-        after = walk_step(before, program, swarm[i].gyro_deg, swarm[i].nearest_mm, dice)
-        store(swarm, i, after)
-        if after.legs != before.legs or after.avoidances != before.avoidances:
-            roll(swarm, i, seed, run, after.legs, after.avoidances)
-        if after.mode == STOP and before.mode != STOP:
-            swarm[i].stop_tick = tick
-        left, right = wheel_commands_percent(after, program)
-        full = 0.01 * body.full_speed_m_s * swarm[i].speed_factor * swarm[i].battery
-        left_m_s = left * full * (1.0 - swarm[i].misalignment)
-        right_m_s = right * full * (1.0 + swarm[i].misalignment)
-        track_m = body.drive_track_m if after.mode == DRIVE else body.turn_track_m
-        swarm[i].speed_m_s = 0.5 * (left_m_s + right_m_s)
-        swarm[i].rate_rad_s = (right_m_s - left_m_s) / track_m
-        sampling += after.sampled
+        sampling += control_one(swarm, body, program, seed, run, tick, i)
     return sampling
+
+
+@kernel
+def control_one(
+    swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int, tick: int, i: int
+) -> int:
+    """``control`` of robot ``i``; gives 1 if it samples now, else 0."""
+    before = load(swarm, i)
+    row = swarm[i]
+    dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
+    after = walk_step(before, program, row.gyro_deg, row.nearest_mm, dice)
+    store(swarm, i, after)
+    if after.legs != before.legs or after.avoidances != before.avoidances:
+        roll(swarm, i, seed, run, after.legs, after.avoidances)
+    if after.mode == STOP and before.mode != STOP:
+        row.stop_tick = tick
+    left, right = wheel_commands_percent(after, program)
+    full = 0.01 * body.full_speed_m_s * row.speed_factor * row.battery
+    left_m_s = left * full * (1.0 - row.misalignment)
+    right_m_s = right * full * (1.0 + row.misalignment)
+    track_m = body.drive_track_m if after.mode == DRIVE else body.turn_track_m
+    row.speed_m_s = 0.5 * (left_m_s + right_m_s)
+    row.rate_rad_s = (right_m_s - left_m_s) / track_m
+    return 1 if after.sampled else 0
 
 
 @kernel

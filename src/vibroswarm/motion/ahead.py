@@ -1,0 +1,211 @@
+"""Looking ahead: the first tick at which a wall or another robot might matter to a plan.
+
+Each function gives a tick that is never too late: before it no ray is shorter than theta_c and no move is
+blocked. Distances shrink at bounded rates, so from one look it is known for how many ticks there is no need
+of another (conservative advancement); what then happens at a tick is decided by the same functions as in
+the fixed-step engine.
+
+| name | unit | what it is |
+|---|---|---|
+| look | m | rays matter up to the shorter of range and theta_c |
+| zone | m | two robots nearer than this (two radii and two longest steps) are looked at in every tick |
+| reach | m | rays see nothing of a robot further away than this, centre to centre |
+| slack | m | how far a robot may be beside its chord |
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroswarm.compiled import kernel
+from vibroswarm.motion.body import Body
+from vibroswarm.motion.plans import Planners, pose_at
+from vibroswarm.robot.walk import DRIVE, STOP, WalkProgram
+
+
+@kernel
+def prepare_to_look(planners: Planners, i: int, body: Body, program: WalkProgram) -> None:
+    """Chord, slack and rate of a plan that reaches to its ``own_tick``."""
+    row = planners[i]
+    ticks = row.own_tick - row.tick
+    if row.mode == STOP or row.blocked:
+        row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
+    elif row.mode == DRIVE:
+        x_m, y_m, _ = pose_at(planners, i, body, program, row.own_tick)
+        row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
+        row.rate_m = abs(row.speed_m_s) * body.tick_s
+        bend = abs(row.rate_rad_s) * ticks * body.tick_s
+        row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
+    else:
+        row.chord_x_m = row.chord_y_m = 0.0
+        row.slack_m = 2.0 * abs(row.radius_m)
+        row.rate_m = abs(row.radius_m) * math.radians(100.0 * row.turn_gain)
+
+
+@kernel
+def wall_tick(planners: Planners, i: int, body: Body, program: WalkProgram) -> int:
+    """First tick of the plan, after its own, at which a ray may see a wall or the body come to one."""
+    row = planners[i]
+    inset = body.radius_m + body.longest_step_m
+    if row.mode == STOP:
+        return int(row.own_tick)
+    if row.mode != DRIVE or row.blocked:
+        near = min(min(row.x_m, body.width_m - row.x_m), min(row.y_m, body.height_m - row.y_m))
+        return int(row.tick + 1 if near - row.slack_m < inset else row.own_tick)
+    ticks = row.own_tick - row.tick
+    far = max(body.ray_reach_m, inset) + row.slack_m
+    end_x, end_y = row.x_m + ticks * row.chord_x_m, row.y_m + ticks * row.chord_y_m
+    left, right = min(row.x_m, end_x) - far, max(row.x_m, end_x) + far
+    low, high = min(row.y_m, end_y) - far, max(row.y_m, end_y) + far
+    if left > 0.0 and low > 0.0 and right < body.width_m and high < body.height_m:
+        return int(row.own_tick)
+    n = 1
+    while n < ticks:
+        free = free_ticks_to_walls(planners, i, body, program, row.tick + n, inset)
+        if free <= 0.0:
+            break
+        n += max(1, int(min(free, 1e9)))
+    return int(row.tick + min(n, ticks))
+
+
+@kernel
+def free_ticks_to_walls(
+    planners: Planners, i: int, body: Body, program: WalkProgram, tick: int, inset: float
+) -> float:
+    """Ticks that surely pass from ``tick`` before a ray's end leaves the arena or the body its inset.
+
+    0 or less if one has. A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
+    """
+    row = planners[i]
+    x, y, heading = pose_at(planners, i, body, program, tick)
+    ahead_x, ahead_y = math.cos(heading), math.sin(heading)
+    dx, dy = row.speed_m_s * body.tick_s * ahead_x, row.speed_m_s * body.tick_s * ahead_y
+    bend = row.rate_rad_s * body.tick_s
+    width, height = body.width_m, body.height_m
+    free = free_ticks(x - inset, dx, y - inset, dy, width - 2 * inset, height - 2 * inset, bend, row.rate_m)
+    for k in range(len(body.ray_side_m)):
+        # The ray's end in the robot's frame, and turned into the arena's.
+        along = body.ray_forward_m + body.look_m * body.ray_cos[k]
+        beside = body.ray_side_m[k] + body.look_m * body.ray_sin[k]
+        tip_x, tip_y = along * ahead_x - beside * ahead_y, along * ahead_y + beside * ahead_x
+        most = row.rate_m + abs(bend) * body.ray_reach_m
+        free = min(
+            free,
+            free_ticks(x + tip_x, dx - bend * tip_y, y + tip_y, dy + bend * tip_x, width, height, bend, most),
+        )
+    return free
+
+
+@kernel
+def free_ticks(
+    x: float, dx: float, y: float, dy: float, width: float, height: float, bend: float, most: float
+) -> float:
+    """Ticks for which a point at (x, y), moving (dx, dy) a tick, surely stays in [0, width] x [0, height].
+
+    Args:
+        bend: turn a tick, rad. most: no point moves further in a tick; so its step changes by at most
+            abs(bend) * most a tick, and a side at distance m is not reached before 2 m / (a + sqrt(a^2 + 2 A m)).
+    """
+    change = abs(bend) * most
+    free = side_ticks(x, -dx, change)
+    free = min(free, side_ticks(width - x, dx, change))
+    free = min(free, side_ticks(y, -dy, change))
+    return min(free, side_ticks(height - y, dy, change))
+
+
+@kernel
+def side_ticks(distance: float, approach: float, change: float) -> float:
+    """Ticks before a distance that shrinks by ``approach`` a tick, and by ``change`` more each tick, is used up."""
+    if distance <= 0.0:
+        return 0.0
+    if distance > 64.0 * (abs(approach) + 64.0 * change):
+        return 64.0
+    below = approach + math.sqrt(approach * approach + 2.0 * change * distance)
+    return 2.0 * distance / below if below > 1e-12 else 64.0
+
+
+@kernel
+def meeting_tick(planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int) -> int:
+    """First tick after ``tick`` at which robots ``i`` and ``j`` may matter to each other under their plans.
+
+    NEVER-like (a later tick than both plans reach) if they do not as long as both plans last.
+    """
+    a, b = planners[i], planners[j]
+    last = min(a.own_tick, b.own_tick)
+    sees = a.mode == DRIVE or b.mode == DRIVE
+    zone = 2.0 * (body.radius_m + body.longest_step_m)
+    reach = max(zone, body.ray_reach_m + body.disc_radius_m) if sees else zone
+    now = tick + 1
+    while now <= last:
+        free = apart_ticks(planners, i, j, reach, now)
+        if free >= last - now + 1:
+            return int(last + 1)
+        if free < 1.0:
+            free = clear_ticks(planners, i, j, body, program, zone, now)
+            if free <= 0.0:
+                return int(now)
+        now += max(1, int(free))
+    return int(last + 1)
+
+
+@kernel
+def apart_ticks(planners: Planners, i: int, j: int, reach: float, tick: int) -> float:
+    """Ticks that surely pass from ``tick`` before the two are within ``reach``, by their chords."""
+    a, b = planners[i], planners[j]
+    x = a.x_m + (tick - a.tick) * a.chord_x_m - b.x_m - (tick - b.tick) * b.chord_x_m
+    y = a.y_m + (tick - a.tick) * a.chord_y_m - b.y_m - (tick - b.tick) * b.chord_y_m
+    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
+    far = reach + a.slack_m + b.slack_m
+    beyond = x * x + y * y - far * far
+    if beyond <= 0.0:
+        return 0.0
+    closing = -(x * dx + y * dy)
+    if closing <= 0.0:
+        return 1e9
+    speed2 = dx * dx + dy * dy
+    root = closing * closing - speed2 * beyond
+    if root < 0.0:
+        return 1e9
+    return beyond / (closing + math.sqrt(root))
+
+
+@kernel
+def clear_ticks(
+    planners: Planners, i: int, j: int, body: Body, program: WalkProgram, zone: float, tick: int
+) -> float:
+    """Ticks that surely pass from ``tick`` before either sees the other or they come into the zone.
+
+    0 if one does already.
+    """
+    a, b = planners[i], planners[j]
+    a_x, a_y, a_heading = pose_at(planners, i, body, program, tick)
+    b_x, b_y, b_heading = pose_at(planners, j, body, program, tick)
+    apart = math.hypot(b_x - a_x, b_y - a_y)
+    rate = a.rate_m + b.rate_m + 1e-12
+    free = (apart - zone) / rate
+    if a.mode == DRIVE and free > 0.0:
+        gap = fan_gap_m(body, a_x, a_y, a_heading, b_x, b_y)
+        free = min(free, gap / (rate + abs(a.rate_rad_s) * body.tick_s * body.ray_reach_m))
+    if b.mode == DRIVE and free > 0.0:
+        gap = fan_gap_m(body, b_x, b_y, b_heading, a_x, a_y)
+        free = min(free, gap / (rate + abs(b.rate_rad_s) * body.tick_s * body.ray_reach_m))
+    return free
+
+
+@kernel
+def fan_gap_m(
+    body: Body, x_m: float, y_m: float, heading_rad: float, disc_x_m: float, disc_y_m: float
+) -> float:
+    """Distance of a disc from the nearest of a robot's rays, each ``look`` long; 0 or less when one meets it."""
+    cos_h, sin_h = math.cos(heading_rad), math.sin(heading_rad)
+    to_x, to_y = disc_x_m - x_m, disc_y_m - y_m
+    ahead = to_x * cos_h + to_y * sin_h - body.ray_forward_m
+    left = to_y * cos_h - to_x * sin_h
+    nearest2 = math.inf
+    for k in range(len(body.ray_side_m)):
+        beside = left - body.ray_side_m[k]
+        along = ahead * body.ray_cos[k] + beside * body.ray_sin[k]
+        along = min(max(along, 0.0), body.look_m)
+        off_x, off_y = ahead - along * body.ray_cos[k], beside - along * body.ray_sin[k]
+        nearest2 = min(nearest2, off_x * off_x + off_y * off_y)
+    return math.sqrt(nearest2) - body.disc_radius_m

@@ -1,0 +1,96 @@
+"""One run of an engine whose state is rows of numbers: advance, copy, write down (``MotionState``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import zero_rows
+from vibroswarm.errors import InputError
+from vibroswarm.motion.body import body_of, walk_program
+from vibroswarm.motion.contract import Motion
+from vibroswarm.motion.phases import begin
+from vibroswarm.motion.record import Rows, copy_record, empty_record, tables, write_segments
+from vibroswarm.scenario import Scenario
+
+BUFFER_TICKS = 2048
+"""Buffers hold this many ticks, were every robot to write a row at each."""
+
+
+class KernelRun:
+    """State in, state out. A kind of engine gives its rows' fields and the three methods at the end."""
+
+    fields: ClassVar[np.dtype[np.void]]
+
+    def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
+        self.tick_ms, self.seed, self.run = scenario.run.control_period_ms, seed, run
+        self.body, self.program = body_of(scenario), walk_program(scenario)
+        robots = scenario.swarm.robots
+        self.swarm = zero_rows(robots, self.fields)
+        begin(self.swarm, self.body, self.program, seed, run)
+        self.tick = 0
+        self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
+        self.prepare()
+
+    @property
+    def time_s(self) -> float:
+        """Until when motion is known."""
+        return self.tick * self.tick_ms / 1000.0
+
+    def copy(self) -> Self:
+        """A branch that does not change with this state."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.swarm = self.swarm.copy()
+        other.record = copy_record(self.record)
+        return other
+
+    def advance(self, until_s: float) -> Motion:
+        """What is new up to the first tick at or after ``until_s``."""
+        return tables([self.rows(until_s)], self.tick_ms)
+
+    def rows(self, until_s: float) -> Rows:
+        """``advance``, as plain rows."""
+        if not math.isfinite(until_s):
+            raise InputError(f"{until_s!r} is not a time", field="until_s")
+        until = math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
+        samples, segments = [], []
+        while self.tick < until:
+            if self.tick == 0:
+                if self.record.segments.size > 0:
+                    write_segments(self.record, self.swarm, self.run, 0, False)
+                self.tick = 1
+            else:
+                self.tick = self.move_on(until)
+            samples.append(self.record.samples[: self.record.filled[0]].copy())
+            segments.append(self.record.segments[: self.record.filled[1]].copy())
+            self.record.filled[:] = 0
+        return Rows(
+            np.concatenate(samples or [self.record.samples[:0]]),
+            np.concatenate(segments or [self.record.segments[:0]]) if self.record.segments.size else None,
+            self.ends(),
+        )
+
+    def prepare(self) -> None:
+        """Make what the engine needs beside its rows."""
+
+    def move_on(self, until: int) -> int:
+        """Move to the tick ``until``, or for as long as the buffers suffice; gives the tick reached."""
+        raise NotImplementedError
+
+    def ends(self) -> NDArray[np.void]:
+        """Where the robots are now: ``END_ROW``."""
+        raise NotImplementedError
+
+
+def batch_of(
+    engine: type[KernelRun], scenario: Scenario, seed: int, runs: Sequence[int], segments: bool
+) -> Motion:
+    """Whole runs, one after the other, as one Motion."""
+    end_s = scenario.run.t_end_s
+    rows = [engine(scenario, seed, run, segments).rows(end_s) for run in runs]
+    return tables(rows, scenario.run.control_period_ms)
