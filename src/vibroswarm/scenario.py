@@ -95,9 +95,14 @@ class Scenario(Section):
         """A scenario from a TOML file."""
         path = Path(path)
         try:
-            if path.stat().st_size > 64 * 2**20:
+            size = path.stat().st_size
+            if not path.is_file():  # a device or a pipe may never end
+                raise InputError("is no plain file; give the name of a file", field=str(path))
+            if size > 64 * 2**20:
                 raise InputError("is larger than 64 MiB; that is no scenario", field=str(path))
             text = path.read_text(encoding="utf-8")
+        except InputError:
+            raise
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
         except UnicodeDecodeError:

@@ -27,7 +27,7 @@ from vibroswarm.inference.replay import (
     take_sample,
     write_row,
 )
-from vibroswarm.motion.body import Body, body_of, walk_program
+from vibroswarm.motion.body import Body, body_of, speed_quantiles, walk_program
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
@@ -79,7 +79,8 @@ def tile_below(ground: Ground, x_m: float, y_m: float) -> int:
 @kernel
 def read(ground: Ground, tile: int, u: float) -> int:
     """The bit that a sample on this tile reads."""
-    vibrating = tile >= 0 and ground.tiles.ravel()[tile] == 1
+    columns = ground.tiles.shape[1]
+    vibrating = tile >= 0 and ground.tiles[tile // columns, tile % columns] == 1
     return 1 if u > (ground.vibrating_share_below if vibrating else ground.still_share_below) else 0
 
 
@@ -95,8 +96,8 @@ def listen(
 
 @kernel
 def sample_and_communicate(
-    swarm: Swarm, body: Body, ground: Ground, minds: NDArray[np.void], radio: Radio, record: Record,
-    notes: Notes, program: MindProgram, seed: int, run: int, tick: int,
+    swarm: Swarm, body: Body, speeds: NDArray[np.float64], ground: Ground, minds: NDArray[np.void],
+    radio: Radio, record: Record, notes: Notes, program: MindProgram, seed: int, run: int, tick: int,
 ) -> None:  # fmt: skip
     """Robots whose stop is over observe, update, test, compose and send, in index order."""
     for i in range(swarm.size):
@@ -112,7 +113,7 @@ def sample_and_communicate(
         sent[0], sent[1], sent[2], sent[3] = tick, i, index, minds[i].message
         radio.total[0] += 1
         write_sample(record, swarm, run, i, tick)
-        refresh(swarm, body, seed, run, i, tick)
+        refresh(swarm, body, speeds, seed, run, i, tick)
 
 
 @kernel
@@ -126,8 +127,9 @@ def all_decided(minds: NDArray[np.void]) -> bool:
 
 @kernel
 def run_whole(
-    swarm: Swarm, body: Body, walk: WalkProgram, ground: Ground, minds: NDArray[np.void], radio: Radio,
-    record: Record, notes: Notes, program: MindProgram, seed: int, run: int, until: int, stop_early: bool,
+    swarm: Swarm, body: Body, speeds: NDArray[np.float64], walk: WalkProgram, ground: Ground,
+    minds: NDArray[np.void], radio: Radio, record: Record, notes: Notes, program: MindProgram,
+    seed: int, run: int, until: int, stop_early: bool,
 ) -> int:  # fmt: skip
     """A run from tick 1 to ``until``, or until the last robot has decided; gives the tick reached."""
     for tick in range(1, until):
@@ -137,7 +139,9 @@ def run_whole(
         move(swarm, body)
         contact(swarm, body)
         if sampling > 0:
-            sample_and_communicate(swarm, body, ground, minds, radio, record, notes, program, seed, run, tick)
+            sample_and_communicate(
+                swarm, body, speeds, ground, minds, radio, record, notes, program, seed, run, tick
+            )
         account(swarm)
         if stop_early and sampling > 0 and all_decided(minds):
             return tick + 1
@@ -169,11 +173,11 @@ def whole_run(
     radio = Radio(np.zeros((room, 4), dtype=np.int64), np.zeros(1, dtype=np.int64), scenario.network.loss)
     record = empty_record(robots, room, 0)
     notes = Notes(zero_rows(room, INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
-    program = mind_program(scenario)
-    begin(swarm, body, walk, seed, run)
+    program, speeds = mind_program(scenario), speed_quantiles(scenario.robot)
+    begin(swarm, body, speeds, walk, seed, run)
     begin_minds(minds, program)
     end = run_whole(
-        swarm, body, walk, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
+        swarm, body, speeds, walk, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
         ticks, scenario.run.stop == "all_decided",
     )  # fmt: skip
     count = int(record.filled[0])

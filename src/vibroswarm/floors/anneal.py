@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import allocating_kernel, kernel
 from vibroswarm.draws import FLOOR, uniform
 from vibroswarm.floors.clusters import Cells, Clusters, no_clusters, put, take
 
@@ -48,7 +48,7 @@ def _vibrating_around(tile: Cells, stride: int, cell: int) -> int:
     return int(tile[cell - 1] + tile[cell + 1] + tile[cell - stride] + tile[cell + stride])
 
 
-@kernel
+@allocating_kernel
 def _degrees(rows: int, columns: int) -> Cells:
     """Number of neighbours of each cell, in the grid with its border; 0 on the border."""
     stride = columns + 2
@@ -88,7 +88,7 @@ def _lay(state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
     return links2, sides, whole
 
 
-@kernel
+@allocating_kernel
 def anneal(
     start: Cells, rows: int, columns: int, goal: Goal, schedule: Schedule, seed: int, search: int
 ) -> tuple[Cells, float]:

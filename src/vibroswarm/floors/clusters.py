@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import allocating_kernel, kernel
 
 Cells = NDArray[np.int64]
 
@@ -38,7 +38,7 @@ class Clusters(NamedTuple):
     stride: int
 
 
-@kernel
+@allocating_kernel
 def no_clusters(cells: int, stride: int) -> Clusters:
     """Still tiles only."""
     terms = np.zeros(cells + 1)

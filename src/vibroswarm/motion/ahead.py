@@ -19,7 +19,8 @@ import math
 
 from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Body
-from vibroswarm.motion.plans import Planners, pose_at
+from vibroswarm.motion.plans import Planners, facing_at, pose_at, see_own
+from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP, WalkProgram
 
 
@@ -31,8 +32,8 @@ def prepare_to_look(planners: Planners, i: int, body: Body, program: WalkProgram
     if row.mode == STOP or row.blocked:
         row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
     elif row.mode == DRIVE:
-        x_m, y_m, _ = pose_at(planners, i, body, program, row.own_tick)
-        row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
+        see_own(planners, i, body, program)
+        row.chord_x_m, row.chord_y_m = (row.own_x_m - row.x_m) / ticks, (row.own_y_m - row.y_m) / ticks
         row.rate_m = abs(row.speed_m_s) * body.tick_s
         bend = abs(row.rate_rad_s) * ticks * body.tick_s
         row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
@@ -44,28 +45,28 @@ def prepare_to_look(planners: Planners, i: int, body: Body, program: WalkProgram
 
 @kernel
 def wall_tick(planners: Planners, i: int, body: Body, program: WalkProgram) -> int:
-    """First tick of the plan, after its own, at which a ray may see a wall or the body come to one."""
+    """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
     row = planners[i]
-    inset = body.radius_m + body.longest_step_m
     if row.mode == STOP:
-        return int(row.own_tick)
-    if row.mode != DRIVE or row.blocked:
+        return NEVER
+    if row.blocked:  # it is tried again, and its rays have turned
+        return int(row.tick + 1)
+    inset = body.radius_m + body.longest_step_m
+    if row.mode != DRIVE:
         near = min(min(row.x_m, body.width_m - row.x_m), min(row.y_m, body.height_m - row.y_m))
-        return int(row.tick + 1 if near - row.slack_m < inset else row.own_tick)
-    ticks = row.own_tick - row.tick
+        return int(row.tick + 1) if near - row.slack_m < inset else NEVER
     far = max(body.ray_reach_m, inset) + row.slack_m
-    end_x, end_y = row.x_m + ticks * row.chord_x_m, row.y_m + ticks * row.chord_y_m
-    left, right = min(row.x_m, end_x) - far, max(row.x_m, end_x) + far
-    low, high = min(row.y_m, end_y) - far, max(row.y_m, end_y) + far
+    left, right = min(row.x_m, row.own_x_m) - far, max(row.x_m, row.own_x_m) + far
+    low, high = min(row.y_m, row.own_y_m) - far, max(row.y_m, row.own_y_m) + far
     if left > 0.0 and low > 0.0 and right < body.width_m and high < body.height_m:
-        return int(row.own_tick)
-    n = 1
-    while n < ticks:
-        free = free_ticks_to_walls(planners, i, body, program, row.tick + n, inset)
+        return NEVER
+    tick = row.tick + 1
+    while tick <= row.own_tick:
+        free = free_ticks_to_walls(planners, i, body, program, tick, inset)
         if free <= 0.0:
-            break
-        n += max(1, int(min(free, 1e9)))
-    return int(row.tick + min(n, ticks))
+            return int(tick)
+        tick += max(1, int(free))
+    return NEVER
 
 
 @kernel
@@ -77,8 +78,7 @@ def free_ticks_to_walls(
     0 or less if one has. A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
     """
     row = planners[i]
-    x, y, heading = pose_at(planners, i, body, program, tick)
-    ahead_x, ahead_y = math.cos(heading), math.sin(heading)
+    x, y, _, ahead_y, ahead_x = facing_at(planners, i, body, program, tick)
     dx, dy = row.speed_m_s * body.tick_s * ahead_x, row.speed_m_s * body.tick_s * ahead_y
     bend = row.rate_rad_s * body.tick_s
     width, height = body.width_m, body.height_m
@@ -126,26 +126,27 @@ def side_ticks(distance: float, approach: float, change: float) -> float:
 
 @kernel
 def meeting_tick(planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int) -> int:
-    """First tick after ``tick`` at which robots ``i`` and ``j`` may matter to each other under their plans.
+    """First tick after ``tick`` at which robot ``i`` or ``j`` sees the other or is blocked by it.
 
-    NEVER-like (a later tick than both plans reach) if they do not as long as both plans last.
+    NEVER if it does not come to that as long as both plans last.
     """
     a, b = planners[i], planners[j]
     last = min(a.own_tick, b.own_tick)
-    sees = a.mode == DRIVE or b.mode == DRIVE
-    zone = 2.0 * (body.radius_m + body.longest_step_m)
-    reach = max(zone, body.ray_reach_m + body.disc_radius_m) if sees else zone
+    touch = 2.0 * body.radius_m + a.rate_m + b.rate_m
+    reach = touch
+    if a.mode == DRIVE or b.mode == DRIVE:
+        reach = max(touch, body.ray_reach_m + body.disc_radius_m)
     now = tick + 1
     while now <= last:
         free = apart_ticks(planners, i, j, reach, now)
         if free >= last - now + 1:
-            return int(last + 1)
+            return NEVER
         if free < 1.0:
-            free = clear_ticks(planners, i, j, body, program, zone, now)
-            if free <= 0.0:
+            free = clear_ticks(planners, i, j, body, program, touch, now)
+            if free < 0.0 or (free < 1.0 and now < last and blocks_at(planners, i, j, body, program, now)):
                 return int(now)
         now += max(1, int(free))
-    return int(last + 1)
+    return NEVER
 
 
 @kernel
@@ -171,33 +172,51 @@ def apart_ticks(planners: Planners, i: int, j: int, reach: float, tick: int) -> 
 
 @kernel
 def clear_ticks(
-    planners: Planners, i: int, j: int, body: Body, program: WalkProgram, zone: float, tick: int
+    planners: Planners, i: int, j: int, body: Body, program: WalkProgram, touch: float, tick: int
 ) -> float:
-    """Ticks that surely pass from ``tick`` before either sees the other or they come into the zone.
+    """Ticks that surely pass from ``tick`` before either sees the other or they come nearer than ``touch``.
 
-    0 if one does already.
+    0 if they are; -1 if one sees the other. Nearer than ``touch`` a single move may bring them into contact.
     """
     a, b = planners[i], planners[j]
-    a_x, a_y, a_heading = pose_at(planners, i, body, program, tick)
-    b_x, b_y, b_heading = pose_at(planners, j, body, program, tick)
-    apart = math.hypot(b_x - a_x, b_y - a_y)
+    a_x, a_y, _, a_sin, a_cos = facing_at(planners, i, body, program, tick)
+    b_x, b_y, _, b_sin, b_cos = facing_at(planners, j, body, program, tick)
     rate = a.rate_m + b.rate_m + 1e-12
-    free = (apart - zone) / rate
-    if a.mode == DRIVE and free > 0.0:
-        gap = fan_gap_m(body, a_x, a_y, a_heading, b_x, b_y)
+    free = max(0.0, (math.hypot(b_x - a_x, b_y - a_y) - touch) / rate)
+    if a.mode == DRIVE:
+        gap = fan_gap_m(body, a_x, a_y, a_sin, a_cos, b_x, b_y)
+        if gap <= 0.0:
+            return -1.0
         free = min(free, gap / (rate + abs(a.rate_rad_s) * body.tick_s * body.ray_reach_m))
-    if b.mode == DRIVE and free > 0.0:
-        gap = fan_gap_m(body, b_x, b_y, b_heading, a_x, a_y)
+    if b.mode == DRIVE:
+        gap = fan_gap_m(body, b_x, b_y, b_sin, b_cos, a_x, a_y)
+        if gap <= 0.0:
+            return -1.0
         free = min(free, gap / (rate + abs(b.rate_rad_s) * body.tick_s * body.ray_reach_m))
     return free
 
 
 @kernel
+def blocks_at(planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int) -> bool:
+    """Whether a move from ``tick`` of one of the two would end in the other, by their plans.
+
+    The robot of lower index moves first.
+    """
+    first, second = min(i, j), max(i, j)
+    x, y, _ = pose_at(planners, first, body, program, tick + 1)
+    there_x, there_y, _ = pose_at(planners, second, body, program, tick)
+    next_x, next_y, _ = pose_at(planners, second, body, program, tick + 1)
+    touch2 = 4.0 * body.radius_m * body.radius_m
+    before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
+    after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)
+    return bool(min(before, after) < touch2 + 1e-12)
+
+
+@kernel
 def fan_gap_m(
-    body: Body, x_m: float, y_m: float, heading_rad: float, disc_x_m: float, disc_y_m: float
+    body: Body, x_m: float, y_m: float, sin_h: float, cos_h: float, disc_x_m: float, disc_y_m: float
 ) -> float:
     """Distance of a disc from the nearest of a robot's rays, each ``look`` long; 0 or less when one meets it."""
-    cos_h, sin_h = math.cos(heading_rad), math.sin(heading_rad)
     to_x, to_y = disc_x_m - x_m, disc_y_m - y_m
     ahead = to_x * cos_h + to_y * sin_h - body.ray_forward_m
     left = to_y * cos_h - to_x * sin_h

@@ -41,7 +41,6 @@ class Body(NamedTuple):
     turn_track_m: float
     misalignment_min: float
     misalignment_max: float
-    speed_quantiles: NDArray[np.float64]
     speed_redrawn: bool
     battery_life_s: float
     ray_forward_m: float
@@ -88,7 +87,6 @@ def body_of(scenario: Scenario) -> Body:
         turn_track_m=robot.turn_track_m,
         misalignment_min=robot.misalignment_min,
         misalignment_max=robot.misalignment_max,
-        speed_quantiles=speed_quantiles(robot),
         speed_redrawn=robot.speed_redraw == "sample",
         battery_life_s=robot.battery_life_s,
         ray_forward_m=rays.forward_m,
@@ -133,11 +131,13 @@ def misalignment(body: Body, seed: int, run: int, robot: int) -> float:
 
 
 @kernel
-def speed_factor(body: Body, seed: int, run: int, robot: int, sample: int) -> float:
-    """s_d of a robot after ``sample`` samples."""
+def speed_factor(
+    body: Body, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
+) -> float:
+    """s_d of a robot after ``sample`` samples; ``speeds`` as ``speed_quantiles`` gives them."""
     u = uniform(seed, run, robot, SPEED, sample if body.speed_redrawn else 0, 0)
-    place = u * (body.speed_quantiles.size - 1)
+    place = u * (speeds.size - 1)
     node = int(place)
-    low = body.speed_quantiles[node]
-    factor: float = low + (body.speed_quantiles[node + 1] - low) * (place - node)
+    low = speeds[node]
+    factor: float = low + (speeds[node + 1] - low) * (place - node)
     return factor

@@ -14,20 +14,33 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.motion.ahead import meeting_tick, prepare_to_look, wall_tick
 from vibroswarm.motion.body import Body
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.geometry import arc, wrapped_rad
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
-from vibroswarm.motion.plans import PLANNER, Planners, begin_plan, block, catch_up, own_ticks, pose_at
-from vibroswarm.motion.record import END_ROW, Record, room, write_sample
-from vibroswarm.motion.wakes import awake_at, empty_tree, set_wake, wake_by
-from vibroswarm.robot.walk import STOP, WalkProgram, looks
+from vibroswarm.motion.plans import (
+    PLANNER,
+    Planners,
+    begin_plan,
+    block,
+    catch_up,
+    own_ticks,
+    pose_at,
+    take_sample,
+    turn_command,
+)
+from vibroswarm.motion.record import END_ROW, Record, room, write_sample, write_segment
+from vibroswarm.motion.wakes import NEVER, awake_at, empty_tree, set_wake, wake_by
+from vibroswarm.robot.walk import DRIVE, STOP, WalkProgram, looks
 
 HORIZON_TICKS = 250
 """No plan reaches further: a longer one would be hard to look ahead on."""
+
+ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
+"""Rows a robot may write between two looks at the buffers: two turns, tick by tick."""
 
 
 @kernel
@@ -36,6 +49,7 @@ def events(
     tree: NDArray[np.int64],
     awake: NDArray[np.int64],
     body: Body,
+    speeds: NDArray[np.float64],
     program: WalkProgram,
     record: Record,
     seed: int,
@@ -45,11 +59,44 @@ def events(
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
     while tree[1] < until:
         tick = tree[1]
-        if room(record, planners.size) < 1:
+        if room(record, planners.size) < ROOM_TICKS:
             return int(tick)
         count = awake_at(tree, tick, awake)
-        wake(planners, tree, awake[:count], body, program, record, seed, run, tick)
+        count = sample(planners, tree, awake, count, body, speeds, record, seed, run, tick)
+        if count > 0:
+            wake(planners, tree, awake, count, body, program, record, seed, run, tick)
+    if record.segments.size > 0:
+        for i in range(planners.size):
+            write_turn(record, planners, i, body, program, run, until)
     return until
+
+
+@kernel
+def sample(
+    planners: Planners,
+    tree: NDArray[np.int64],
+    awake: NDArray[np.int64],
+    count: int,
+    body: Body,
+    speeds: NDArray[np.float64],
+    record: Record,
+    seed: int,
+    run: int,
+    tick: int,
+) -> int:
+    """Of those awake, those whose stop is over sample, and stand until the next tick; gives how many others."""
+    others = 0
+    for k in range(count):
+        i = awake[k]
+        if planners[i].mode == STOP and planners[i].sample_tick == tick:
+            take_sample(planners, i, tick)
+            write_sample(record, planners, run, i, tick)
+            refresh(planners, body, speeds, seed, run, i, tick)
+            set_wake(tree, i, planners[i].own_tick)
+        else:
+            awake[others] = i
+            others += 1
+    return others
 
 
 @kernel
@@ -57,6 +104,7 @@ def wake(
     planners: Planners,
     tree: NDArray[np.int64],
     awake: NDArray[np.int64],
+    count: int,
     body: Body,
     program: WalkProgram,
     record: Record,
@@ -65,24 +113,78 @@ def wake(
     tick: int,
 ) -> None:
     """What the robots that wake at ``tick`` do there, phase by phase, in index order."""
-    for i in awake:
+    count = rouse(planners, awake, count, body, program, record, run, tick)
+    for k in range(count):
+        i = awake[k]
+        row = planners[i]
+        if row.mode == DRIVE and row.alert_tick > tick:
+            row.nearest_mm = math.inf
+        elif looks(load(planners, i), program, row.gyro_deg):
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, i, body, program, tick)
+    for k in range(count):
+        control_one(planners, body, program, seed, run, tick, awake[k])
+        begin_plan(planners, awake[k], body, program, tick)
+    for k in range(count):
+        contact_now(planners, awake[k], body, program, tick)
+    if record.segments.size > 0:
+        for k in range(count):
+            row = planners[awake[k]]
+            pose = (row.x_m, row.y_m, row.heading_rad)
+            write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
+    for k in range(count):
+        plan(planners, tree, awake[k], body, program, tick)
+    for k in range(count):
+        meet(planners, tree, awake[k], body, program, tick)
+
+
+@kernel
+def rouse(
+    planners: Planners,
+    awake: NDArray[np.int64],
+    count: int,
+    body: Body,
+    program: WalkProgram,
+    record: Record,
+    run: int,
+    tick: int,
+) -> int:
+    """Bring those awake to ``tick``, and with them all that move so near that a new plan might block them.
+
+    Gives how many are awake now; ``awake`` stays in index order.
+    """
+    zone = 2.0 * (body.radius_m + body.longest_step_m)
+    k = 0
+    while k < count:
+        i = awake[k]
+        k += 1
+        if planners[i].tick == tick:
+            continue
+        if record.segments.size > 0:
+            write_turn(record, planners, i, body, program, run, tick)
         catch_up(planners, i, body, program, tick)
-    for i in awake:
-        if looks(load(planners, i), program, planners[i].gyro_deg):
-            planners[i].nearest_mm = 1000.0 * nearest_now_m(planners, i, body, program, tick)
-    for i in awake:
-        control_one(planners, body, program, seed, run, tick, i)
-        begin_plan(planners, i, body, program, tick)
-    for i in awake:
-        contact_now(planners, i, body, program, tick)
-    for i in awake:
-        if planners[i].sampled:
-            write_sample(record, planners, run, i, tick)
-            refresh(planners, body, seed, run, i, tick)
-    for i in awake:
-        plan(planners, tree, i, body, program, tick)
-    for i in awake:
-        meet(planners, tree, i, body, program, tick)
+        row = planners[i]
+        row.crowded = 0
+        for j in range(planners.size):
+            if j != i and maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
+                row.crowded = 1
+                if planners[j].tick != tick and planners[j].mode != STOP:
+                    count += insert(awake, count, j)
+                    k = 0
+    return count
+
+
+@kernel
+def insert(awake: NDArray[np.int64], count: int, j: int) -> int:
+    """Put ``j`` in its place; gives 1, or 0 if it is there."""
+    place = count
+    while place > 0 and awake[place - 1] >= j:
+        place -= 1
+    if place < count and awake[place] == j:
+        return 0
+    for k in range(count, place, -1):
+        awake[k] = awake[k - 1]
+    awake[place] = j
+    return 1
 
 
 @kernel
@@ -90,7 +192,7 @@ def nearest_now_m(planners: Planners, i: int, body: Body, program: WalkProgram, 
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
     x, y, reach = planners[i].x_m, planners[i].y_m, body.ray_reach_m
     nearest = math.inf
-    ahead_x, ahead_y = math.cos(planners[i].heading_rad), math.sin(planners[i].heading_rad)
+    ahead_x, ahead_y = planners[i].cos_h, planners[i].sin_h
     if x < reach or y < reach or body.width_m - x < reach or body.height_m - y < reach:
         nearest = rays_to_walls(body, x, y, ahead_x, ahead_y)
     reach += body.disc_radius_m
@@ -124,10 +226,8 @@ def contact_now(planners: Planners, i: int, body: Body, program: WalkProgram, ti
     zone = 2.0 * (body.radius_m + body.longest_step_m)
     inset = body.radius_m + body.longest_step_m
     x, y = row.x_m, row.y_m
-    near = x < inset or y < inset or body.width_m - x < inset or body.height_m - y < inset
-    for j in range(planners.size):
-        near = near or (j != i and maybe_within(planners, j, x, y, zone, tick))
-    if not near:
+    at_wall = x < inset or y < inset or body.width_m - x < inset or body.height_m - y < inset
+    if not (row.crowded or at_wall):
         return
     x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, body.tick_s)
     r = body.radius_m
@@ -146,7 +246,7 @@ def touches_now(
     planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int, x_m: float, y_m: float
 ) -> bool:
     """Whether a body at (x, y) would overlap robot ``j``, where it stands when robot ``i`` moves from ``tick``."""
-    if j < i and planners[j].tick == tick:
+    if j < i and planners[j].tick == tick and planners[j].mode != STOP:
         other_x, other_y = planners[j].from_x_m, planners[j].from_y_m
     else:
         other_x, other_y, _ = pose_at(planners, j, body, program, tick)
@@ -155,16 +255,39 @@ def touches_now(
 
 
 @kernel
+def write_turn(
+    record: Record, planners: Planners, i: int, body: Body, program: WalkProgram, run: int, until: int
+) -> None:
+    """Write down a turn's further segments, one for each tick before ``until`` at which its command changes."""
+    row = planners[i]
+    if row.mode == STOP or row.mode == DRIVE or row.blocked:
+        return
+    error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
+    before = turn_command(program, error_deg, integral_deg_s)
+    for tick in range(row.tick + 1, until):
+        error_deg -= row.turn_gain * before
+        integral_deg_s += error_deg * program.tick_ms / 1000.0
+        command = turn_command(program, error_deg, integral_deg_s)
+        if command != before and tick > row.written_tick:
+            heading = row.heading_rad + math.radians(row.error_deg - error_deg)
+            x_m = row.x_m + row.radius_m * (math.sin(heading) - row.sin_h)
+            y_m = row.y_m - row.radius_m * (math.cos(heading) - row.cos_h)
+            rate = math.radians(row.turn_gain * command) / body.tick_s
+            write_segment(record, run, i, tick, (x_m, y_m, heading), row.radius_m * rate, rate, row.mode)
+        before = command
+    row.written_tick = until - 1
+
+
+@kernel
 def plan(
     planners: Planners, tree: NDArray[np.int64], i: int, body: Body, program: WalkProgram, tick: int
 ) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
-    row.own_tick = tick + own_ticks(planners, i, program, HORIZON_TICKS)
-    if row.blocked:
-        row.own_tick = tick + 1
+    row.own_tick = tick + (1 if row.blocked else own_ticks(planners, i, program, HORIZON_TICKS))
     prepare_to_look(planners, i, body, program)
-    set_wake(tree, i, wall_tick(planners, i, body, program))
+    row.alert_tick = wall_tick(planners, i, body, program)
+    set_wake(tree, i, min(row.alert_tick, row.sample_tick if row.mode == STOP else row.own_tick))
 
 
 @kernel
@@ -176,10 +299,17 @@ def meet(
         if j == i or (planners[i].mode == STOP and planners[j].mode == STOP):
             continue
         meeting = meeting_tick(planners, i, j, body, program, tick)
-        if planners[i].mode != STOP:
-            wake_by(tree, i, meeting)
-        if planners[j].mode != STOP:
-            wake_by(tree, j, meeting)
+        if meeting < NEVER:
+            alert(planners, tree, i, meeting)
+            alert(planners, tree, j, meeting)
+
+
+@kernel
+def alert(planners: Planners, tree: NDArray[np.int64], i: int, tick: int) -> None:
+    """Another robot may matter to robot ``i`` at ``tick``; to one that stands, nobody does."""
+    if planners[i].mode != STOP:
+        planners[i].alert_tick = min(planners[i].alert_tick, tick)
+        wake_by(tree, i, tick)
 
 
 @kernel
@@ -200,9 +330,12 @@ class EventRun(KernelRun):
         """At tick 0 all stand; their own next event is the step at tick 1."""
         self.tree = empty_tree(self.swarm.size)
         self.awake = np.zeros(self.swarm.size, dtype=np.int64)
-        self.swarm["own_tick"] = 1
+        self.swarm["own_tick"], self.swarm["alert_tick"], self.swarm["stop_ticks"] = 1, NEVER, 0
+        self.swarm["sin_h"], self.swarm["cos_h"] = (
+            np.sin(self.swarm["heading_rad"]),
+            np.cos(self.swarm["heading_rad"]),
+        )
         for i in range(self.swarm.size):
-            self.swarm[i]["stop_ticks"] = 0
             set_wake(self.tree, i, 1)
 
     def copy(self) -> EventRun:
@@ -214,20 +347,13 @@ class EventRun(KernelRun):
     def move_on(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm,
-            self.tree,
-            self.awake,
-            self.body,
-            self.program,
-            self.record,
-            self.seed,
-            self.run,
-            until,
-        )
+            self.swarm, self.tree, self.awake, self.body, self.speeds, self.program, self.record,
+            self.seed, self.run, until,
+        )  # fmt: skip
 
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
-        ends = np.zeros(self.swarm.size, dtype=END_ROW)
+        ends = zero_rows(self.swarm.size, END_ROW)
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
         lay_down(self.swarm, self.body, self.program, self.tick, ends)
         return ends

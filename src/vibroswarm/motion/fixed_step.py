@@ -22,7 +22,14 @@ from vibroswarm.robot.walk import WalkProgram
 
 @kernel
 def step(
-    swarm: Swarm, body: Body, program: WalkProgram, record: Record, seed: int, run: int, tick: int
+    swarm: Swarm,
+    body: Body,
+    speeds: NDArray[np.float64],
+    program: WalkProgram,
+    record: Record,
+    seed: int,
+    run: int,
+    tick: int,
 ) -> None:
     """One control period, from ``tick`` to the next."""
     sense(swarm, body, program)
@@ -32,27 +39,37 @@ def step(
     if record.segments.size > 0:
         write_segments(record, swarm, run, tick, True)
     if sampling > 0:
-        sample(swarm, body, record, seed, run, tick)
+        sample(swarm, body, speeds, record, seed, run, tick)
     account(swarm)
 
 
 @kernel
-def sample(swarm: Swarm, body: Body, record: Record, seed: int, run: int, tick: int) -> None:
+def sample(
+    swarm: Swarm, body: Body, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
+) -> None:
     """Write down the samples taken at this tick."""
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)
-            refresh(swarm, body, seed, run, i, tick)
+            refresh(swarm, body, speeds, seed, run, i, tick)
 
 
 @kernel
 def steps(
-    swarm: Swarm, body: Body, program: WalkProgram, record: Record, seed: int, run: int, tick: int, until: int
+    swarm: Swarm,
+    body: Body,
+    speeds: NDArray[np.float64],
+    program: WalkProgram,
+    record: Record,
+    seed: int,
+    run: int,
+    tick: int,
+    until: int,
 ) -> int:
     """Periods from ``tick`` to ``until``, or while the buffers surely suffice; gives the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
-        step(swarm, body, program, record, seed, run, now)
+        step(swarm, body, speeds, program, record, seed, run, now)
     return max(tick, until)
 
 
@@ -63,7 +80,17 @@ class FixedStepRun(KernelRun):
 
     def move_on(self, until: int) -> int:
         """Every control period up to the tick ``until``, or for as long as the buffers suffice."""
-        return steps(self.swarm, self.body, self.program, self.record, self.seed, self.run, self.tick, until)
+        return steps(
+            self.swarm,
+            self.body,
+            self.speeds,
+            self.program,
+            self.record,
+            self.seed,
+            self.run,
+            self.tick,
+            until,
+        )
 
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""

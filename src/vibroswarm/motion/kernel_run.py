@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import zero_rows
 from vibroswarm.errors import InputError
-from vibroswarm.motion.body import body_of, walk_program
+from vibroswarm.motion.body import body_of, speed_quantiles, walk_program
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import begin
 from vibroswarm.motion.record import Rows, copy_record, empty_record, tables, write_segments
@@ -29,9 +29,10 @@ class KernelRun:
     def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
         self.tick_ms, self.seed, self.run = scenario.run.control_period_ms, seed, run
         self.body, self.program = body_of(scenario), walk_program(scenario)
+        self.speeds = speed_quantiles(scenario.robot)
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
-        begin(self.swarm, self.body, self.program, seed, run)
+        begin(self.swarm, self.body, self.speeds, self.program, seed, run)
         self.tick = 0
         self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
         self.prepare()
@@ -71,7 +72,9 @@ class KernelRun:
             self.record.filled[:] = 0
         return Rows(
             np.concatenate(samples or [self.record.samples[:0]]),
-            np.concatenate(segments or [self.record.segments[:0]]) if self.record.segments.size else None,
+            in_order(np.concatenate(segments or [self.record.segments[:0]]))
+            if self.record.segments.size
+            else None,
             self.ends(),
         )
 
@@ -85,6 +88,11 @@ class KernelRun:
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
         raise NotImplementedError
+
+
+def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
+    """Segment rows by time, then robot: an engine may write a turn down when it is over."""
+    return segments[np.lexsort((segments["robot"], segments["tick"]))]
 
 
 def batch_of(

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import allocating_kernel, kernel
 from vibroswarm.draws import AVOIDANCE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.body import Body, misalignment, speed_factor
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
@@ -81,14 +81,16 @@ def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) 
     return Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
 
 
-@kernel
-def begin(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int) -> None:
+@allocating_kernel
+def begin(
+    swarm: Swarm, body: Body, speeds: NDArray[np.float64], program: WalkProgram, seed: int, run: int
+) -> None:
     """The state at tick 0: placed, standing, with the first leg drawn."""
     place(swarm, body, seed, run)
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, 0, 1) - 1.0)
         swarm[i].misalignment = misalignment(body, seed, run, i)
-        swarm[i].speed_factor = speed_factor(body, seed, run, i, 0)
+        swarm[i].speed_factor = speed_factor(body, speeds, seed, run, i, 0)
         swarm[i].battery = 1.0
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
@@ -99,7 +101,7 @@ def begin(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int) -
         roll(swarm, i, seed, run, 1, 0)
 
 
-@kernel
+@allocating_kernel
 def place(swarm: Swarm, body: Body, seed: int, run: int) -> None:
     """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
     left, right, low, high = body.start[0], body.start[1], body.start[2], body.start[3]
@@ -116,7 +118,7 @@ def place(swarm: Swarm, body: Body, seed: int, run: int) -> None:
             return
 
 
-@kernel
+@allocating_kernel
 def place_on_lattice(swarm: Swarm, body: Body, seed: int, run: int) -> None:
     """Robots side by side on distinct sites of a lattice, drawn at random (Fisher-Yates)."""
     columns, rows = body.lattice[0], body.lattice[1]
@@ -269,9 +271,11 @@ def contact(swarm: Swarm, body: Body) -> None:
 
 
 @kernel
-def refresh(swarm: Swarm, body: Body, seed: int, run: int, i: int, tick: int) -> None:
+def refresh(
+    swarm: Swarm, body: Body, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
+) -> None:
     """What changes at a sample: the speed factor is drawn anew, the battery is read."""
-    swarm[i].speed_factor = speed_factor(body, seed, run, i, swarm[i].samples)
+    swarm[i].speed_factor = speed_factor(body, speeds, seed, run, i, swarm[i].samples)
     swarm[i].battery = 1.0 - tick * body.tick_s / body.battery_life_s
 
 

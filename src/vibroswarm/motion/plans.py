@@ -35,20 +35,34 @@ from vibroswarm.robot.walk import (
 
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
-    + [(name, np.int64) for name in ("tick", "own_tick", "turn_ticks_ahead", "written_tick", "blocked")]
+    + [(name, np.int64) for name in ("tick", "own_tick", "alert_tick", "sample_tick")]
+    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "crowded", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain")]
+    + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
     + [(name, np.float64) for name in ("chord_x_m", "chord_y_m", "slack_m", "rate_m")]
 )
-"""``ROBOT``, and its plan: the tick it is from, the tick of its own next event (timer, leg, end of turn or
-stop), the state of a turn just before that event, the segment rows already written, whether its move at
-``tick`` was blocked; sine and cosine of the heading at ``tick``; and for looking ahead: its chord a tick,
-how far it may be beside the chord, and how far it moves at most in a tick."""
+"""``ROBOT``, and its plan.
+
+tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
+a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
+the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event. blocked: the move at ``tick``
+did not happen. crowded: another body is near. written_tick: a turn's segments are
+written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose at ``own_tick`` of a robot that
+drives. chord, slack, rate: moves a tick on average, how far beside that it may be, how far it moves at most in a
+tick."""
 
 Planners = NDArray[np.void]
 
 STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
+
+
+@kernel
+def turn_command(program: WalkProgram, error_deg: float, integral_deg_s: float) -> float:
+    """Wheel command of a turn, %: 2.5 e + 0.15 integral, clipped."""
+    command = program.gain * error_deg + program.integral_gain * integral_deg_s
+    return min(max(command, -100.0), 100.0)
 
 
 @kernel
@@ -114,9 +128,9 @@ def own_ticks(planners: Planners, i: int, program: WalkProgram, horizon: int) ->
     """Ticks ahead of the robot's next own event, at most ``horizon``; a turn's is worked out and kept."""
     row = planners[i]
     if row.mode == STOP:
-        if row.sampled:
-            return 1
-        return max(1, math.ceil((program.stop_ms - row.stopped_ms) / program.tick_ms))
+        wait = max(1, math.ceil((program.stop_ms - row.stopped_ms) / program.tick_ms))
+        row.sample_tick = row.tick + wait
+        return wait + 1  # it walks again at the tick after the sample
     most = min(due_ticks(row.mode, row.timer_ms, program), horizon)
     if row.mode == DRIVE:
         leg = 1 + max(0, math.ceil((row.leg_ms - row.driven_ms) / program.tick_ms))
@@ -133,13 +147,11 @@ def own_ticks(planners: Planners, i: int, program: WalkProgram, horizon: int) ->
 def begin_plan(planners: Planners, i: int, body: Body, program: WalkProgram, tick: int) -> None:
     """Take what ``control`` has just set as the plan from ``tick`` on."""
     row = planners[i]
-    row.tick, row.blocked = tick, 0
+    row.tick, row.written_tick, row.blocked, row.turn_ticks_ahead = tick, tick, 0, 0
     if row.mode == DRIVE:
-        row.sin_h, row.cos_h = math.sin(row.heading_rad), math.cos(row.heading_rad)
         straight = abs(row.rate_rad_s) < STRAIGHT_RAD_S
         row.radius_m = 0.0 if straight else row.speed_m_s / row.rate_rad_s
     elif row.mode != STOP:
-        row.sin_h, row.cos_h = math.sin(row.heading_rad), math.cos(row.heading_rad)
         row.radius_m = 0.5 * row.misalignment * body.turn_track_m
         full = body.full_speed_m_s * row.speed_factor * row.battery
         row.turn_gain = math.degrees(0.02 * full / body.turn_track_m * body.tick_s)
@@ -166,22 +178,40 @@ def turned_to(planners: Planners, i: int, program: WalkProgram, n: int) -> tuple
 def pose_at(
     planners: Planners, i: int, body: Body, program: WalkProgram, tick: int
 ) -> tuple[float, float, float]:
-    """Position and heading at a tick of the plan, m, m, rad."""
+    """Position at a tick of the plan, m, and sine and cosine of the heading there are in ``facing_at``."""
+    x_m, y_m, heading_rad, _, _ = facing_at(planners, i, body, program, tick)
+    return x_m, y_m, heading_rad
+
+
+@kernel
+def facing_at(
+    planners: Planners, i: int, body: Body, program: WalkProgram, tick: int
+) -> tuple[float, float, float, float, float]:
+    """Position and heading at a tick of the plan, m, m, rad, and the heading's sine and cosine."""
     row = planners[i]
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
-        return row.x_m, row.y_m, row.heading_rad
+        return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
     if row.mode == DRIVE:
         heading = row.heading_rad + row.rate_rad_s * (n * body.tick_s)
-        if row.radius_m == 0.0:
-            along = row.speed_m_s * (n * body.tick_s)
-            return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading
     else:
         error_deg, _, gyro_deg = turned_to(planners, i, program, n)
         heading = row.heading_rad + math.radians(row.error_deg - (error_deg - gyro_deg))
-    x_m = row.x_m + row.radius_m * (math.sin(heading) - row.sin_h)
-    y_m = row.y_m - row.radius_m * (math.cos(heading) - row.cos_h)
-    return x_m, y_m, heading
+    sin_h, cos_h = math.sin(heading), math.cos(heading)
+    if row.mode == DRIVE and row.radius_m == 0.0:  # straight, or blocked
+        along = row.speed_m_s * (n * body.tick_s)
+        return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading, sin_h, cos_h
+    x_m = row.x_m + row.radius_m * (sin_h - row.sin_h)
+    y_m = row.y_m - row.radius_m * (cos_h - row.cos_h)
+    return x_m, y_m, heading, sin_h, cos_h
+
+
+@kernel
+def see_own(planners: Planners, i: int, body: Body, program: WalkProgram) -> None:
+    """Work out the pose at ``own_tick``."""
+    row = planners[i]
+    pose = facing_at(planners, i, body, program, row.own_tick)
+    row.own_x_m, row.own_y_m, row.own_heading_rad, row.own_sin_h, row.own_cos_h = pose
 
 
 @kernel
@@ -189,21 +219,36 @@ def catch_up(planners: Planners, i: int, body: Body, program: WalkProgram, tick:
     """Bring a robot to ``tick``, just before its step there: pose, clocks, turn, time account."""
     row = planners[i]
     n = tick - row.tick
-    x_m, y_m, heading_rad = pose_at(planners, i, body, program, tick)
     passed_ms = (n - 1) * program.tick_ms
     if row.mode == STOP:
         row.stop_ticks += n
         row.stopped_ms += passed_ms
-    elif row.mode == DRIVE:
+        row.tick = tick
+        return
+    if row.mode == DRIVE:
         row.drive_ticks += n
         row.driven_ms += passed_ms
-        row.timer_ms += passed_ms
+    elif row.mode == TURN:
+        row.turn_ticks += n
     else:
-        if row.mode == TURN:
-            row.turn_ticks += n
-        else:
-            row.avoid_ticks += n
-        if counts(row.mode, program.timer):
-            row.timer_ms += passed_ms
-        row.error_deg, row.integral_deg_s, row.gyro_deg = turned_to(planners, i, program, n)
-    row.x_m, row.y_m, row.heading_rad, row.tick = x_m, y_m, heading_rad, tick
+        row.avoid_ticks += n
+    if counts(row.mode, program.timer):
+        row.timer_ms += passed_ms
+    if row.mode == DRIVE and tick == row.own_tick and not row.blocked:
+        row.x_m, row.y_m, row.heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
+        row.sin_h, row.cos_h = row.own_sin_h, row.own_cos_h
+    else:
+        x_m, y_m, heading_rad, sin_h, cos_h = facing_at(planners, i, body, program, tick)
+        if row.mode != DRIVE:
+            row.error_deg, row.integral_deg_s, row.gyro_deg = turned_to(planners, i, program, n)
+        row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h = x_m, y_m, heading_rad, sin_h, cos_h
+    row.tick = tick
+
+
+@kernel
+def take_sample(planners: Planners, i: int, tick: int) -> None:
+    """The stop is over: the robot is at the tick of its sample, and still stands."""
+    row = planners[i]
+    row.stop_ticks += tick - row.tick
+    row.tick, row.sampled = tick, 1
+    row.samples += 1

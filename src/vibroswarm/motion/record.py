@@ -102,19 +102,36 @@ def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move
         after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
     """
     for i in range(swarm.size):
-        kind = swarm[i].mode
-        speed, rate = swarm[i].speed_m_s, swarm[i].rate_rad_s
-        latest = record.latest[i]
-        if latest[0] == speed and latest[1] == rate and latest[2] == kind:
-            continue
-        latest[0], latest[1], latest[2] = speed, rate, kind
-        row = record.segments[record.filled[1]]
-        record.filled[1] += 1
-        row.run, row.robot, row.tick, row.kind = run, i, tick, kind
-        row.x_m = swarm[i].from_x_m if after_move else swarm[i].x_m
-        row.y_m = swarm[i].from_y_m if after_move else swarm[i].y_m
-        row.heading_rad = wrapped_rad(swarm[i].from_heading_rad if after_move else swarm[i].heading_rad)
-        row.speed_m_s, row.rate_rad_s = speed, rate
+        row = swarm[i]
+        here, came_from = (
+            (row.x_m, row.y_m, row.heading_rad),
+            (row.from_x_m, row.from_y_m, row.from_heading_rad),
+        )
+        pose = came_from if after_move else here
+        write_segment(record, run, i, tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
+
+
+@kernel
+def write_segment(
+    record: Record,
+    run: int,
+    i: int,
+    tick: int,
+    pose: tuple[float, float, float],
+    speed_m_s: float,
+    rate_rad_s: float,
+    kind: int,
+) -> None:
+    """A row if robot ``i``'s open segment has another speed, turn rate or kind."""
+    latest = record.latest[i]
+    if latest[0] == speed_m_s and latest[1] == rate_rad_s and latest[2] == kind:
+        return
+    latest[0], latest[1], latest[2] = speed_m_s, rate_rad_s, kind
+    row = record.segments[record.filled[1]]
+    record.filled[1] += 1
+    row.run, row.robot, row.tick, row.kind = run, i, tick, kind
+    row.x_m, row.y_m, row.heading_rad = pose[0], pose[1], wrapped_rad(pose[2])
+    row.speed_m_s, row.rate_rad_s = speed_m_s, rate_rad_s
 
 
 def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:

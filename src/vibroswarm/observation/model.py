@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import allocating_kernel
 from vibroswarm.draws import SENSING, uniform
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
@@ -76,7 +76,7 @@ def _measured(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
     return np.asarray(values, dtype=np.float64)
 
 
-@kernel
+@allocating_kernel
 def sensing_numbers(
     seed: int, run: NDArray[np.uint32], robot: NDArray[np.uint16], sample: NDArray[np.uint32]
 ) -> NDArray[np.float64]:
