@@ -27,12 +27,12 @@ from vibroswarm.inference.replay import (
     take_sample,
     write_row,
 )
-from vibroswarm.motion.body import Body, body_of, speed_quantiles, walk_program
+from vibroswarm.motion.body import Setup, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
 from vibroswarm.observation.model import OBSERVATIONS, energy_of, sensing_numbers, share_below
-from vibroswarm.robot.walk import STOP, WalkProgram
+from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import MindProgram
 
@@ -96,7 +96,7 @@ def listen(
 
 @kernel
 def sample_and_communicate(
-    swarm: Swarm, body: Body, speeds: NDArray[np.float64], ground: Ground, minds: NDArray[np.void],
+    swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], ground: Ground, minds: NDArray[np.void],
     radio: Radio, record: Record, notes: Notes, program: MindProgram, seed: int, run: int, tick: int,
 ) -> None:  # fmt: skip
     """Robots whose stop is over observe, update, test, compose and send, in index order."""
@@ -113,7 +113,7 @@ def sample_and_communicate(
         sent[0], sent[1], sent[2], sent[3] = tick, i, index, minds[i].message
         radio.total[0] += 1
         write_sample(record, swarm, run, i, tick)
-        refresh(swarm, body, speeds, seed, run, i, tick)
+        refresh(swarm, setup, speeds, seed, run, i, tick)
 
 
 @kernel
@@ -127,20 +127,20 @@ def all_decided(minds: NDArray[np.void]) -> bool:
 
 @kernel
 def run_whole(
-    swarm: Swarm, body: Body, speeds: NDArray[np.float64], walk: WalkProgram, ground: Ground,
+    swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], ground: Ground,
     minds: NDArray[np.void], radio: Radio, record: Record, notes: Notes, program: MindProgram,
     seed: int, run: int, until: int, stop_early: bool,
 ) -> int:  # fmt: skip
     """A run from tick 1 to ``until``, or until the last robot has decided; gives the tick reached."""
     for tick in range(1, until):
-        sense(swarm, body, walk)
-        sampling = control(swarm, body, walk, seed, run, tick)
+        sense(swarm, setup)
+        sampling = control(swarm, setup, seed, run, tick)
         listen(swarm, minds, radio, program, seed, run, tick)
-        move(swarm, body)
-        contact(swarm, body)
+        move(swarm, setup)
+        contact(swarm, setup)
         if sampling > 0:
             sample_and_communicate(
-                swarm, body, speeds, ground, minds, radio, record, notes, program, seed, run, tick
+                swarm, setup, speeds, ground, minds, radio, record, notes, program, seed, run, tick
             )
         account(swarm)
         if stop_early and sampling > 0 and all_decided(minds):
@@ -166,18 +166,19 @@ def whole_run(
 ) -> tuple[Motion, pl.DataFrame, pl.DataFrame, pl.DataFrame]:
     """Motion, observation table, inference table and final posteriors of one run, made in one loop."""
     robots, ticks = scenario.swarm.robots, scenario.ticks
-    walk, body = walk_program(scenario), body_of(scenario)
-    between = 1 + int(walk.sample_interval_ms // walk.tick_ms) + int(walk.stop_ms // walk.tick_ms)
+    setup, speeds = setup_of(scenario), speed_quantiles(scenario.robot)
+    tick_ms = scenario.run.control_period_ms
+    between = 1 + int(scenario.sample.sample_interval_ms // tick_ms) + int(scenario.sample.stop_ms // tick_ms)
     room = robots * (ticks // between + 2)
     swarm, minds = zero_rows(robots, ROBOT), zero_rows(robots, MIND)
     radio = Radio(np.zeros((room, 4), dtype=np.int64), np.zeros(1, dtype=np.int64), scenario.network.loss)
     record = empty_record(robots, room, 0)
     notes = Notes(zero_rows(room, INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
-    program, speeds = mind_program(scenario), speed_quantiles(scenario.robot)
-    begin(swarm, body, speeds, walk, seed, run)
+    program = mind_program(scenario)
+    begin(swarm, setup, speeds, seed, run)
     begin_minds(minds, program)
     end = run_whole(
-        swarm, body, speeds, walk, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
+        swarm, setup, speeds, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
         ticks, scenario.run.stop == "all_decided",
     )  # fmt: skip
     count = int(record.filled[0])

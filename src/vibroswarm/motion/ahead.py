@@ -18,24 +18,24 @@ from __future__ import annotations
 import math
 
 from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import Body
+from vibroswarm.motion.body import Setup
 from vibroswarm.motion.plans import Planners, facing_at, pose_at, see_own
 from vibroswarm.motion.wakes import NEVER
-from vibroswarm.robot.walk import DRIVE, STOP, WalkProgram
+from vibroswarm.robot.walk import DRIVE, STOP
 
 
 @kernel
-def prepare_to_look(planners: Planners, i: int, body: Body, program: WalkProgram) -> None:
+def prepare_to_look(planners: Planners, i: int, setup: Setup) -> None:
     """Chord, slack and rate of a plan that reaches to its ``own_tick``."""
     row = planners[i]
     ticks = row.own_tick - row.tick
     if row.mode == STOP or row.blocked:
         row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
     elif row.mode == DRIVE:
-        see_own(planners, i, body, program)
+        see_own(planners, i, setup)
         row.chord_x_m, row.chord_y_m = (row.own_x_m - row.x_m) / ticks, (row.own_y_m - row.y_m) / ticks
-        row.rate_m = abs(row.speed_m_s) * body.tick_s
-        bend = abs(row.rate_rad_s) * ticks * body.tick_s
+        row.rate_m = abs(row.speed_m_s) * setup.tick_s
+        bend = abs(row.rate_rad_s) * ticks * setup.tick_s
         row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
     else:
         row.chord_x_m = row.chord_y_m = 0.0
@@ -44,25 +44,25 @@ def prepare_to_look(planners: Planners, i: int, body: Body, program: WalkProgram
 
 
 @kernel
-def wall_tick(planners: Planners, i: int, body: Body, program: WalkProgram) -> int:
+def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
     """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
     row = planners[i]
     if row.mode == STOP:
         return NEVER
     if row.blocked:  # it is tried again, and its rays have turned
         return int(row.tick + 1)
-    inset = body.radius_m + body.longest_step_m
+    inset = setup.radius_m + setup.longest_step_m
     if row.mode != DRIVE:
-        near = min(min(row.x_m, body.width_m - row.x_m), min(row.y_m, body.height_m - row.y_m))
+        near = min(min(row.x_m, setup.width_m - row.x_m), min(row.y_m, setup.height_m - row.y_m))
         return int(row.tick + 1) if near - row.slack_m < inset else NEVER
-    far = max(body.ray_reach_m, inset) + row.slack_m
+    far = max(setup.ray_reach_m, inset) + row.slack_m
     left, right = min(row.x_m, row.own_x_m) - far, max(row.x_m, row.own_x_m) + far
     low, high = min(row.y_m, row.own_y_m) - far, max(row.y_m, row.own_y_m) + far
-    if left > 0.0 and low > 0.0 and right < body.width_m and high < body.height_m:
+    if left > 0.0 and low > 0.0 and right < setup.width_m and high < setup.height_m:
         return NEVER
     tick = row.tick + 1
     while tick <= row.own_tick:
-        free = free_ticks_to_walls(planners, i, body, program, tick, inset)
+        free = free_ticks_to_walls(planners, i, setup, tick, inset)
         if free <= 0.0:
             return int(tick)
         tick += max(1, int(free))
@@ -70,25 +70,23 @@ def wall_tick(planners: Planners, i: int, body: Body, program: WalkProgram) -> i
 
 
 @kernel
-def free_ticks_to_walls(
-    planners: Planners, i: int, body: Body, program: WalkProgram, tick: int, inset: float
-) -> float:
+def free_ticks_to_walls(planners: Planners, i: int, setup: Setup, tick: int, inset: float) -> float:
     """Ticks that surely pass from ``tick`` before a ray's end leaves the arena or the body its inset.
 
     0 or less if one has. A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
     """
     row = planners[i]
-    x, y, _, ahead_y, ahead_x = facing_at(planners, i, body, program, tick)
-    dx, dy = row.speed_m_s * body.tick_s * ahead_x, row.speed_m_s * body.tick_s * ahead_y
-    bend = row.rate_rad_s * body.tick_s
-    width, height = body.width_m, body.height_m
+    x, y, _, ahead_y, ahead_x = facing_at(planners, i, setup, tick)
+    dx, dy = row.speed_m_s * setup.tick_s * ahead_x, row.speed_m_s * setup.tick_s * ahead_y
+    bend = row.rate_rad_s * setup.tick_s
+    width, height = setup.width_m, setup.height_m
     free = free_ticks(x - inset, dx, y - inset, dy, width - 2 * inset, height - 2 * inset, bend, row.rate_m)
-    for k in range(len(body.ray_side_m)):
+    for k in range(setup.ray_side_m.size):
         # The ray's end in the robot's frame, and turned into the arena's.
-        along = body.ray_forward_m + body.look_m * body.ray_cos[k]
-        beside = body.ray_side_m[k] + body.look_m * body.ray_sin[k]
+        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
         tip_x, tip_y = along * ahead_x - beside * ahead_y, along * ahead_y + beside * ahead_x
-        most = row.rate_m + abs(bend) * body.ray_reach_m
+        most = row.rate_m + abs(bend) * setup.ray_reach_m
         free = min(
             free,
             free_ticks(x + tip_x, dx - bend * tip_y, y + tip_y, dy + bend * tip_x, width, height, bend, most),
@@ -125,28 +123,49 @@ def side_ticks(distance: float, approach: float, change: float) -> float:
 
 
 @kernel
-def meeting_tick(planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int) -> int:
+def meeting_tick(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> int:
     """First tick after ``tick`` at which robot ``i`` or ``j`` sees the other or is blocked by it.
 
     NEVER if it does not come to that as long as both plans last.
     """
     a, b = planners[i], planners[j]
+    if a.mode == STOP and b.mode == STOP:
+        return NEVER
     last = min(a.own_tick, b.own_tick)
-    touch = 2.0 * body.radius_m + a.rate_m + b.rate_m
+    touch = 2.0 * setup.radius_m + a.rate_m + b.rate_m
     reach = touch
     if a.mode == DRIVE or b.mode == DRIVE:
-        reach = max(touch, body.ray_reach_m + body.disc_radius_m)
+        reach = max(touch, setup.ray_reach_m + setup.disc_radius_m)
     now = tick + 1
     while now <= last:
         free = apart_ticks(planners, i, j, reach, now)
         if free >= last - now + 1:
             return NEVER
         if free < 1.0:
-            free = clear_ticks(planners, i, j, body, program, touch, now)
-            if free < 0.0 or (free < 1.0 and now < last and blocks_at(planners, i, j, body, program, now)):
+            free = clear_ticks(planners, i, j, setup, touch, now)
+            if free < 0.0 or (free < 1.0 and now < last and blocks_at(planners, i, j, setup, now)):
                 return int(now)
         now += max(1, int(free))
     return NEVER
+
+
+@kernel
+def may_meet(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> bool:
+    """Whether the chords of two plans come so near, as long as both last, that a closer look is due.
+
+    One test for the many pairs that do not: their least distance is where the derivative of its square is 0.
+    """
+    a, b = planners[i], planners[j]
+    span = min(a.own_tick, b.own_tick) - tick
+    x = a.x_m - b.x_m - (tick - b.tick) * b.chord_x_m
+    y = a.y_m - b.y_m - (tick - b.tick) * b.chord_y_m
+    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
+    nearest = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-30)
+    nearest = min(max(nearest, 0.0), float(span))
+    x, y = x + nearest * dx, y + nearest * dy
+    far = max(2.0 * (setup.radius_m + setup.longest_step_m), setup.ray_reach_m + setup.disc_radius_m)
+    far += a.slack_m + b.slack_m
+    return bool(x * x + y * y < far * far)
 
 
 @kernel
@@ -171,42 +190,70 @@ def apart_ticks(planners: Planners, i: int, j: int, reach: float, tick: int) -> 
 
 
 @kernel
-def clear_ticks(
-    planners: Planners, i: int, j: int, body: Body, program: WalkProgram, touch: float, tick: int
-) -> float:
+def clear_ticks(planners: Planners, i: int, j: int, setup: Setup, touch: float, tick: int) -> float:
     """Ticks that surely pass from ``tick`` before either sees the other or they come nearer than ``touch``.
 
     0 if they are; -1 if one sees the other. Nearer than ``touch`` a single move may bring them into contact.
+    A robot that turns is first taken as standing somewhere within its slack, which is mostly enough.
     """
     a, b = planners[i], planners[j]
-    a_x, a_y, _, a_sin, a_cos = facing_at(planners, i, body, program, tick)
-    b_x, b_y, _, b_sin, b_cos = facing_at(planners, j, body, program, tick)
-    rate = a.rate_m + b.rate_m + 1e-12
-    free = max(0.0, (math.hypot(b_x - a_x, b_y - a_y) - touch) / rate)
+    if is_turning(a.mode) or is_turning(b.mode):
+        free = clear_from(planners, i, j, setup, touch, a.x_m, a.y_m, b.x_m, b.y_m, tick, True)
+        if free >= 1.0:
+            return free
+    return clear_from(planners, i, j, setup, touch, 0.0, 0.0, 0.0, 0.0, tick, False)
+
+
+@kernel
+def is_turning(mode: int) -> bool:
+    """Whether a robot in this mode turns in place."""
+    return mode != DRIVE and mode != STOP
+
+
+@kernel
+def clear_from(
+    planners: Planners, i: int, j: int, setup: Setup, touch: float,
+    a_x: float, a_y: float, b_x: float, b_y: float, tick: int, roughly: bool,
+) -> float:  # fmt: skip
+    """``clear_ticks``; ``roughly``: robots that turn are about where they began to, as given."""
+    a, b = planners[i], planners[j]
+    a_sin, a_cos, b_sin, b_cos = 0.0, 1.0, 0.0, 1.0
+    slack, rate = 0.0, 1e-12
+    if roughly and is_turning(a.mode):
+        slack += a.slack_m
+    else:
+        a_x, a_y, _, a_sin, a_cos = facing_at(planners, i, setup, tick)
+        rate += a.rate_m
+    if roughly and is_turning(b.mode):
+        slack += b.slack_m
+    else:
+        b_x, b_y, _, b_sin, b_cos = facing_at(planners, j, setup, tick)
+        rate += b.rate_m
+    free = max(0.0, (math.hypot(b_x - a_x, b_y - a_y) - touch - slack) / rate)
     if a.mode == DRIVE:
-        gap = fan_gap_m(body, a_x, a_y, a_sin, a_cos, b_x, b_y)
+        gap = fan_gap_m(setup, a_x, a_y, a_sin, a_cos, b_x, b_y) - slack
         if gap <= 0.0:
             return -1.0
-        free = min(free, gap / (rate + abs(a.rate_rad_s) * body.tick_s * body.ray_reach_m))
+        free = min(free, gap / (rate + abs(a.rate_rad_s) * setup.tick_s * setup.ray_reach_m))
     if b.mode == DRIVE:
-        gap = fan_gap_m(body, b_x, b_y, b_sin, b_cos, a_x, a_y)
+        gap = fan_gap_m(setup, b_x, b_y, b_sin, b_cos, a_x, a_y) - slack
         if gap <= 0.0:
             return -1.0
-        free = min(free, gap / (rate + abs(b.rate_rad_s) * body.tick_s * body.ray_reach_m))
+        free = min(free, gap / (rate + abs(b.rate_rad_s) * setup.tick_s * setup.ray_reach_m))
     return free
 
 
 @kernel
-def blocks_at(planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int) -> bool:
+def blocks_at(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> bool:
     """Whether a move from ``tick`` of one of the two would end in the other, by their plans.
 
     The robot of lower index moves first.
     """
     first, second = min(i, j), max(i, j)
-    x, y, _ = pose_at(planners, first, body, program, tick + 1)
-    there_x, there_y, _ = pose_at(planners, second, body, program, tick)
-    next_x, next_y, _ = pose_at(planners, second, body, program, tick + 1)
-    touch2 = 4.0 * body.radius_m * body.radius_m
+    x, y, _ = pose_at(planners, first, setup, tick + 1)
+    there_x, there_y, _ = pose_at(planners, second, setup, tick)
+    next_x, next_y, _ = pose_at(planners, second, setup, tick + 1)
+    touch2 = 4.0 * setup.radius_m * setup.radius_m
     before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
     after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)
     return bool(min(before, after) < touch2 + 1e-12)
@@ -214,17 +261,17 @@ def blocks_at(planners: Planners, i: int, j: int, body: Body, program: WalkProgr
 
 @kernel
 def fan_gap_m(
-    body: Body, x_m: float, y_m: float, sin_h: float, cos_h: float, disc_x_m: float, disc_y_m: float
+    setup: Setup, x_m: float, y_m: float, sin_h: float, cos_h: float, disc_x_m: float, disc_y_m: float
 ) -> float:
     """Distance of a disc from the nearest of a robot's rays, each ``look`` long; 0 or less when one meets it."""
     to_x, to_y = disc_x_m - x_m, disc_y_m - y_m
-    ahead = to_x * cos_h + to_y * sin_h - body.ray_forward_m
+    ahead = to_x * cos_h + to_y * sin_h - setup.ray_forward_m
     left = to_y * cos_h - to_x * sin_h
     nearest2 = math.inf
-    for k in range(len(body.ray_side_m)):
-        beside = left - body.ray_side_m[k]
-        along = ahead * body.ray_cos[k] + beside * body.ray_sin[k]
-        along = min(max(along, 0.0), body.look_m)
-        off_x, off_y = ahead - along * body.ray_cos[k], beside - along * body.ray_sin[k]
+    for k in range(setup.ray_side_m.size):
+        beside = left - setup.ray_side_m[k]
+        along = ahead * setup.ray_cos[k] + beside * setup.ray_sin[k]
+        along = min(max(along, 0.0), setup.look_m)
+        off_x, off_y = ahead - along * setup.ray_cos[k], beside - along * setup.ray_sin[k]
         nearest2 = min(nearest2, off_x * off_x + off_y * off_y)
-    return math.sqrt(nearest2) - body.disc_radius_m
+    return math.sqrt(nearest2) - setup.disc_radius_m

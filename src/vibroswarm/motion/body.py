@@ -12,14 +12,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.checks import lattice_sites, longest_step_m, start_region
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.draws import HARDWARE, SPEED, uniform
 from vibroswarm.fields import Robot
 from vibroswarm.robot.walk import TIMERS, WalkProgram
@@ -29,35 +30,16 @@ SPEED_NODES: Final = 2**14
 """Intervals of the table of the speed factor's quantile; between nodes it is linear."""
 
 
-class Body(NamedTuple):
-    """Parameters of arena, bodies and rays; lengths in m, times in s."""
+Setup = Any
+"""What a scenario says of bodies and walk, as one row of numbers (``setup_of``): compiled code passes it on at
+no cost. Its fields are those of ``WalkProgram`` and:
 
-    tick_s: float
-    width_m: float
-    height_m: float
-    radius_m: float
-    full_speed_m_s: float
-    drive_track_m: float
-    turn_track_m: float
-    misalignment_min: float
-    misalignment_max: float
-    speed_redrawn: bool
-    battery_life_s: float
-    ray_forward_m: float
-    ray_side_m: tuple[float, ...]
-    ray_cos: tuple[float, ...]
-    ray_sin: tuple[float, ...]
-    look_m: float
-    """Rays matter up to the shorter of their range and theta_c."""
-    ray_reach_m: float
-    """No ray sees a thing further than this from the robot's centre."""
-    disc_radius_m: float
-    longest_step_m: float
-    """No robot moves further between two ticks."""
-    start: tuple[float, float, float, float]
-    """x from, x to, y from, y to of the centres at the start."""
-    lattice: tuple[int, int]
-    """Columns and rows of robots that fit side by side into it."""
+tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
+misalignment_min, misalignment_max; speed_redrawn (0, 1); battery_life_s; ray_forward_m and, one entry a ray,
+ray_side_m, ray_cos, ray_sin; look_m: rays matter up to the shorter of their range and theta_c; ray_reach_m: no ray
+sees a thing further than this from the robot's centre; disc_radius_m of other robots to rays; longest_step_m: no
+robot moves further between two ticks; start: x from, x to, y from, y to of the centres at the start; lattice:
+columns and rows of robots that fit side by side into it."""
 
 
 @lru_cache(maxsize=16)
@@ -72,34 +54,49 @@ def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
     return np.ascontiguousarray(table, dtype=np.float64)
 
 
-def body_of(scenario: Scenario) -> Body:
+def setup_of(scenario: Scenario) -> Setup:
     """The parameters of a scenario as the kernels read them."""
     robot, rays = scenario.robot, scenario.rays
     look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
     angles = [math.radians(angle) for angle in rays.angle_deg]
-    return Body(
-        tick_s=scenario.tick_s,
-        width_m=scenario.arena.width_m,
-        height_m=scenario.arena.height_m,
-        radius_m=robot.body_radius_m,
-        full_speed_m_s=robot.full_speed_m_s,
-        drive_track_m=robot.drive_track_m,
-        turn_track_m=robot.turn_track_m,
-        misalignment_min=robot.misalignment_min,
-        misalignment_max=robot.misalignment_max,
-        speed_redrawn=robot.speed_redraw == "sample",
-        battery_life_s=robot.battery_life_s,
-        ray_forward_m=rays.forward_m,
-        ray_side_m=tuple(rays.side_m),
-        ray_cos=tuple(math.cos(angle) for angle in angles),
-        ray_sin=tuple(math.sin(angle) for angle in angles),
-        look_m=look_m,
-        ray_reach_m=math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m,
-        disc_radius_m=rays.disc_radius_m,
-        longest_step_m=longest_step_m(scenario),
-        start=start_region(scenario),
-        lattice=lattice_sites(scenario),
-    )
+    values: dict[str, Any] = {
+        "tick_s": scenario.tick_s,
+        "width_m": scenario.arena.width_m,
+        "height_m": scenario.arena.height_m,
+        "radius_m": robot.body_radius_m,
+        "full_speed_m_s": robot.full_speed_m_s,
+        "drive_track_m": robot.drive_track_m,
+        "turn_track_m": robot.turn_track_m,
+        "misalignment_min": robot.misalignment_min,
+        "misalignment_max": robot.misalignment_max,
+        "speed_redrawn": int(robot.speed_redraw == "sample"),
+        "battery_life_s": robot.battery_life_s,
+        "ray_forward_m": rays.forward_m,
+        "ray_side_m": list(rays.side_m),
+        "ray_cos": [math.cos(angle) for angle in angles],
+        "ray_sin": [math.sin(angle) for angle in angles],
+        "look_m": look_m,
+        "ray_reach_m": math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m,
+        "disc_radius_m": rays.disc_radius_m,
+        "longest_step_m": longest_step_m(scenario),
+        "start": list(start_region(scenario)),
+        "lattice": list(lattice_sites(scenario)),
+        **walk_program(scenario)._asdict(),
+    }
+    return _row(values)
+
+
+def _row(values: Mapping[str, Any]) -> Setup:
+    """Named numbers and lists of numbers as one row; whole numbers and truths as int64."""
+    fields: list[tuple[Any, ...]] = []
+    for name, value in values.items():
+        array = np.asarray(value)
+        kind = np.float64 if array.dtype.kind == "f" else np.int64
+        fields.append((name, kind, array.shape) if array.shape else (name, kind))
+    rows = zero_rows(1, np.dtype(fields))
+    for name, value in values.items():
+        rows[name][0] = value
+    return rows[0]
 
 
 def walk_program(scenario: Scenario) -> WalkProgram:
@@ -124,18 +121,18 @@ def walk_program(scenario: Scenario) -> WalkProgram:
 
 
 @kernel
-def misalignment(body: Body, seed: int, run: int, robot: int) -> float:
+def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
     """m_d of a robot."""
     u = uniform(seed, run, robot, HARDWARE, 0, 0)
-    return body.misalignment_min + (body.misalignment_max - body.misalignment_min) * u
+    return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
 
 
 @kernel
 def speed_factor(
-    body: Body, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
+    setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
 ) -> float:
     """s_d of a robot after ``sample`` samples; ``speeds`` as ``speed_quantiles`` gives them."""
-    u = uniform(seed, run, robot, SPEED, sample if body.speed_redrawn else 0, 0)
+    u = uniform(seed, run, robot, SPEED, sample if setup.speed_redrawn else 0, 0)
     place = u * (speeds.size - 1)
     node = int(place)
     low = speeds[node]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.motion.ahead import meeting_tick, prepare_to_look, wall_tick
-from vibroswarm.motion.body import Body
+from vibroswarm.motion.ahead import may_meet, meeting_tick, prepare_to_look, wall_tick
+from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.geometry import arc, wrapped_rad
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
@@ -34,7 +34,7 @@ from vibroswarm.motion.plans import (
 )
 from vibroswarm.motion.record import END_ROW, Record, room, write_sample, write_segment
 from vibroswarm.motion.wakes import NEVER, awake_at, empty_tree, set_wake, wake_by
-from vibroswarm.robot.walk import DRIVE, STOP, WalkProgram, looks
+from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
 """No plan reaches further: a longer one would be hard to look ahead on."""
@@ -48,9 +48,8 @@ def events(
     planners: Planners,
     tree: NDArray[np.int64],
     awake: NDArray[np.int64],
-    body: Body,
+    setup: Setup,
     speeds: NDArray[np.float64],
-    program: WalkProgram,
     record: Record,
     seed: int,
     run: int,
@@ -62,12 +61,12 @@ def events(
         if room(record, planners.size) < ROOM_TICKS:
             return int(tick)
         count = awake_at(tree, tick, awake)
-        count = sample(planners, tree, awake, count, body, speeds, record, seed, run, tick)
+        count = sample(planners, tree, awake, count, setup, speeds, record, seed, run, tick)
         if count > 0:
-            wake(planners, tree, awake, count, body, program, record, seed, run, tick)
+            wake(planners, tree, awake, count, setup, record, seed, run, tick)
     if record.segments.size > 0:
         for i in range(planners.size):
-            write_turn(record, planners, i, body, program, run, until)
+            write_turn(record, planners, i, setup, run, until)
     return until
 
 
@@ -77,7 +76,7 @@ def sample(
     tree: NDArray[np.int64],
     awake: NDArray[np.int64],
     count: int,
-    body: Body,
+    setup: Setup,
     speeds: NDArray[np.float64],
     record: Record,
     seed: int,
@@ -91,7 +90,7 @@ def sample(
         if planners[i].mode == STOP and planners[i].sample_tick == tick:
             take_sample(planners, i, tick)
             write_sample(record, planners, run, i, tick)
-            refresh(planners, body, speeds, seed, run, i, tick)
+            refresh(planners, setup, speeds, seed, run, i, tick)
             set_wake(tree, i, planners[i].own_tick)
         else:
             awake[others] = i
@@ -105,36 +104,35 @@ def wake(
     tree: NDArray[np.int64],
     awake: NDArray[np.int64],
     count: int,
-    body: Body,
-    program: WalkProgram,
+    setup: Setup,
     record: Record,
     seed: int,
     run: int,
     tick: int,
 ) -> None:
     """What the robots that wake at ``tick`` do there, phase by phase, in index order."""
-    count = rouse(planners, awake, count, body, program, record, run, tick)
+    count = rouse(planners, awake, count, setup, record, run, tick)
     for k in range(count):
         i = awake[k]
         row = planners[i]
         if row.mode == DRIVE and row.alert_tick > tick:
             row.nearest_mm = math.inf
-        elif looks(load(planners, i), program, row.gyro_deg):
-            row.nearest_mm = 1000.0 * nearest_now_m(planners, i, body, program, tick)
+        elif looks(load(planners, i), setup, row.gyro_deg):
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, i, setup, tick)
     for k in range(count):
-        control_one(planners, body, program, seed, run, tick, awake[k])
-        begin_plan(planners, awake[k], body, program, tick)
+        control_one(planners, setup, seed, run, tick, awake[k])
+        begin_plan(planners, awake[k], setup, tick)
     for k in range(count):
-        contact_now(planners, awake[k], body, program, tick)
+        contact_now(planners, awake[k], setup, tick)
     if record.segments.size > 0:
         for k in range(count):
             row = planners[awake[k]]
             pose = (row.x_m, row.y_m, row.heading_rad)
             write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
     for k in range(count):
-        plan(planners, tree, awake[k], body, program, tick)
+        plan(planners, tree, awake[k], setup, tick)
     for k in range(count):
-        meet(planners, tree, awake[k], body, program, tick)
+        meet(planners, tree, awake[k], setup, tick)
 
 
 @kernel
@@ -142,8 +140,7 @@ def rouse(
     planners: Planners,
     awake: NDArray[np.int64],
     count: int,
-    body: Body,
-    program: WalkProgram,
+    setup: Setup,
     record: Record,
     run: int,
     tick: int,
@@ -152,7 +149,7 @@ def rouse(
 
     Gives how many are awake now; ``awake`` stays in index order.
     """
-    zone = 2.0 * (body.radius_m + body.longest_step_m)
+    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
     k = 0
     while k < count:
         i = awake[k]
@@ -160,8 +157,8 @@ def rouse(
         if planners[i].tick == tick:
             continue
         if record.segments.size > 0:
-            write_turn(record, planners, i, body, program, run, tick)
-        catch_up(planners, i, body, program, tick)
+            write_turn(record, planners, i, setup, run, tick)
+        catch_up(planners, i, setup, tick)
         row = planners[i]
         row.crowded = 0
         for j in range(planners.size):
@@ -188,19 +185,19 @@ def insert(awake: NDArray[np.int64], count: int, j: int) -> int:
 
 
 @kernel
-def nearest_now_m(planners: Planners, i: int, body: Body, program: WalkProgram, tick: int) -> float:
+def nearest_now_m(planners: Planners, i: int, setup: Setup, tick: int) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
-    x, y, reach = planners[i].x_m, planners[i].y_m, body.ray_reach_m
+    x, y, reach = planners[i].x_m, planners[i].y_m, setup.ray_reach_m
     nearest = math.inf
     ahead_x, ahead_y = planners[i].cos_h, planners[i].sin_h
-    if x < reach or y < reach or body.width_m - x < reach or body.height_m - y < reach:
-        nearest = rays_to_walls(body, x, y, ahead_x, ahead_y)
-    reach += body.disc_radius_m
+    if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
+        nearest = rays_to_walls(setup, x, y, ahead_x, ahead_y)
+    reach += setup.disc_radius_m
     for j in range(planners.size):
         if j != i and maybe_within(planners, j, x, y, reach, tick):
-            other_x, other_y, _ = pose_at(planners, j, body, program, tick)
-            nearest = min(nearest, rays_to_disc(body, x, y, ahead_x, ahead_y, other_x, other_y))
-    return nearest if nearest <= body.look_m else math.inf
+            other_x, other_y, _ = pose_at(planners, j, setup, tick)
+            nearest = min(nearest, rays_to_disc(setup, x, y, ahead_x, ahead_y, other_x, other_y))
+    return nearest if nearest <= setup.look_m else math.inf
 
 
 @kernel
@@ -214,8 +211,8 @@ def maybe_within(planners: Planners, j: int, x_m: float, y_m: float, distance_m:
 
 
 @kernel
-def contact_now(planners: Planners, i: int, body: Body, program: WalkProgram, tick: int) -> None:
-    """Block robot ``i``'s move from ``tick`` if it would end in a wall or a body.
+def contact_now(planners: Planners, i: int, setup: Setup, tick: int) -> None:
+    """Block robot ``i``'s move from ``tick`` if it would end in a wall or a setup.
 
     Robots before ``i`` have moved already (those that could be touched are awake), those after it have not.
     """
@@ -223,18 +220,18 @@ def contact_now(planners: Planners, i: int, body: Body, program: WalkProgram, ti
     row.from_x_m, row.from_y_m = row.x_m, row.y_m  # where it will be at the next tick, if nobody is near
     if row.speed_m_s == 0.0:
         return
-    zone = 2.0 * (body.radius_m + body.longest_step_m)
-    inset = body.radius_m + body.longest_step_m
+    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
+    inset = setup.radius_m + setup.longest_step_m
     x, y = row.x_m, row.y_m
-    at_wall = x < inset or y < inset or body.width_m - x < inset or body.height_m - y < inset
+    at_wall = x < inset or y < inset or setup.width_m - x < inset or setup.height_m - y < inset
     if not (row.crowded or at_wall):
         return
-    x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, body.tick_s)
-    r = body.radius_m
-    hit = x < r or y < r or x > body.width_m - r or y > body.height_m - r
+    x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s)
+    r = setup.radius_m
+    hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
     for j in range(planners.size):
         if j != i and not hit and maybe_within(planners, j, x, y, zone, tick):
-            hit = touches_now(planners, i, j, body, program, tick, x, y)
+            hit = touches_now(planners, i, j, setup, tick, x, y)
     if hit:
         block(planners, i)
     else:
@@ -242,63 +239,55 @@ def contact_now(planners: Planners, i: int, body: Body, program: WalkProgram, ti
 
 
 @kernel
-def touches_now(
-    planners: Planners, i: int, j: int, body: Body, program: WalkProgram, tick: int, x_m: float, y_m: float
-) -> bool:
+def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m: float, y_m: float) -> bool:
     """Whether a body at (x, y) would overlap robot ``j``, where it stands when robot ``i`` moves from ``tick``."""
     if j < i and planners[j].tick == tick and planners[j].mode != STOP:
         other_x, other_y = planners[j].from_x_m, planners[j].from_y_m
     else:
-        other_x, other_y, _ = pose_at(planners, j, body, program, tick)
+        other_x, other_y, _ = pose_at(planners, j, setup, tick)
     dx, dy = other_x - x_m, other_y - y_m
-    return bool(dx * dx + dy * dy < 4.0 * body.radius_m * body.radius_m)
+    return bool(dx * dx + dy * dy < 4.0 * setup.radius_m * setup.radius_m)
 
 
 @kernel
-def write_turn(
-    record: Record, planners: Planners, i: int, body: Body, program: WalkProgram, run: int, until: int
-) -> None:
+def write_turn(record: Record, planners: Planners, i: int, setup: Setup, run: int, until: int) -> None:
     """Write down a turn's further segments, one for each tick before ``until`` at which its command changes."""
     row = planners[i]
     if row.mode == STOP or row.mode == DRIVE or row.blocked:
         return
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
-    before = turn_command(program, error_deg, integral_deg_s)
+    before = turn_command(setup, error_deg, integral_deg_s)
     for tick in range(row.tick + 1, until):
         error_deg -= row.turn_gain * before
-        integral_deg_s += error_deg * program.tick_ms / 1000.0
-        command = turn_command(program, error_deg, integral_deg_s)
+        integral_deg_s += error_deg * setup.tick_ms / 1000.0
+        command = turn_command(setup, error_deg, integral_deg_s)
         if command != before and tick > row.written_tick:
             heading = row.heading_rad + math.radians(row.error_deg - error_deg)
             x_m = row.x_m + row.radius_m * (math.sin(heading) - row.sin_h)
             y_m = row.y_m - row.radius_m * (math.cos(heading) - row.cos_h)
-            rate = math.radians(row.turn_gain * command) / body.tick_s
+            rate = math.radians(row.turn_gain * command) / setup.tick_s
             write_segment(record, run, i, tick, (x_m, y_m, heading), row.radius_m * rate, rate, row.mode)
         before = command
     row.written_tick = until - 1
 
 
 @kernel
-def plan(
-    planners: Planners, tree: NDArray[np.int64], i: int, body: Body, program: WalkProgram, tick: int
-) -> None:
+def plan(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
-    row.own_tick = tick + (1 if row.blocked else own_ticks(planners, i, program, HORIZON_TICKS))
-    prepare_to_look(planners, i, body, program)
-    row.alert_tick = wall_tick(planners, i, body, program)
+    row.own_tick = tick + (1 if row.blocked else own_ticks(planners, i, setup, HORIZON_TICKS))
+    prepare_to_look(planners, i, setup)
+    row.alert_tick = wall_tick(planners, i, setup)
     set_wake(tree, i, min(row.alert_tick, row.sample_tick if row.mode == STOP else row.own_tick))
 
 
 @kernel
-def meet(
-    planners: Planners, tree: NDArray[np.int64], i: int, body: Body, program: WalkProgram, tick: int
-) -> None:
+def meet(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     for j in range(planners.size):
-        if j == i or (planners[i].mode == STOP and planners[j].mode == STOP):
+        if j == i or not may_meet(planners, i, j, setup, tick):
             continue
-        meeting = meeting_tick(planners, i, j, body, program, tick)
+        meeting = meeting_tick(planners, i, j, setup, tick)
         if meeting < NEVER:
             alert(planners, tree, i, meeting)
             alert(planners, tree, j, meeting)
@@ -313,10 +302,10 @@ def alert(planners: Planners, tree: NDArray[np.int64], i: int, tick: int) -> Non
 
 
 @kernel
-def lay_down(planners: Planners, body: Body, program: WalkProgram, tick: int, ends: NDArray[np.void]) -> None:
+def lay_down(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]) -> None:
     """Where the robots are at ``tick``, into rows of ``END_ROW``."""
     for i in range(planners.size):
-        ends[i].x_m, ends[i].y_m, heading = pose_at(planners, i, body, program, tick)
+        ends[i].x_m, ends[i].y_m, heading = pose_at(planners, i, setup, tick)
         ends[i].heading_rad = wrapped_rad(heading)
         ends[i].stop_tick = planners[i].stop_tick if planners[i].mode == STOP else -1
 
@@ -347,7 +336,7 @@ class EventRun(KernelRun):
     def move_on(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.tree, self.awake, self.body, self.speeds, self.program, self.record,
+            self.swarm, self.tree, self.awake, self.setup, self.speeds, self.record,
             self.seed, self.run, until,
         )  # fmt: skip
 
@@ -355,7 +344,7 @@ class EventRun(KernelRun):
         """Where the robots are now: ``END_ROW``."""
         ends = zero_rows(self.swarm.size, END_ROW)
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
-        lay_down(self.swarm, self.body, self.program, self.tick, ends)
+        lay_down(self.swarm, self.setup, self.tick, ends)
         return ends
 
 

@@ -12,54 +12,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import Body
+from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.phases import ROBOT, Swarm, account, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, end_rows, room, write_sample, write_segments
-from vibroswarm.robot.walk import WalkProgram
 
 
 @kernel
 def step(
     swarm: Swarm,
-    body: Body,
+    setup: Setup,
     speeds: NDArray[np.float64],
-    program: WalkProgram,
     record: Record,
     seed: int,
     run: int,
     tick: int,
 ) -> None:
     """One control period, from ``tick`` to the next."""
-    sense(swarm, body, program)
-    sampling = control(swarm, body, program, seed, run, tick)
-    move(swarm, body)
-    contact(swarm, body)
+    sense(swarm, setup)
+    sampling = control(swarm, setup, seed, run, tick)
+    move(swarm, setup)
+    contact(swarm, setup)
     if record.segments.size > 0:
         write_segments(record, swarm, run, tick, True)
     if sampling > 0:
-        sample(swarm, body, speeds, record, seed, run, tick)
+        sample(swarm, setup, speeds, record, seed, run, tick)
     account(swarm)
 
 
 @kernel
 def sample(
-    swarm: Swarm, body: Body, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
+    swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
 ) -> None:
     """Write down the samples taken at this tick."""
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)
-            refresh(swarm, body, speeds, seed, run, i, tick)
+            refresh(swarm, setup, speeds, seed, run, i, tick)
 
 
 @kernel
 def steps(
     swarm: Swarm,
-    body: Body,
+    setup: Setup,
     speeds: NDArray[np.float64],
-    program: WalkProgram,
     record: Record,
     seed: int,
     run: int,
@@ -69,7 +66,7 @@ def steps(
     """Periods from ``tick`` to ``until``, or while the buffers surely suffice; gives the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
-        step(swarm, body, speeds, program, record, seed, run, now)
+        step(swarm, setup, speeds, record, seed, run, now)
     return max(tick, until)
 
 
@@ -80,17 +77,7 @@ class FixedStepRun(KernelRun):
 
     def move_on(self, until: int) -> int:
         """Every control period up to the tick ``until``, or for as long as the buffers suffice."""
-        return steps(
-            self.swarm,
-            self.body,
-            self.speeds,
-            self.program,
-            self.record,
-            self.seed,
-            self.run,
-            self.tick,
-            until,
-        )
+        return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import zero_rows
 from vibroswarm.errors import InputError
-from vibroswarm.motion.body import body_of, speed_quantiles, walk_program
+from vibroswarm.motion.body import setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import begin
 from vibroswarm.motion.record import Rows, copy_record, empty_record, tables, write_segments
@@ -28,11 +28,11 @@ class KernelRun:
 
     def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
         self.tick_ms, self.seed, self.run = scenario.run.control_period_ms, seed, run
-        self.body, self.program = body_of(scenario), walk_program(scenario)
+        self.setup = setup_of(scenario)
         self.speeds = speed_quantiles(scenario.robot)
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
-        begin(self.swarm, self.body, self.speeds, self.program, seed, run)
+        begin(self.swarm, self.setup, self.speeds, seed, run)
         self.tick = 0
         self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
         self.prepare()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, kernel
 from vibroswarm.draws import AVOIDANCE, PLACEMENT, WALK, uniform
-from vibroswarm.motion.body import Body, misalignment, speed_factor
+from vibroswarm.motion.body import Setup, misalignment, speed_factor
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
 from vibroswarm.robot.walk import (
     AVOID,
@@ -21,7 +21,6 @@ from vibroswarm.robot.walk import (
     STOP,
     TURN,
     Dice,
-    WalkProgram,
     WalkState,
     begin_walk,
     looks,
@@ -42,7 +41,7 @@ ROBOT = np.dtype(
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
 speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
 the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; and the
-``WalkState`` of its program."""
+``WalkState`` of its setup."""
 
 Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
@@ -82,60 +81,58 @@ def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) 
 
 
 @allocating_kernel
-def begin(
-    swarm: Swarm, body: Body, speeds: NDArray[np.float64], program: WalkProgram, seed: int, run: int
-) -> None:
+def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> None:
     """The state at tick 0: placed, standing, with the first leg drawn."""
-    place(swarm, body, seed, run)
+    place(swarm, setup, seed, run)
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, 0, 1) - 1.0)
-        swarm[i].misalignment = misalignment(body, seed, run, i)
-        swarm[i].speed_factor = speed_factor(body, speeds, seed, run, i, 0)
+        swarm[i].misalignment = misalignment(setup, seed, run, i)
+        swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, 0)
         swarm[i].battery = 1.0
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
         swarm[i].gyro_deg = 0.0
         swarm[i].stop_tick = 0
         first = Dice(uniform(seed, run, i, WALK, 0, 0), 0.5, 0.5)
-        store(swarm, i, begin_walk(program, first))
+        store(swarm, i, begin_walk(setup, first))
         roll(swarm, i, seed, run, 1, 0)
 
 
 @allocating_kernel
-def place(swarm: Swarm, body: Body, seed: int, run: int) -> None:
+def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
     """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
-    left, right, low, high = body.start[0], body.start[1], body.start[2], body.start[3]
+    left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
         found = False
         for attempt in range(1000):
             swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, 0)
             swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, 0)
-            if not touches(swarm, body, i, i, swarm[i].x_m, swarm[i].y_m):
+            if not touches(swarm, setup, i, i, swarm[i].x_m, swarm[i].y_m):
                 found = True
                 break
         if not found:
-            place_on_lattice(swarm, body, seed, run)
+            place_on_lattice(swarm, setup, seed, run)
             return
 
 
 @allocating_kernel
-def place_on_lattice(swarm: Swarm, body: Body, seed: int, run: int) -> None:
+def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
     """Robots side by side on distinct sites of a lattice, drawn at random (Fisher-Yates)."""
-    columns, rows = body.lattice[0], body.lattice[1]
+    columns, rows = setup.lattice[0], setup.lattice[1]
     sites = np.arange(columns * rows)
-    pitch_x = (body.start[1] - body.start[0]) / max(columns - 1, 1)
-    pitch_y = (body.start[3] - body.start[2]) / max(rows - 1, 1)
+    pitch_x = (setup.start[1] - setup.start[0]) / max(columns - 1, 1)
+    pitch_y = (setup.start[3] - setup.start[2]) / max(rows - 1, 1)
     for i in range(swarm.size):
         other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, 0, 2))
         sites[i], sites[other] = sites[other], sites[i]
-        swarm[i].x_m = body.start[0] + pitch_x * (sites[i] % columns)
-        swarm[i].y_m = body.start[2] + pitch_y * (sites[i] // columns)
+        swarm[i].x_m = setup.start[0] + pitch_x * (sites[i] % columns)
+        swarm[i].y_m = setup.start[2] + pitch_y * (sites[i] // columns)
 
 
 @kernel
-def touches(swarm: Swarm, body: Body, i: int, count: int, x_m: float, y_m: float) -> bool:
+def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: float) -> bool:
     """Whether a body at (x, y) would overlap one of the first ``count`` robots, robot ``i`` left out."""
-    apart = 4.0 * body.radius_m * body.radius_m
+    apart = 4.0 * setup.radius_m * setup.radius_m
     for j in range(count):
         dx, dy = swarm[j].x_m - x_m, swarm[j].y_m - y_m
         if j != i and dx * dx + dy * dy < apart:
@@ -144,125 +141,123 @@ def touches(swarm: Swarm, body: Body, i: int, count: int, x_m: float, y_m: float
 
 
 @kernel
-def sense(swarm: Swarm, body: Body, program: WalkProgram) -> None:
+def sense(swarm: Swarm, setup: Setup) -> None:
     """Read the rays of the robots that are about to look."""
     for i in range(swarm.size):
-        if looks(load(swarm, i), program, swarm[i].gyro_deg):
-            swarm[i].nearest_mm = 1000.0 * nearest_m(swarm, body, i)
+        if looks(load(swarm, i), setup, swarm[i].gyro_deg):
+            swarm[i].nearest_mm = 1000.0 * nearest_m(swarm, setup, i)
 
 
 @kernel
-def nearest_m(swarm: Swarm, body: Body, i: int) -> float:
+def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     """The shortest of robot ``i``'s rays, m; infinite when none sees a thing that would matter.
 
     What lies beyond ``look_m``, the shorter of range and theta_c, changes nothing and is not looked for.
     """
-    x, y, reach = swarm[i].x_m, swarm[i].y_m, body.ray_reach_m
-    near_wall = x < reach or y < reach or body.width_m - x < reach or body.height_m - y < reach
+    x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
+    near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
     nearest = math.inf
     ahead_x, ahead_y = math.cos(swarm[i].heading_rad), math.sin(swarm[i].heading_rad)
     if near_wall:
-        nearest = rays_to_walls(body, x, y, ahead_x, ahead_y)
-    reach += body.disc_radius_m
+        nearest = rays_to_walls(setup, x, y, ahead_x, ahead_y)
+    reach += setup.disc_radius_m
     for j in range(swarm.size):
         dx, dy = swarm[j].x_m - x, swarm[j].y_m - y
         if j != i and dx * dx + dy * dy < reach * reach:
-            nearest = min(nearest, rays_to_disc(body, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m))
-    return nearest if nearest <= body.look_m else math.inf
+            nearest = min(nearest, rays_to_disc(setup, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m))
+    return nearest if nearest <= setup.look_m else math.inf
 
 
 @kernel
-def rays_to_walls(body: Body, x_m: float, y_m: float, ahead_x: float, ahead_y: float) -> float:
+def rays_to_walls(setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float) -> float:
     """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
     nearest = math.inf
-    for k in range(len(body.ray_side_m)):
-        from_x = x_m + body.ray_forward_m * ahead_x - body.ray_side_m[k] * ahead_y
-        from_y = y_m + body.ray_forward_m * ahead_y + body.ray_side_m[k] * ahead_x
-        dx = ahead_x * body.ray_cos[k] - ahead_y * body.ray_sin[k]
-        dy = ahead_y * body.ray_cos[k] + ahead_x * body.ray_sin[k]
-        nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, body.width_m, body.height_m))
+    for k in range(setup.ray_side_m.size):
+        from_x = x_m + setup.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + setup.ray_forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
+        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
     return nearest
 
 
 @kernel
 def rays_to_disc(
-    body: Body, x_m: float, y_m: float, ahead_x: float, ahead_y: float, disc_x_m: float, disc_y_m: float
+    setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float, disc_x_m: float, disc_y_m: float
 ) -> float:
     """The shortest ray to another robot's disc, m."""
     nearest = math.inf
-    for k in range(len(body.ray_side_m)):
-        from_x = x_m + body.ray_forward_m * ahead_x - body.ray_side_m[k] * ahead_y
-        from_y = y_m + body.ray_forward_m * ahead_y + body.ray_side_m[k] * ahead_x
-        dx = ahead_x * body.ray_cos[k] - ahead_y * body.ray_sin[k]
-        dy = ahead_y * body.ray_cos[k] + ahead_x * body.ray_sin[k]
-        nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, body.disc_radius_m))
+    for k in range(setup.ray_side_m.size):
+        from_x = x_m + setup.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + setup.ray_forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
+        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m))
     return nearest
 
 
 @kernel
-def control(swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int, tick: int) -> int:
+def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
     """Step each robot's program; commands become speed and turn rate. Gives how many sample now."""
     sampling = 0
     for i in range(swarm.size):
-        sampling += control_one(swarm, body, program, seed, run, tick, i)
+        sampling += control_one(swarm, setup, seed, run, tick, i)
     return sampling
 
 
 @kernel
-def control_one(
-    swarm: Swarm, body: Body, program: WalkProgram, seed: int, run: int, tick: int, i: int
-) -> int:
+def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
     """``control`` of robot ``i``; gives 1 if it samples now, else 0."""
     before = load(swarm, i)
     row = swarm[i]
     dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
-    after = walk_step(before, program, row.gyro_deg, row.nearest_mm, dice)
+    after = walk_step(before, setup, row.gyro_deg, row.nearest_mm, dice)
     store(swarm, i, after)
     if after.legs != before.legs or after.avoidances != before.avoidances:
         roll(swarm, i, seed, run, after.legs, after.avoidances)
     if after.mode == STOP and before.mode != STOP:
         row.stop_tick = tick
-    left, right = wheel_commands_percent(after, program)
-    full = 0.01 * body.full_speed_m_s * row.speed_factor * row.battery
+    left, right = wheel_commands_percent(after, setup)
+    full = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
     left_m_s = left * full * (1.0 - row.misalignment)
     right_m_s = right * full * (1.0 + row.misalignment)
-    track_m = body.drive_track_m if after.mode == DRIVE else body.turn_track_m
+    track_m = setup.drive_track_m if after.mode == DRIVE else setup.turn_track_m
     row.speed_m_s = 0.5 * (left_m_s + right_m_s)
     row.rate_rad_s = (right_m_s - left_m_s) / track_m
     return 1 if after.sampled else 0
 
 
 @kernel
-def move(swarm: Swarm, body: Body) -> None:
+def move(swarm: Swarm, setup: Setup) -> None:
     """Where each robot would be at the next tick if nothing stood in its way."""
     for i in range(swarm.size):
         row = swarm[i]
-        row.gyro_deg = math.degrees(row.rate_rad_s * body.tick_s)
+        row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
         if row.mode == STOP:
             row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
         else:
             row.from_x_m, row.from_y_m, row.from_heading_rad = arc(
-                row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, body.tick_s
+                row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s
             )
 
 
 @kernel
-def blocked(swarm: Swarm, body: Body, i: int) -> bool:
-    """Whether robot ``i``'s move would end in a wall or in another body, as they stand now."""
-    x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, body.radius_m
-    if x < r or y < r or x > body.width_m - r or y > body.height_m - r:
+def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
+    """Whether robot ``i``'s move would end in a wall or in another setup, as they stand now."""
+    x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
+    if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
         return True
-    return touches(swarm, body, i, swarm.size, x, y)
+    return touches(swarm, setup, i, swarm.size, x, y)
 
 
 @kernel
-def contact(swarm: Swarm, body: Body) -> None:
+def contact(swarm: Swarm, setup: Setup) -> None:
     """Move the robots in index order; one that would overlap stays, while heading and clocks go on.
 
     ``from_x_m`` and ``from_y_m`` hold where each robot came from afterwards, for the segment table.
     """
     for i in range(swarm.size):
-        if swarm[i].speed_m_s != 0.0 and blocked(swarm, body, i):
+        if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
             swarm[i].speed_m_s = 0.0
             swarm[i].from_x_m, swarm[i].from_y_m = swarm[i].x_m, swarm[i].y_m
         swarm[i].x_m, swarm[i].from_x_m = swarm[i].from_x_m, swarm[i].x_m
@@ -272,11 +267,11 @@ def contact(swarm: Swarm, body: Body) -> None:
 
 @kernel
 def refresh(
-    swarm: Swarm, body: Body, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
+    swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
     """What changes at a sample: the speed factor is drawn anew, the battery is read."""
-    swarm[i].speed_factor = speed_factor(body, speeds, seed, run, i, swarm[i].samples)
-    swarm[i].battery = 1.0 - tick * body.tick_s / body.battery_life_s
+    swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, swarm[i].samples)
+    swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
 
 
 @kernel

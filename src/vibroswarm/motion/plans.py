@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import Body
+from vibroswarm.motion.body import Setup
 from vibroswarm.motion.phases import ROBOT
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import (
@@ -29,7 +29,6 @@ from vibroswarm.robot.walk import (
     DRIVE,
     STOP,
     TURN,
-    WalkProgram,
     counts,
 )
 
@@ -59,84 +58,147 @@ STRAIGHT_RAD_S: Final = 1e-8
 
 
 @kernel
-def turn_command(program: WalkProgram, error_deg: float, integral_deg_s: float) -> float:
+def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float:
     """Wheel command of a turn, %: 2.5 e + 0.15 integral, clipped."""
-    command = program.gain * error_deg + program.integral_gain * integral_deg_s
+    command = setup.gain * error_deg + setup.integral_gain * integral_deg_s
     return min(max(command, -100.0), 100.0)
 
 
 @kernel
 def turn_ahead(
-    program: WalkProgram, gain: float, error_deg: float, integral_deg_s: float, most: int
+    setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
     """Ticks of a turn up to the one at which it is done, at most ``most``.
 
     Gives n, and error, integral and gyro as they stand just before the step n ticks ahead.
     """
-    dt_s = program.tick_ms / 1000.0
-    n, gyro_deg = 0, 0.0
-    while n < most:
-        command = program.gain * error_deg + program.integral_gain * integral_deg_s
-        if n > 0:
-            error_deg -= gyro_deg
-            integral_deg_s += error_deg * dt_s
-            command = program.gain * error_deg + program.integral_gain * integral_deg_s
-        gyro_deg = gain * min(max(command, -100.0), 100.0)
-        n += 1
-        if abs(error_deg - gyro_deg) <= program.tolerance_deg:
+    dt_s = setup.tick_ms / 1000.0
+    command = turn_command(setup, error_deg, integral_deg_s)
+    gyro_deg = gain * command
+    n = 1
+    while n < most and abs(error_deg - gyro_deg) > setup.tolerance_deg:
+        if is_tail(setup, gain, error_deg, integral_deg_s, command):
+            n, error_deg, integral_deg_s = tail_ahead(setup, gain, error_deg, integral_deg_s, n, most)
+            gyro_deg = gain * turn_command(setup, error_deg, integral_deg_s)
             break
-        skip = saturated_ticks(program, gain, error_deg, integral_deg_s, command, most - n)
+        skip = saturated_ticks(setup, gain, error_deg, integral_deg_s, command, most - n)
         if skip > 0:
             # So many ticks at full command: e falls by the same each time, the integral by its sum.
             first = error_deg - gyro_deg
             integral_deg_s += dt_s * skip * (first - 0.5 * gyro_deg * (skip - 1))
             error_deg -= skip * gyro_deg
             n += skip
+            continue
+        error_deg -= gyro_deg
+        integral_deg_s += error_deg * dt_s
+        command = turn_command(setup, error_deg, integral_deg_s)
+        gyro_deg = gain * command
+        n += 1
     return n, error_deg, integral_deg_s, gyro_deg
 
 
 @kernel
+def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
+    """Whether the rest of a turn is below full command and its error falls to the tolerance without a swing."""
+    if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
+        return False
+    falls = setup.integral_gain * setup.tick_ms / 1000.0 <= setup.gain * setup.gain * gain
+    return bool(falls and setup.gain * gain < 0.5)
+
+
+@kernel
+def tail_ahead(
+    setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
+) -> tuple[int, float, float]:
+    """The tail of a turn up to the step before the one that ends it: n, error, integral.
+
+    A step is linear there, (e, integral) <- M (e, integral); as the error only falls, the number of steps is
+    found by powers of M to powers of two.
+    """
+    dt_s = setup.tick_ms / 1000.0
+    a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
+    c, d = dt_s * a, 1.0 + dt_s * b
+    a2, b2, c2, d2 = square(a, b, c, d)
+    a4, b4, c4, d4 = square(a2, b2, c2, d2)
+    a8, b8, c8, d8 = square(a4, b4, c4, d4)
+    a16, b16, c16, d16 = square(a8, b8, c8, d8)
+    moved = True
+    while moved:
+        n16, error_deg, integral_deg_s = leap(
+            setup, a16, b16, c16, d16, 16, error_deg, integral_deg_s, n, most
+        )
+        moved = n16 != n
+        n, error_deg, integral_deg_s = leap(setup, a8, b8, c8, d8, 8, error_deg, integral_deg_s, n16, most)
+        n, error_deg, integral_deg_s = leap(setup, a4, b4, c4, d4, 4, error_deg, integral_deg_s, n, most)
+        n, error_deg, integral_deg_s = leap(setup, a2, b2, c2, d2, 2, error_deg, integral_deg_s, n, most)
+        n, error_deg, integral_deg_s = leap(setup, a, b, c, d, 1, error_deg, integral_deg_s, n, most)
+    return n, error_deg, integral_deg_s
+
+
+@kernel
+def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
+    """The square of the matrix (a b; c d)."""
+    return a * a + b * c, b * (a + d), c * (a + d), d * d + b * c
+
+
+@kernel
+def leap(
+    setup: Setup, a: float, b: float, c: float, d: float, steps: int,
+    error_deg: float, integral_deg_s: float, n: int, most: int,
+) -> tuple[int, float, float]:  # fmt: skip
+    """So many steps at once, unless they would end the turn or go beyond ``most``."""
+    error = a * error_deg + b * integral_deg_s
+    beyond = abs(error) > setup.tolerance_deg and error * error_deg > 0.0
+    if beyond and n + steps <= most:
+        return n + steps, error, c * error_deg + d * integral_deg_s
+    return n, error_deg, integral_deg_s
+
+
+@kernel
 def saturated_ticks(
-    program: WalkProgram, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
+    setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
 ) -> int:
     """Further ticks that surely pass at full command and end no turn; a lower bound."""
+    if abs(command) < 100.0:
+        return 0
     sign = 1.0 if command > 0.0 else -1.0
-    beyond, error = sign * command - 100.0, sign * error_deg
+    error, integral = sign * error_deg, sign * integral_deg_s
+    beyond = setup.gain * error + setup.integral_gain * integral - 100.0
+    if beyond <= 0.0 or error <= 0.0 or integral < 0.0:
+        return 0
     per_tick = 100.0 * gain
     # While e has the sign of the command, its share falls by no more than this a tick; the integral's rises.
-    if beyond <= 0.0 or error <= 0.0 or sign * integral_deg_s < 0.0:
-        return 0
-    until_command = beyond / (program.gain * per_tick)
-    until_done = (error - program.tolerance_deg) / per_tick - 2.0
+    until_command = beyond / (setup.gain * per_tick)
+    until_done = (error - setup.tolerance_deg) / per_tick - 2.0
     return min(int(max(min(until_command, until_done), 0.0)), most)
 
 
 @kernel
-def due_ticks(state_mode: int, timer_ms: int, program: WalkProgram) -> int:
+def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
     """Ticks ahead at which the sample timer interrupts a robot in this mode."""
-    if state_mode == AVOID and not program.interrupts_avoidance:
+    if state_mode == AVOID and not setup.interrupts_avoidance:
         return NEVER
-    if timer_ms > program.sample_interval_ms:
+    if timer_ms > setup.sample_interval_ms:
         return 1
-    if not counts(state_mode, program.timer):
+    if not counts(state_mode, setup.timer):
         return NEVER
-    return 2 + int((program.sample_interval_ms - timer_ms) // program.tick_ms)
+    return 2 + int((setup.sample_interval_ms - timer_ms) // setup.tick_ms)
 
 
 @kernel
-def own_ticks(planners: Planners, i: int, program: WalkProgram, horizon: int) -> int:
+def own_ticks(planners: Planners, i: int, setup: Setup, horizon: int) -> int:
     """Ticks ahead of the robot's next own event, at most ``horizon``; a turn's is worked out and kept."""
     row = planners[i]
     if row.mode == STOP:
-        wait = max(1, math.ceil((program.stop_ms - row.stopped_ms) / program.tick_ms))
+        wait = max(1, math.ceil((setup.stop_ms - row.stopped_ms) / setup.tick_ms))
         row.sample_tick = row.tick + wait
         return wait + 1  # it walks again at the tick after the sample
-    most = min(due_ticks(row.mode, row.timer_ms, program), horizon)
+    most = min(due_ticks(row.mode, row.timer_ms, setup), horizon)
     if row.mode == DRIVE:
-        leg = 1 + max(0, math.ceil((row.leg_ms - row.driven_ms) / program.tick_ms))
+        leg = 1 + max(0, math.ceil((row.leg_ms - row.driven_ms) / setup.tick_ms))
         return min(most, leg)
     ahead, error_deg, integral_deg_s, gyro_deg = turn_ahead(
-        program, row.turn_gain, row.error_deg, row.integral_deg_s, most
+        setup, row.turn_gain, row.error_deg, row.integral_deg_s, most
     )
     row.turn_ticks_ahead, row.ahead_gyro_deg = ahead, gyro_deg
     row.ahead_error_deg, row.ahead_integral_deg_s = error_deg, integral_deg_s
@@ -144,7 +206,7 @@ def own_ticks(planners: Planners, i: int, program: WalkProgram, horizon: int) ->
 
 
 @kernel
-def begin_plan(planners: Planners, i: int, body: Body, program: WalkProgram, tick: int) -> None:
+def begin_plan(planners: Planners, i: int, setup: Setup, tick: int) -> None:
     """Take what ``control`` has just set as the plan from ``tick`` on."""
     row = planners[i]
     row.tick, row.written_tick, row.blocked, row.turn_ticks_ahead = tick, tick, 0, 0
@@ -152,9 +214,9 @@ def begin_plan(planners: Planners, i: int, body: Body, program: WalkProgram, tic
         straight = abs(row.rate_rad_s) < STRAIGHT_RAD_S
         row.radius_m = 0.0 if straight else row.speed_m_s / row.rate_rad_s
     elif row.mode != STOP:
-        row.radius_m = 0.5 * row.misalignment * body.turn_track_m
-        full = body.full_speed_m_s * row.speed_factor * row.battery
-        row.turn_gain = math.degrees(0.02 * full / body.turn_track_m * body.tick_s)
+        row.radius_m = 0.5 * row.misalignment * setup.turn_track_m
+        full = setup.full_speed_m_s * row.speed_factor * row.battery
+        row.turn_gain = math.degrees(0.02 * full / setup.turn_track_m * setup.tick_s)
 
 
 @kernel
@@ -165,27 +227,25 @@ def block(planners: Planners, i: int) -> None:
 
 
 @kernel
-def turned_to(planners: Planners, i: int, program: WalkProgram, n: int) -> tuple[float, float, float]:
+def turned_to(planners: Planners, i: int, setup: Setup, n: int) -> tuple[float, float, float]:
     """Error, integral and gyro of a turn just before the step ``n`` ticks after its plan's."""
     row = planners[i]
     if n == row.turn_ticks_ahead:
         return row.ahead_error_deg, row.ahead_integral_deg_s, row.ahead_gyro_deg
-    ahead = turn_ahead(program, row.turn_gain, row.error_deg, row.integral_deg_s, n)
+    ahead = turn_ahead(setup, row.turn_gain, row.error_deg, row.integral_deg_s, n)
     return ahead[1], ahead[2], ahead[3]
 
 
 @kernel
-def pose_at(
-    planners: Planners, i: int, body: Body, program: WalkProgram, tick: int
-) -> tuple[float, float, float]:
+def pose_at(planners: Planners, i: int, setup: Setup, tick: int) -> tuple[float, float, float]:
     """Position at a tick of the plan, m, and sine and cosine of the heading there are in ``facing_at``."""
-    x_m, y_m, heading_rad, _, _ = facing_at(planners, i, body, program, tick)
+    x_m, y_m, heading_rad, _, _ = facing_at(planners, i, setup, tick)
     return x_m, y_m, heading_rad
 
 
 @kernel
 def facing_at(
-    planners: Planners, i: int, body: Body, program: WalkProgram, tick: int
+    planners: Planners, i: int, setup: Setup, tick: int
 ) -> tuple[float, float, float, float, float]:
     """Position and heading at a tick of the plan, m, m, rad, and the heading's sine and cosine."""
     row = planners[i]
@@ -193,13 +253,13 @@ def facing_at(
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
     if row.mode == DRIVE:
-        heading = row.heading_rad + row.rate_rad_s * (n * body.tick_s)
+        heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
     else:
-        error_deg, _, gyro_deg = turned_to(planners, i, program, n)
+        error_deg, _, gyro_deg = turned_to(planners, i, setup, n)
         heading = row.heading_rad + math.radians(row.error_deg - (error_deg - gyro_deg))
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     if row.mode == DRIVE and row.radius_m == 0.0:  # straight, or blocked
-        along = row.speed_m_s * (n * body.tick_s)
+        along = row.speed_m_s * (n * setup.tick_s)
         return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading, sin_h, cos_h
     x_m = row.x_m + row.radius_m * (sin_h - row.sin_h)
     y_m = row.y_m - row.radius_m * (cos_h - row.cos_h)
@@ -207,19 +267,19 @@ def facing_at(
 
 
 @kernel
-def see_own(planners: Planners, i: int, body: Body, program: WalkProgram) -> None:
+def see_own(planners: Planners, i: int, setup: Setup) -> None:
     """Work out the pose at ``own_tick``."""
     row = planners[i]
-    pose = facing_at(planners, i, body, program, row.own_tick)
+    pose = facing_at(planners, i, setup, row.own_tick)
     row.own_x_m, row.own_y_m, row.own_heading_rad, row.own_sin_h, row.own_cos_h = pose
 
 
 @kernel
-def catch_up(planners: Planners, i: int, body: Body, program: WalkProgram, tick: int) -> None:
+def catch_up(planners: Planners, i: int, setup: Setup, tick: int) -> None:
     """Bring a robot to ``tick``, just before its step there: pose, clocks, turn, time account."""
     row = planners[i]
     n = tick - row.tick
-    passed_ms = (n - 1) * program.tick_ms
+    passed_ms = (n - 1) * setup.tick_ms
     if row.mode == STOP:
         row.stop_ticks += n
         row.stopped_ms += passed_ms
@@ -232,15 +292,15 @@ def catch_up(planners: Planners, i: int, body: Body, program: WalkProgram, tick:
         row.turn_ticks += n
     else:
         row.avoid_ticks += n
-    if counts(row.mode, program.timer):
+    if counts(row.mode, setup.timer):
         row.timer_ms += passed_ms
     if row.mode == DRIVE and tick == row.own_tick and not row.blocked:
         row.x_m, row.y_m, row.heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
         row.sin_h, row.cos_h = row.own_sin_h, row.own_cos_h
     else:
-        x_m, y_m, heading_rad, sin_h, cos_h = facing_at(planners, i, body, program, tick)
+        x_m, y_m, heading_rad, sin_h, cos_h = facing_at(planners, i, setup, tick)
         if row.mode != DRIVE:
-            row.error_deg, row.integral_deg_s, row.gyro_deg = turned_to(planners, i, program, n)
+            row.error_deg, row.integral_deg_s, row.gyro_deg = turned_to(planners, i, setup, n)
         row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h = x_m, y_m, heading_rad, sin_h, cos_h
     row.tick = tick
 
