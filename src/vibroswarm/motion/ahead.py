@@ -19,6 +19,7 @@ import math
 
 from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Setup
+from vibroswarm.motion.geometry import arc
 from vibroswarm.motion.plans import Planners, facing_at, pose_at, see_own
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
@@ -29,10 +30,11 @@ def prepare_to_look(planners: Planners, i: int, setup: Setup) -> None:
     """Chord, slack and rate of a plan that reaches to its ``own_tick``."""
     row = planners[i]
     ticks = row.own_tick - row.tick
+    if row.mode == DRIVE:
+        see_own(planners, i, setup)
     if row.mode == STOP or row.blocked:
         row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
     elif row.mode == DRIVE:
-        see_own(planners, i, setup)
         row.chord_x_m, row.chord_y_m = (row.own_x_m - row.x_m) / ticks, (row.own_y_m - row.y_m) / ticks
         row.rate_m = abs(row.speed_m_s) * setup.tick_s
         bend = abs(row.rate_rad_s) * ticks * setup.tick_s
@@ -44,13 +46,48 @@ def prepare_to_look(planners: Planners, i: int, setup: Setup) -> None:
 
 
 @kernel
+def blocked_ticks(planners: Planners, i: int, setup: Setup, most: int) -> int:
+    """Ticks for which a robot that drives, and whose move has just been blocked, stays blocked, at most ``most``.
+
+    It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
+    """
+    row = planners[i]
+    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
+    r = setup.radius_m
+    for n in range(1, most):
+        heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
+        x, y, _ = arc(row.x_m, row.y_m, heading, row.wish_m_s, row.rate_rad_s, setup.tick_s)
+        hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
+        tick = row.tick + n
+        for j in range(planners.size):
+            if j == i or hit or not maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
+                continue
+            if planners[j].mode != STOP and planners[j].own_tick <= tick:
+                return n
+            other_x, other_y, _ = pose_at(planners, j, setup, tick + 1 if j < i else tick)
+            dx, dy = other_x - x, other_y - y
+            hit = dx * dx + dy * dy < 4.0 * r * r
+        if not hit:
+            return n
+    return most
+
+
+@kernel
+def maybe_within(planners: Planners, j: int, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
+    """Whether robot ``j`` may be within a distance of a point at ``tick``, by its chord."""
+    row = planners[j]
+    dx = row.x_m + (tick - row.tick) * row.chord_x_m - x_m
+    dy = row.y_m + (tick - row.tick) * row.chord_y_m - y_m
+    far = distance_m + row.slack_m
+    return bool(dx * dx + dy * dy < far * far)
+
+
+@kernel
 def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
     """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
     row = planners[i]
     if row.mode == STOP:
         return NEVER
-    if row.blocked:  # it is tried again, and its rays have turned
-        return int(row.tick + 1)
     inset = setup.radius_m + setup.longest_step_m
     if row.mode != DRIVE:
         near = min(min(row.x_m, setup.width_m - row.x_m), min(row.y_m, setup.height_m - row.y_m))

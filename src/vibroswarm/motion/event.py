@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.motion.ahead import may_meet, meeting_tick, prepare_to_look, wall_tick
+from vibroswarm.motion.ahead import (
+    blocked_ticks,
+    may_meet,
+    maybe_within,
+    meeting_tick,
+    prepare_to_look,
+    wall_tick,
+)
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.geometry import arc, wrapped_rad
@@ -201,16 +208,6 @@ def nearest_now_m(planners: Planners, i: int, setup: Setup, tick: int) -> float:
 
 
 @kernel
-def maybe_within(planners: Planners, j: int, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Whether robot ``j`` may be within a distance of a point at ``tick``, by its chord."""
-    row = planners[j]
-    dx = row.x_m + (tick - row.tick) * row.chord_x_m - x_m
-    dy = row.y_m + (tick - row.tick) * row.chord_y_m - y_m
-    far = distance_m + row.slack_m
-    return bool(dx * dx + dy * dy < far * far)
-
-
-@kernel
 def contact_now(planners: Planners, i: int, setup: Setup, tick: int) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or a setup.
 
@@ -275,7 +272,10 @@ def write_turn(record: Record, planners: Planners, i: int, setup: Setup, run: in
 def plan(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
-    row.own_tick = tick + (1 if row.blocked else own_ticks(planners, i, setup, HORIZON_TICKS))
+    ahead = own_ticks(planners, i, setup, HORIZON_TICKS)
+    if row.blocked:
+        ahead = blocked_ticks(planners, i, setup, ahead) if row.mode == DRIVE else 1
+    row.own_tick = tick + ahead
     prepare_to_look(planners, i, setup)
     row.alert_tick = wall_tick(planners, i, setup)
     set_wake(tree, i, min(row.alert_tick, row.sample_tick if row.mode == STOP else row.own_tick))

@@ -36,7 +36,7 @@ PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
     + [(name, np.int64) for name in ("tick", "own_tick", "alert_tick", "sample_tick")]
     + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "crowded", "written_tick")]
-    + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain")]
+    + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
     + [(name, np.float64) for name in ("chord_x_m", "chord_y_m", "slack_m", "rate_m")]
@@ -46,10 +46,10 @@ PLANNER = np.dtype(
 tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
 a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
 the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event. blocked: the move at ``tick``
-did not happen. crowded: another body is near. written_tick: a turn's segments are
-written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose at ``own_tick`` of a robot that
-drives. chord, slack, rate: moves a tick on average, how far beside that it may be, how far it moves at most in a
-tick."""
+did not happen, and wish_m_s is the speed that it would have had. crowded: another body is near.
+written_tick: a turn's segments are written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose
+at ``own_tick`` of a robot that drives. chord, slack, rate: moves a tick on average, how far beside that it may be,
+how far it moves at most in a tick."""
 
 Planners = NDArray[np.void]
 
@@ -221,8 +221,9 @@ def begin_plan(planners: Planners, i: int, setup: Setup, tick: int) -> None:
 
 @kernel
 def block(planners: Planners, i: int) -> None:
-    """The move at the plan's tick does not happen; heading and clocks go on for this tick."""
+    """The move at the plan's tick does not happen; heading and clocks go on."""
     row = planners[i]
+    row.wish_m_s = row.speed_m_s
     row.speed_m_s, row.radius_m, row.blocked = 0.0, 0.0, 1
 
 
@@ -294,7 +295,7 @@ def catch_up(planners: Planners, i: int, setup: Setup, tick: int) -> None:
         row.avoid_ticks += n
     if counts(row.mode, setup.timer):
         row.timer_ms += passed_ms
-    if row.mode == DRIVE and tick == row.own_tick and not row.blocked:
+    if row.mode == DRIVE and tick == row.own_tick:
         row.x_m, row.y_m, row.heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
         row.sin_h, row.cos_h = row.own_sin_h, row.own_cos_h
     else:

@@ -1,0 +1,174 @@
+"""The measures of difficulty against brute force, closed forms, and the paper's table."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index
+from vibroswarm.floors.paper_table import paper_table
+from vibroswarm.floors.patterns import pattern
+
+grids = hnp.arrays(
+    np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.integers(0, 1)
+)
+
+
+def neighbours(row, column, shape):
+    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    near = ((row + down, column + right) for down, right in steps)
+    return [(r, c) for r, c in near if 0 <= r < shape[0] and 0 <= c < shape[1]]
+
+
+def brute_moran(tiles):
+    """The paper's equation, as printed: a sum over all ordered pairs of tiles."""
+    fill = tiles.mean()
+    weights = pairs = squares = 0.0
+    for i in np.ndindex(tiles.shape):
+        squares += (tiles[i] - fill) ** 2
+        for j in np.ndindex(tiles.shape):
+            if j in neighbours(*i, tiles.shape):
+                weights += 1
+                pairs += (tiles[i] - fill) * (tiles[j] - fill)
+    return tiles.size / weights * pairs / squares
+
+
+def brute_clusters(tiles):
+    """Sizes by flood fill."""
+    left = set(zip(*np.nonzero(tiles), strict=True))
+    sizes = []
+    while left:
+        edge = [left.pop()]
+        size = 0
+        while edge:
+            here = edge.pop()
+            size += 1
+            for near in neighbours(*here, tiles.shape):
+                if near in left:
+                    left.remove(near)
+                    edge.append(near)
+        sizes.append(size)
+    return sorted(sizes, reverse=True)
+
+
+def brute_entropy(tiles, ones):
+    most = -sum(1 / ones * math.log2(1 / ones) for _ in range(ones))
+    found = -sum(size / ones * math.log2(size / ones) for size in brute_clusters(tiles))
+    return (most - found) / most
+
+
+@settings(deadline=None, max_examples=80)
+@given(grids)
+def test_moran_index_is_the_papers_double_sum(tiles):
+    if tiles.min() == tiles.max():
+        assert math.isnan(moran_index(tiles))
+    else:
+        assert moran_index(tiles) == pytest.approx(brute_moran(tiles), abs=1e-12)
+
+
+@settings(deadline=None, max_examples=80)
+@given(grids)
+def test_clusters_and_entropy_are_those_of_a_flood_fill(tiles):
+    assert cluster_sizes(tiles).tolist() == brute_clusters(tiles)
+    ones = int(tiles.sum())
+    if ones < 2:
+        assert math.isnan(entropy(tiles))
+    else:
+        assert entropy(tiles) == pytest.approx(brute_entropy(tiles, ones), abs=1e-12)
+        assert entropy(tiles, 48) == pytest.approx(brute_entropy(tiles, 48), abs=1e-12)
+
+
+@settings(deadline=None, max_examples=40)
+@given(grids)
+def test_turning_and_mirroring_a_floor_change_nothing(tiles):
+    first = measure(tiles)
+    for other in (tiles[::-1], tiles[:, ::-1], np.rot90(tiles, 2)):
+        second = measure(other)
+        assert (second.ones, second.clusters, second.largest_cluster) == (
+            first.ones,
+            first.clusters,
+            first.largest_cluster,
+        )
+        np.testing.assert_allclose(second.moran_index, first.moran_index, atol=1e-12)
+        np.testing.assert_allclose(second.entropy, first.entropy, atol=1e-12)
+    np.testing.assert_allclose(moran_index(1 - tiles), first.moran_index, atol=1e-12)
+
+
+def test_closed_forms():
+    checkerboard = np.indices((6, 6)).sum(axis=0) % 2
+    assert moran_index(checkerboard) == pytest.approx(-1, abs=1e-12)
+    assert entropy(checkerboard) == 0
+    halves = np.repeat([[1, 1, 1, 0, 0, 0]], 6, axis=0)
+    # Of 60 neighbouring pairs the 6 across the border are unlike: (54 - 6) / 60.
+    assert moran_index(halves) == pytest.approx(48 / 60, abs=1e-12)
+    assert entropy(halves) == 1
+    two_pairs = [[1, 1, 0, 1, 1]]
+    assert entropy(two_pairs) == pytest.approx(0.5, abs=1e-12)  # 1 bit of 2
+    assert moran_index([[1, 0]]) == pytest.approx(-1, abs=1e-12)
+
+
+@pytest.mark.parametrize(("tiles", "ones"), [([[0, 0], [0, 0]], 0), ([[1]], 1), ([[1, 1]], 2)])
+def test_a_floor_of_one_kind_has_no_moran_index(tiles, ones):
+    found = measure(tiles)
+    assert math.isnan(found.moran_index)
+    assert found.ones == ones
+    assert math.isnan(found.entropy) == (ones < 2)
+
+
+def test_one_vibrating_tile_has_a_moran_index_but_no_entropy():
+    found = measure([[1, 0, 0]])
+    assert found.moran_index == pytest.approx(-0.25, abs=1e-12)  # 3/4 * 2 * (-2/9 + 1/9) / (2/3)
+    assert math.isnan(found.entropy)
+    assert (found.clusters, found.largest_cluster) == (1, 1)
+
+
+def test_measure_is_all_the_measures():
+    found = measure(pattern("block-diagonal:0.46"))
+    assert (found.rows, found.columns, found.ones, found.fill_ratio) == (10, 10, 46, 0.46)
+    assert (found.clusters, found.largest_cluster) == (3, 36)
+    assert found.moran_index == moran_index(pattern("block-diagonal:0.46"))
+    assert found.entropy == entropy(pattern("block-diagonal:0.46"))
+
+
+def test_a_large_floor_is_measured_at_once():
+    tiles = np.zeros((1000, 1500), dtype=np.uint8)
+    tiles[:, :750] = 1
+    found = measure(tiles)
+    assert found.moran_index == pytest.approx(1 - 2 * 1000 / (1000 * 1499 + 1500 * 999), abs=1e-9)
+    assert (found.clusters, found.largest_cluster, found.entropy) == (1, 750_000, 1.0)
+
+
+@pytest.mark.parametrize("wrong", [[[0, 2]], [[0.5]], [], [1, 0], [[1, float("nan")]], [["a"]]])
+def test_what_is_no_floor_is_refused(wrong):
+    with pytest.raises(InputError):
+        moran_index(wrong)
+    with pytest.raises(InputError):
+        entropy(wrong)
+
+
+def test_entropy_refuses_too_few_ones():
+    with pytest.raises(InputError, match="ones: 1 is too few"):
+        entropy([[1, 1]], 1)
+
+
+def test_the_papers_table_comes_out_to_its_two_digits_in_the_papers_way():
+    table = paper_table()
+    assert len(table) == 20
+    for entry in table:
+        assert entry.printed == pytest.approx(entry.as_the_paper, abs=0.005), entry
+
+
+def test_the_entries_that_the_paper_gets_wrong_and_their_right_values():
+    wrong = {(e.pattern, e.measure): (e.printed, round(e.right, 2)) for e in paper_table() if e.wrong}
+    assert wrong == {
+        ("diagonal:0.46", "entropy"): (0.99, 1.00),
+        ("stripe:0.46", "entropy"): (0.99, 1.00),
+        ("random-fixed:0.46", "entropy"): (0.46, 0.44),
+        ("alternating:0.46", "Moran index"): (-0.91, -0.88),
+    }

@@ -1,0 +1,196 @@
+"""The reading of a sample: error rates, bits and energies, against scipy and the known figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from vibroswarm.floors.floor import Floor
+from vibroswarm.motion.contract import MOTION
+from vibroswarm.observation.model import OBSERVATIONS, energy_of, error_rates, observe, share_below
+from vibroswarm.presets import preset
+from vibroswarm.scenario import Scenario, Sensor
+
+CHEQUERED = Floor.filling([[0, 1, 0], [1, 0, 1]])
+
+
+def places(count: int, width_m: float = 1.0, robots: int = 1) -> pl.DataFrame:
+    """A motion table of ``count`` samples a robot at random places, width_m x 1 m."""
+    rng = np.random.default_rng(7)
+    rows = count * robots
+    frame = pl.DataFrame(
+        {
+            "run": np.zeros(rows, np.uint32),
+            "robot": np.repeat(np.arange(robots, dtype=np.uint16), count),
+            "sample": np.tile(np.arange(count, dtype=np.uint32), robots),
+            "x_m": width_m * rng.random(rows),
+            "y_m": rng.random(rows),
+        }
+    )
+    return frame.with_columns(
+        **{name: pl.lit(None, kind) for name, kind in MOTION.items() if name not in frame.columns}
+    ).select(list(MOTION))
+
+
+def observed(
+    sensor: Sensor, floor: Floor = CHEQUERED, count: int = 20_000, width_m: float = 1.0
+) -> pl.DataFrame:
+    return observe(Scenario(sensor=sensor), 3, places(count, width_m), {0: floor})
+
+
+@pytest.mark.parametrize(
+    ("threshold", "false_positive", "false_negative"), [(1.33, 14.4, 14.1), (1.55, 8.2, 20.8)]
+)
+def test_error_rates_are_the_known_ones(
+    threshold: float, false_positive: float, false_negative: float
+) -> None:
+    rates = [round(100 * rate, 1) for rate in error_rates(Sensor(rms_threshold=threshold))]
+    assert rates == [false_positive, false_negative]
+    # Negative control: a threshold that is off by 0.01 gives other digits.
+    off = [round(100 * rate, 1) for rate in error_rates(Sensor(rms_threshold=threshold + 0.01))]
+    assert off[0] != false_positive
+    assert off[1] != false_negative
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.1, 0.5, 1.33, 1.55, 4.0, 60.0])
+@pytest.mark.parametrize("vibrating", [False, True])
+def test_share_below_is_that_of_the_gamma_distribution(threshold: float, vibrating: bool) -> None:
+    sensor = Sensor(rms_threshold=threshold)
+    shape, loc, scale = (5.33497, -0.2001, 0.5132) if vibrating else (2.52194, 0.13731, 0.28754)
+    expected = float(stats.gamma.cdf(threshold, shape, loc, scale))
+    assert share_below(sensor, vibrating) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("vibrating", [False, True])
+def test_energies_are_gamma_quantiles(vibrating: bool) -> None:
+    u = np.r_[1e-6, np.linspace(0.001, 0.999, 999), 1 - 1e-9]
+    shape, loc, scale = (5.33497, -0.2001, 0.5132) if vibrating else (2.52194, 0.13731, 0.28754)
+    energy = energy_of(Sensor(), vibrating, u)
+    assert energy.dtype == np.float32
+    np.testing.assert_allclose(energy, stats.gamma.ppf(u, shape, loc, scale), rtol=2e-7, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Sensor(),
+        Sensor(rms_threshold=1.55),
+        Sensor(rms_threshold=0.0),
+        preset("text").sensor,
+        Sensor(model="energies", vibrating_energies=(3.0, 1.0, 2.5, 1.33), still_energies=(0.5, 1.5, 0.25)),
+    ],
+)
+def test_the_bit_says_whether_the_energy_is_above_the_threshold(sensor: Sensor) -> None:
+    table = observed(sensor)
+    assert dict(table.schema) == OBSERVATIONS
+    expected = table["energy"].to_numpy() > np.float32(sensor.rms_threshold)
+    assert (table["observation"].to_numpy() == expected).all()
+    assert expected.any()
+
+
+def test_bits_do_not_need_the_energies() -> None:
+    samples = places(5000)
+    full = observe(Scenario(), 3, samples, {0: CHEQUERED})
+    bare = observe(Scenario(), 3, samples, {0: CHEQUERED}, energies=False)
+    assert bare["energy"].is_null().all()
+    assert bare.drop("energy").equals(full.drop("energy"))
+
+
+def rate_p(table: pl.DataFrame, floor: Floor, sensor: Sensor) -> tuple[float, float]:
+    """p-values of two binomial tests: ones on still tiles and zeros on vibrating ones."""
+    vibrating = floor.tiles.ravel()[table["tile"].to_numpy()] == 1
+    bit = table["observation"].to_numpy()
+    expected = error_rates(sensor)
+    wrong = [(bit[~vibrating] == 1), (bit[vibrating] == 0)]
+    p = [stats.binomtest(int(w.sum()), w.size, e).pvalue for w, e in zip(wrong, expected, strict=True)]
+    return float(p[0]), float(p[1])
+
+
+def test_errors_are_as_frequent_as_they_should_be() -> None:
+    table = observed(Sensor())
+    assert min(rate_p(table, CHEQUERED, Sensor())) > 1e-3 / 2
+    # Negative control: the rates of another threshold, and of exchanged labels.
+    assert max(rate_p(table, CHEQUERED, Sensor(rms_threshold=1.45))) < 1e-3
+    assert max(rate_p(table, CHEQUERED, preset("text").sensor)) < 1e-3
+
+
+def energy_p(energy: NDArray[np.float32], shape: float, loc: float, scale: float) -> float:
+    """p-value of a Kolmogorov-Smirnov test against a Gamma distribution."""
+    return float(stats.kstest(energy, "gamma", args=(shape, loc, scale)).pvalue)
+
+
+def test_energies_follow_the_tile_below() -> None:
+    table = observed(Sensor())
+    vibrating = CHEQUERED.tiles.ravel()[table["tile"].to_numpy()] == 1
+    energy = table["energy"].to_numpy()
+    assert energy_p(energy[vibrating], 5.33497, -0.2001, 0.5132) > 1e-3 / 2
+    assert energy_p(energy[~vibrating], 2.52194, 0.13731, 0.28754) > 1e-3 / 2
+    # Negative control: a scale that is off by 5 %.
+    assert energy_p(energy[vibrating], 5.33497, -0.2001, 0.5132 * 1.05) < 1e-3
+
+
+def test_the_preset_text_has_the_labels_as_they_are_printed() -> None:
+    paper, text = preset("paper").sensor, preset("text").sensor
+    assert paper.vibrating_shape * paper.vibrating_scale + paper.vibrating_location == pytest.approx(
+        2.54, abs=0.01
+    )
+    assert paper.still_shape * paper.still_scale + paper.still_location == pytest.approx(0.86, abs=0.01)
+    assert text.still_shape * text.still_scale + text.still_location == pytest.approx(2.52, abs=0.01)
+    assert text.vibrating_shape * text.vibrating_scale + text.vibrating_location == pytest.approx(
+        0.87, abs=0.01
+    )
+    assert text.rms_threshold == 1.55
+    false_positive, false_negative = error_rates(text)
+    assert false_positive == pytest.approx(float(stats.gamma.sf(1.55, 5.33, -0.20, 0.51)), rel=1e-12)
+    assert false_negative == pytest.approx(float(stats.gamma.cdf(1.55, 2.52, 0.14, 0.29)), rel=1e-12)
+    assert min(false_positive, false_negative) > 0.75  # a robot that sees the floor inverted
+
+
+def test_measured_energies_are_drawn_evenly() -> None:
+    still, vibrating = (0.5, 1.5, 0.25, 0.75), (3.0, 1.0, 2.5)
+    sensor = Sensor(model="energies", vibrating_energies=vibrating, still_energies=still)
+    assert error_rates(sensor) == (pytest.approx(1 / 4), pytest.approx(1 / 3))
+    table = observed(sensor)
+    below = CHEQUERED.tiles.ravel()[table["tile"].to_numpy()] == 1
+    for values, here in ((vibrating, below), (still, ~below)):
+        energies, counts = np.unique(table["energy"].to_numpy()[here], return_counts=True)
+        assert energies.tolist() == sorted(values)
+        assert stats.chisquare(counts).pvalue > 1e-3 / 2
+        # Negative control: one value drawn 10 % too often.
+        assert stats.chisquare(counts + np.eye(len(values), dtype=int)[0] * (counts[0] // 10)).pvalue < 1e-2
+
+
+def test_a_measured_energy_on_the_threshold_reads_as_still() -> None:
+    sensor = Sensor(model="energies", rms_threshold=1.5, vibrating_energies=(1.5,), still_energies=(1.5, 1.0))
+    assert error_rates(sensor) == (0.0, 1.0)
+    assert observed(sensor)["observation"].sum() == 0
+
+
+def test_where_there_is_no_tile_it_reads_as_still() -> None:
+    small = Floor.filling([[1]], 0.5, 1.0)  # vibrates everywhere; the right half of the arena has no tile
+    table = observed(Sensor(), small)
+    off = table.filter(pl.col("tile") == -1)
+    assert 9000 < off.height < 11_000
+    still = share_below(Sensor(), False)
+    assert stats.binomtest(int(off["observation"].sum()), off.height, 1 - still).pvalue > 1e-3
+    assert energy_p(off["energy"].to_numpy(), 2.52194, 0.13731, 0.28754) > 1e-3
+
+
+def test_another_floor_changes_no_noise() -> None:
+    flipped = Floor.filling(1 - CHEQUERED.tiles)
+    one, other = observed(Sensor()), observed(Sensor(), flipped)
+    all_still = observed(Sensor(), Floor.filling([[0]]))
+    still = CHEQUERED.tiles.ravel()[one["tile"].to_numpy()] == 0
+    energy = np.where(still, one["energy"], other["energy"])
+    assert (energy == all_still["energy"].to_numpy()).all()
+
+
+def test_numbers_do_not_depend_on_the_other_rows() -> None:
+    samples = places(300, robots=3)
+    whole = observe(Scenario(), 3, samples, {0: CHEQUERED})
+    some = samples.filter((pl.col("robot") == 2) & (pl.col("sample") % 7 == 3))
+    part = observe(Scenario(), 3, some, {0: CHEQUERED})
+    assert part.equals(whole.filter((pl.col("robot") == 2) & (pl.col("sample") % 7 == 3)))

@@ -1,0 +1,239 @@
+"""What a robot says and when it decides (Eq. 10 to 13, Algorithms 1 and 3), by hand-made cases."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.special import betainc
+
+from vibroswarm.robot.believe import Posterior, prior
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate
+from vibroswarm.strategies import none, positive, soft
+from vibroswarm.strategies.program import (
+    GATE_OWN,
+    GATE_RECEIVED,
+    GATE_TOTAL,
+    NONE,
+    POSITIVE,
+    SOFT,
+    Mind,
+    MindProgram,
+    begin_mind,
+    counted,
+    decide,
+    receive,
+    sample,
+)
+
+PROGRAM = MindProgram(
+    strategy=NONE,
+    eta=1500.0,
+    kappa=2.0,
+    boundary=0.5,
+    credible_threshold=0.95,
+    min_observations=10,
+    gate=GATE_TOTAL,
+    gate_counts_current=False,
+    revise=False,
+    prior_alpha=1,
+    prior_beta=1,
+)
+bits = st.integers(0, 1)
+counts = st.integers(1, 5000)
+
+
+def mind(
+    alpha: int = 1, beta: int = 1, decision: int = -1, own: int = 0, received: int = 0, message: int = 0
+) -> Mind:
+    return Mind(prior(alpha, beta, 0.5), decision, own, received, message)
+
+
+@settings(deadline=None, max_examples=200)
+@given(bits, counts, counts, st.floats(0, 5000), st.floats(0, 8))
+def test_probability_of_a_one_is_equation_11(o: int, alpha: int, beta: int, eta: float, kappa: float) -> None:
+    belief = float(betainc(alpha, beta, 0.5))
+    delta = math.exp(-eta * float(stats.beta.var(alpha, beta))) * abs(0.5 - belief) ** kappa
+    assert soft.weight(alpha, beta, belief, eta, kappa) == pytest.approx(delta, rel=1e-9, abs=1e-300)
+    expected = delta * (1 - belief) + (1 - delta) * o
+    assert soft.probability(o, alpha, beta, belief, eta, kappa) == pytest.approx(
+        expected, rel=1e-9, abs=1e-300
+    )
+
+
+@settings(deadline=None, max_examples=200)
+@given(counts, counts, st.floats(0, 1), st.floats(0, 1e12), st.floats(0, 50))
+def test_weight_lies_in_its_bounds(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> None:
+    delta = soft.weight(alpha, beta, belief, eta, kappa)
+    assert 0.0 <= delta <= 0.5**kappa
+
+
+def test_probability_by_hand() -> None:
+    # Variance of Beta(1, 1) is 1/12; at p = 0.9: delta = e^-1 0.4^2.
+    delta = math.exp(-1) * 0.16
+    assert soft.weight(1, 1, 0.9, 12.0, 2.0) == pytest.approx(delta, rel=1e-14)
+    assert soft.probability(0, 1, 1, 0.9, 12.0, 2.0) == pytest.approx(0.1 * delta, rel=1e-14)
+    assert soft.probability(1, 1, 1, 0.9, 12.0, 2.0) == pytest.approx(1 - 0.9 * delta, rel=1e-14)
+    # A robot sure that few tiles vibrate (p near 1) says 0 more often than it reads it.
+    assert soft.probability(1, 1, 1, 0.99, 12.0, 2.0) < 1
+
+
+@pytest.mark.parametrize("o", [0, 1])
+def test_without_weight_a_robot_says_what_it_reads(o: int) -> None:
+    for u in (2.0**-53, 0.5, 1 - 2.0**-53):
+        assert soft.message(o, 1, 1, 0.5, 1500.0, 2.0, u) == o  # p = 1/2
+        assert soft.message(o, 3, 9, 0.97, 1e12, 2.0, u) == o  # eta without end
+    assert none.message(o) == o
+
+
+def test_the_message_is_one_where_the_number_lies_below_the_probability() -> None:
+    p = soft.probability(1, 20, 200, 0.99, 100.0, 1.0)
+    assert 0.5 < p < 1
+    assert soft.message(1, 20, 200, 0.99, 100.0, 1.0, np.nextafter(p, 0)) == 1
+    assert soft.message(1, 20, 200, 0.99, 100.0, 1.0, p) == 0
+
+
+def test_positive_feedback_says_the_decision_once_there_is_one() -> None:
+    for o in (0, 1):
+        assert positive.message(o, -1) == o
+        assert positive.message(o, 0) == 0
+        assert positive.message(o, 1) == 1
+
+
+@pytest.mark.parametrize("threshold", [0.5, 0.75, 0.95, 0.99])
+def test_decide_is_strict(threshold: float) -> None:
+    program = PROGRAM._replace(credible_threshold=threshold)
+    above = float(np.nextafter(threshold, 1))
+    assert decide(threshold, program) == -1
+    assert decide(above, program) == 0
+    assert decide(0.5, program) == -1
+    assert decide(1.0, program) == 0
+    assert decide(0.0, program) == 1
+
+
+def test_decide_is_strict_on_the_other_side() -> None:
+    """With beliefs whose difference to 1 is exact."""
+    program = PROGRAM._replace(credible_threshold=0.75)
+    assert decide(0.25, program) == -1
+    assert decide(0.25 - 2.0**-53, program) == 1
+
+
+@pytest.mark.parametrize(
+    ("gate", "current", "expected"),
+    [
+        (GATE_TOTAL, False, 7),
+        (GATE_TOTAL, True, 8),
+        (GATE_RECEIVED, False, 5),
+        (GATE_RECEIVED, True, 5),
+        (GATE_OWN, False, 2),
+        (GATE_OWN, True, 3),
+    ],
+)
+def test_the_gates_count(gate: int, current: bool, expected: int) -> None:
+    """Three own samples, the current one among them, and five received bits."""
+    program = PROGRAM._replace(gate=gate, gate_counts_current=current)
+    assert counted(mind(own=3, received=5), program) == expected
+
+
+@pytest.mark.parametrize("current", [False, True])
+@pytest.mark.parametrize("gate", [GATE_TOTAL, GATE_RECEIVED, GATE_OWN])
+def test_more_than_the_least_number_is_needed(gate: int, current: bool) -> None:
+    before = mind(1, 60, own=8, received=12)  # the sample below is the ninth
+    full = {GATE_TOTAL: 20, GATE_RECEIVED: 12, GATE_OWN: 8}[gate] + (current and gate != GATE_RECEIVED)
+    program = PROGRAM._replace(gate=gate, gate_counts_current=current, min_observations=full)
+    assert sample(before, 0, 0.5, program).decision == -1
+    assert sample(before, 0, 0.5, program._replace(min_observations=full - 1)).decision == 0
+
+
+def test_a_sample_observes_tests_and_composes_in_this_order() -> None:
+    """The own bit is in the posterior that is tested, and the decision in the message."""
+    program = PROGRAM._replace(strategy=POSITIVE, min_observations=0)
+    before = mind(1, 4, received=3)  # p = 15/16
+    assert before.posterior.belief < 0.95
+    after = sample(before, 0, 0.5, program)
+    assert (after.posterior.alpha, after.posterior.beta) == (1, 5)
+    assert after.posterior.belief == pytest.approx(31 / 32)
+    assert (after.decision, after.own, after.received, after.message) == (0, 1, 3, 0)
+    assert sample(after, 1, 0.5, program).message == 0  # says its decision from now on
+    assert sample(after, 1, 0.5, program._replace(strategy=NONE)).message == 1
+    silent = sample(before, 1, 0.5, program)
+    assert (silent.decision, silent.message) == (-1, 1)
+
+
+def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
+    program = PROGRAM._replace(strategy=SOFT, eta=1.0, kappa=1.0)
+    before = mind(1, 4)
+    after = sample(before, 0, 0.5, program)
+    p = soft.probability(0, 1, 5, after.posterior.belief, 1.0, 1.0)
+    assert sample(before, 0, float(np.nextafter(p, 0)), program).message == 1
+    assert sample(before, 0, p, program).message == 0
+
+
+def test_a_received_bit_counts_as_an_own_one_and_decides_nothing() -> None:
+    heard = receive(mind(1, 400, own=50), 0, PROGRAM)
+    assert (heard.posterior.alpha, heard.posterior.beta) == (1, 401)
+    assert (heard.own, heard.received, heard.decision) == (50, 1, -1)
+    assert receive(mind(), 1, PROGRAM).posterior.alpha == 2
+
+
+@pytest.mark.parametrize("strategy", [NONE, POSITIVE, SOFT])
+@pytest.mark.parametrize("revise", [False, True])
+def test_only_soft_feedback_may_revise(strategy: int, revise: bool) -> None:
+    program = PROGRAM._replace(strategy=strategy, revise=revise)
+    sure_of_one = mind(200, 20, decision=0, own=50, received=170)
+    after = sample(sure_of_one, 1, 0.5, program)
+    assert after.decision == (1 if strategy == SOFT and revise else 0)
+    unsure = mind(100, 100, decision=0, own=50, received=150)
+    assert sample(unsure, 1, 0.5, program).decision == 0  # never undecided again
+
+
+def test_begin_is_the_prior() -> None:
+    first = begin_mind(PROGRAM._replace(prior_alpha=3, prior_beta=2))
+    assert isinstance(first.posterior, Posterior)
+    assert (first.posterior.alpha, first.posterior.beta) == (3, 2)
+    assert first.posterior.belief == pytest.approx(float(betainc(3, 2, 0.5)), abs=1e-15)
+    assert (first.decision, first.own, first.received) == (-1, 0, 0)
+
+
+SHORT: dict[str, Any] = {"run.t_end_s": 400.0, "decision.min_observations": 40, "strategy.kappa": 1.0}
+
+
+def replayed(**changes: Any) -> pl.DataFrame:
+    values = SHORT | {name.replace("__", "."): value for name, value in changes.items()}
+    return simulate(Scenario().with_values(values), seed=5, runs=4, energies=False).inference
+
+
+def test_soft_feedback_without_weight_is_no_feedback_bit_for_bit() -> None:
+    without = replayed(strategy__name="none")
+    assert replayed(strategy__name="soft", strategy__eta=1e12).equals(without)
+    # Negative control: with a weight the tables differ.
+    assert not replayed(strategy__name="soft", strategy__eta=10.0).equals(without)
+
+
+def test_positive_feedback_in_a_run() -> None:
+    table = replayed(strategy__name="positive", decision__credible_threshold=0.8)
+    without = replayed(strategy__name="none", decision__credible_threshold=0.8)
+    decided = table.filter(pl.col("decision") != -1)
+    assert decided.height > 50
+    assert (decided["message"] == decided["decision"]).all()
+    undecided = (table["decision"] == -1) & (without["decision"] == -1)
+    assert table.filter(undecided)["message"].equals(without.filter(undecided)["message"])
+
+
+def test_a_decision_stands() -> None:
+    table = replayed(decision__credible_threshold=0.6)
+    before = table.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
+    changed = table.filter((before != -1) & (table["decision"] != before))
+    assert changed.height == 0
+    revising = replayed(
+        strategy__name="soft", strategy__eta=1e12, decision__revise=True, decision__credible_threshold=0.6
+    )
+    before = revising.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
+    assert revising.filter((before != -1) & (revising["decision"] != before)).height > 0

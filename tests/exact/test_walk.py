@@ -1,0 +1,512 @@
+"""The robot's program, by hand-made steps, and on one robot with no wall near."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
+
+from vibroswarm.draws import Purpose, uniform, uniforms
+from vibroswarm.motion.body import walk_program
+from vibroswarm.motion.contract import Motion
+from vibroswarm.motion.fixed_step import FIXED_STEP
+from vibroswarm.robot.walk import (
+    ALWAYS,
+    AVOID,
+    DRIVE,
+    FROZEN_IN_AVOIDANCE,
+    HOLD_IN_TURN,
+    RESET_AFTER_TURN,
+    STOP,
+    TIMERS,
+    TURN,
+    Dice,
+    WalkProgram,
+    WalkState,
+    begin_walk,
+    leg_duration_ms,
+    looks,
+    turn_angle_deg,
+    turn_command_percent,
+    walk_step,
+    wheel_commands_percent,
+)
+from vibroswarm.scenario import Scenario
+
+PROGRAM = walk_program(Scenario())
+DICE = Dice(0.5, 0.75, 0.25)
+WALKING = WalkState(
+    mode=DRIVE,
+    resume=DRIVE,
+    sampled=False,
+    leg_ms=10_000.0,
+    driven_ms=2000,
+    timer_ms=1000,
+    stopped_ms=1000,
+    error_deg=0.0,
+    integral_deg_s=0.0,
+    legs=3,
+    avoidances=2,
+    samples=7,
+)
+FAR = math.inf
+MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE)
+
+OPEN: dict[str, Any] = {
+    "arena.width_m": 1000.0,
+    "arena.height_m": 1000.0,
+    "swarm.start_margin_m": 499.0,
+    "swarm.robots": 1,
+    "robot.speed_factor_min": 1.0,
+    "robot.speed_factor_max": 1.0,
+    "robot.misalignment_min": 0.0,
+    "robot.misalignment_max": 0.0,
+    "robot.battery_life_s": 1e12,
+}
+"""One even robot with no wall within 400 m."""
+NO_SAMPLES: dict[str, Any] = {"sample.sample_interval_ms": 1e9}
+
+
+def moved(runs: int = 1, segments: bool = True, seed: int = 2, **changes: Any) -> Motion:
+    values = OPEN | {name.replace("__", "."): value for name, value in changes.items()}
+    return FIXED_STEP.batch(Scenario().with_values(values), seed, range(runs), segments)
+
+
+# Steps by hand
+
+
+def test_it_stands_at_the_start_and_then_drives() -> None:
+    state = begin_walk(PROGRAM, DICE)
+    assert (state.mode, state.sampled, state.samples, state.legs) == (STOP, True, 0, 1)
+    assert state.leg_ms == pytest.approx(7860.0)
+    after = walk_step(state, PROGRAM, 0.0, FAR, DICE)
+    assert (after.mode, after.timer_ms, after.driven_ms) == (DRIVE, 20, 20)
+
+
+def test_driving_counts_leg_and_timer() -> None:
+    after = walk_step(WALKING, PROGRAM, 0.3, FAR, DICE)
+    assert after == WALKING._replace(driven_ms=2020, timer_ms=1020)
+
+
+def test_a_leg_ends_when_its_time_is_driven() -> None:
+    short = WALKING._replace(driven_ms=9980)
+    assert walk_step(short, PROGRAM, 0.0, FAR, DICE).mode == DRIVE
+    after = walk_step(short._replace(driven_ms=10_000), PROGRAM, 0.0, FAR, DICE)
+    assert (after.mode, after.error_deg, after.driven_ms) == (TURN, 90.0, 10_000)
+    assert after.integral_deg_s == pytest.approx(1.8)
+    assert (after.legs, after.timer_ms) == (3, 1000)
+
+
+def test_the_end_of_a_leg_goes_before_an_obstacle() -> None:
+    after = walk_step(WALKING._replace(driven_ms=10_000), PROGRAM, 0.0, 1.0, DICE)
+    assert (after.mode, after.avoidances) == (TURN, 2)
+
+
+def test_an_obstacle_nearer_than_the_threshold_is_avoided() -> None:
+    assert walk_step(WALKING, PROGRAM, 0.0, 55.0, DICE).mode == DRIVE
+    after = walk_step(WALKING, PROGRAM, 0.0, float(np.nextafter(55.0, 0)), DICE)
+    assert (after.mode, after.error_deg, after.avoidances) == (AVOID, -90.0, 3)
+    assert (after.leg_ms, after.driven_ms, after.legs) == (10_000.0, 2000, 3)
+    assert after.timer_ms == 1020
+
+
+def test_after_avoiding_the_same_leg_goes_on() -> None:
+    avoiding = WALKING._replace(mode=AVOID, error_deg=4.0, integral_deg_s=1.0)
+    after = walk_step(avoiding, PROGRAM, 1.5, FAR, DICE)  # 2.5 degrees are left: done
+    assert (after.mode, after.leg_ms, after.driven_ms, after.legs) == (DRIVE, 10_000.0, 2020, 3)
+    still = walk_step(avoiding, PROGRAM, 1.4, FAR, DICE)
+    assert still.mode == AVOID
+    assert still.error_deg == pytest.approx(2.6)
+    blocked = walk_step(avoiding, PROGRAM, 1.5, 10.0, DICE)  # turned, and again something is there
+    assert (blocked.mode, blocked.avoidances) == (AVOID, 3)
+
+
+def test_after_a_turn_a_new_leg_begins() -> None:
+    turning = WALKING._replace(mode=TURN, error_deg=-2.0, driven_ms=10_000)
+    after = walk_step(turning, PROGRAM, 0.0, FAR, DICE)
+    assert (after.mode, after.leg_ms, after.driven_ms, after.legs) == (DRIVE, pytest.approx(7860.0), 20, 4)
+
+
+@pytest.mark.parametrize("timer", MODES)
+def test_the_timer(timer: int) -> None:
+    """By its mode: in a turn, at the end of one, in an avoidance, at the end of one."""
+    program = PROGRAM._replace(timer=timer)
+
+    def timer_after(mode: int, error_deg: float) -> int:
+        return walk_step(WALKING._replace(mode=mode, error_deg=error_deg), program, 2.0, FAR, DICE).timer_ms
+
+    in_turn, turned = timer_after(TURN, 90.0), timer_after(TURN, 3.0)
+    avoiding, avoided = timer_after(AVOID, 90.0), timer_after(AVOID, 3.0)
+    expected = {
+        RESET_AFTER_TURN: (1000, 20, 1020, 1020),
+        HOLD_IN_TURN: (1000, 1020, 1020, 1020),
+        ALWAYS: (1020, 1020, 1020, 1020),
+        FROZEN_IN_AVOIDANCE: (1000, 20, 1000, 1020),
+    }
+    assert (in_turn, turned, avoiding, avoided) == expected[timer]
+
+
+def test_the_timers_have_their_names() -> None:
+    assert TIMERS == ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance")
+    assert [TIMERS[timer] for timer in MODES] == list(TIMERS)
+
+
+def test_a_sample_is_due_when_the_timer_is_past_the_interval() -> None:
+    program = PROGRAM._replace(sample_interval_ms=2000.0)
+    assert walk_step(WALKING._replace(timer_ms=2000), program, 0.0, FAR, DICE).mode == DRIVE
+    stopped = walk_step(WALKING._replace(timer_ms=2020), program, 0.0, FAR, DICE)
+    assert (stopped.mode, stopped.sampled, stopped.stopped_ms, stopped.resume) == (STOP, False, 0, DRIVE)
+    steps, state = 0, stopped
+    while not state.sampled:
+        state = walk_step(state, program, 0.0, 0.0, DICE)
+        assert wheel_commands_percent(state, program) == (0.0, 0.0)
+        steps += 1
+    assert (steps, state.samples) == (50, 8)
+    after = walk_step(state, program, 0.0, FAR, DICE)
+    assert (after.mode, after.timer_ms, after.driven_ms) == (DRIVE, 20, 2020)
+
+
+def test_a_sample_interrupts_an_avoidance_that_goes_on_after_it() -> None:
+    avoiding = WALKING._replace(mode=AVOID, error_deg=80.0, integral_deg_s=3.0, timer_ms=4000)
+    state = walk_step(avoiding, PROGRAM, 2.0, FAR, DICE)
+    assert (state.mode, state.resume, state.error_deg) == (STOP, AVOID, 78.0)
+    while not state.sampled:
+        state = walk_step(state, PROGRAM, 0.0, FAR, DICE)
+    after = walk_step(state, PROGRAM, 0.0, FAR, DICE)
+    assert (after.mode, after.error_deg, after.avoidances) == (AVOID, 78.0, 2)
+    assert after.integral_deg_s == pytest.approx(3.0 + 78.0 * 0.02)
+
+
+def test_an_avoidance_that_may_not_be_interrupted_is_finished_first() -> None:
+    program = PROGRAM._replace(interrupts_avoidance=False)
+    avoiding = WALKING._replace(mode=AVOID, error_deg=80.0, timer_ms=4000)
+    state = walk_step(avoiding, program, 2.0, FAR, DICE)
+    assert (state.mode, state.error_deg) == (AVOID, 78.0)
+    state = walk_step(state, program, 76.0, FAR, DICE)
+    assert state.mode == DRIVE
+    assert walk_step(state, program, 0.0, FAR, DICE).mode == STOP
+
+
+def test_a_sample_interrupts_a_turn_where_the_timer_always_runs() -> None:
+    program = PROGRAM._replace(timer=ALWAYS)
+    turning = WALKING._replace(mode=TURN, error_deg=80.0, timer_ms=4000, driven_ms=10_000)
+    state = walk_step(turning, program, 2.0, FAR, DICE)
+    assert (state.mode, state.resume, state.error_deg) == (STOP, TURN, 78.0)
+    while not state.sampled:
+        state = walk_step(state, program, 0.0, FAR, DICE)
+    after = walk_step(state, program, 0.0, FAR, DICE)
+    assert (after.mode, after.error_deg, after.legs, after.timer_ms) == (TURN, 78.0, 3, 20)
+
+
+def test_the_turn_command() -> None:
+    def command(error: float, integral: float) -> float:
+        state = WALKING._replace(mode=TURN, error_deg=error, integral_deg_s=integral)
+        left, right = wheel_commands_percent(state, PROGRAM)
+        assert right == -left == turn_command_percent(state, PROGRAM)
+        return float(right)
+
+    assert command(10.0, 4.0) == pytest.approx(25.6)
+    assert command(-10.0, -4.0) == pytest.approx(-25.6)
+    assert command(41.0, 0.0) == 100.0
+    assert command(-170.0, -9.0) == -100.0
+    assert wheel_commands_percent(WALKING, PROGRAM) == (100.0, 100.0)
+
+
+states = st.builds(
+    WalkState,
+    mode=st.sampled_from([DRIVE, TURN, AVOID, STOP]),
+    resume=st.sampled_from([DRIVE, TURN, AVOID]),
+    sampled=st.booleans(),
+    leg_ms=st.sampled_from([0.0, 1000.0, 5000.0]),
+    driven_ms=st.integers(0, 300).map(lambda k: 20 * k),
+    timer_ms=st.integers(0, 300).map(lambda k: 20 * k),
+    stopped_ms=st.integers(0, 60).map(lambda k: 20 * k),
+    error_deg=st.floats(-180, 180),
+    integral_deg_s=st.floats(-500, 500),
+    legs=st.integers(1, 100),
+    avoidances=st.integers(0, 100),
+    samples=st.integers(0, 100),
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(states, st.floats(-5, 5), st.sampled_from(MODES), st.booleans())
+def test_a_step_that_does_not_look_does_not_see(
+    state: WalkState, gyro_deg: float, timer: int, interrupts: bool
+) -> None:
+    program = PROGRAM._replace(timer=timer, interrupts_avoidance=interrupts)
+    gyro_deg = 0.0 if state.mode == STOP else gyro_deg  # nobody turns while standing
+    near, far = (walk_step(state, program, gyro_deg, mm, DICE) for mm in (0.0, FAR))
+    if not looks(state, program, gyro_deg):
+        assert near == far
+    # Whatever happens, a timer never runs while the robot stands, and counts go up by one at most.
+    assert 0 <= near.legs - state.legs <= 1
+    assert 0 <= near.samples - state.samples <= 1
+    if near.mode == STOP:
+        assert near.timer_ms == state.timer_ms
+        assert near.driven_ms == state.driven_ms
+
+
+# Times and angles against scipy
+
+
+def test_leg_times_are_quantiles_of_a_clipped_cauchy() -> None:
+    for u in np.r_[2.0**-53, np.linspace(0.0005, 0.9995, 400), 1 - 2.0**-53]:
+        expected = float(np.clip(stats.cauchy.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0))
+        assert leg_duration_ms(PROGRAM, float(u)) == pytest.approx(expected, rel=1e-11)
+
+
+def test_turns_are_even_between_the_ends() -> None:
+    for u in (0.0, 0.25, 0.5, 0.9, 1.0):
+        assert turn_angle_deg(PROGRAM, u) == pytest.approx(float(stats.uniform.ppf(u, -180.0, 360.0)))
+        assert turn_angle_deg(PROGRAM._replace(turn_max_deg=90.0), u) == pytest.approx(180 * u - 90)
+
+
+# One robot, no walls
+
+
+@pytest.mark.parametrize(
+    ("interval_ms", "stop_ms", "spacing_s"),
+    [
+        (2000.0, 1000.0, 3.04),
+        (3778.0, 1000.0, 4.80),
+        (500.0, 1000.0, 1.54),
+        (2000.0, 0.0, 2.06),
+        (10.0, 990.0, 1.04),
+    ],
+)
+def test_undisturbed_samples_are_evenly_spaced(interval_ms: float, stop_ms: float, spacing_s: float) -> None:
+    """The timer passes tau at the next full period, the stop begins one later: 3.04 s for tau = 2 s."""
+    motion = moved(
+        walk__leg_min_ms=1e9,
+        walk__leg_max_ms=1e9,
+        sample__sample_interval_ms=interval_ms,
+        sample__stop_ms=stop_ms,
+        run__t_end_s=200.0,
+    )
+    times = np.r_[0.0, motion.samples["time_s"].to_numpy()]
+    np.testing.assert_allclose(np.diff(times), spacing_s, atol=1e-9)
+    assert times.size == 1 + math.floor((200.0 - 0.02) / spacing_s + 1e-9)
+    stops = (motion.samples["time_s"] - motion.samples["stop_start_s"]).to_numpy()
+    np.testing.assert_allclose(stops, max(math.ceil(stop_ms / 20), 1) * 0.02, atol=1e-9)
+
+
+def legs_and_turns(motion: Motion, run: int) -> list[tuple[str, float, float, float]]:
+    """(kind, duration s, angle turned rad, displacement m) of each leg and each turn that is complete."""
+    assert motion.segments is not None
+    rows = motion.segments.filter((pl.col("run") == run) & (pl.col("kind") != "stop")).with_columns(
+        group=pl.col("kind").rle_id()
+    )
+    columns = [rows[name].to_numpy() for name in ("start_s", "x_m", "y_m", "heading_rad")]
+    starts = np.flatnonzero(np.r_[True, np.diff(rows["group"].to_numpy()) != 0])
+    kinds = rows["kind"].to_list()
+    found = []
+    for one, two in pairwise(starts):
+        start_s, x, y, heading = ([c[one], c[two]] for c in columns)
+        headings = np.unwrap(columns[3][one : two + 1])
+        turned = float(headings[-1] - headings[0])
+        away = math.hypot(x[1] - x[0], y[1] - y[0])
+        found.append((kinds[one], float(start_s[1] - start_s[0]), turned, away))
+        assert abs(math.remainder(heading[1] - heading[0] - turned, math.tau)) < 1e-9
+    return found
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Motion:
+    return moved(runs=40, sample__sample_interval_ms=1e9, run__t_end_s=600.0)
+
+
+def expected_leg_ticks(run: int, count: int, seed: int = 2) -> NDArray[np.float64]:
+    """Whole periods of the clipped Cauchy's quantiles at the numbers of this run."""
+    u = uniforms(seed, run, 0, Purpose.WALK, 2 * count)[0::2]
+    return np.ceil(np.clip(stats.cauchy.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0) / 20 - 1e-9)
+
+
+def test_each_leg_lasts_its_number(undisturbed: Motion) -> None:
+    total = 0
+    for run in range(40):
+        driven = [d for kind, d, _, _ in legs_and_turns(undisturbed, run) if kind == "drive"]
+        ticks = np.rint(np.array(driven) / 0.02)
+        assert ticks.tolist() == expected_leg_ticks(run, len(driven)).tolist()
+        total += len(driven)
+    assert total > 1000
+
+
+def leg_times_p(driven_s: NDArray[np.float64], location_s: float, scale_s: float) -> float:
+    """p-value of a chi-square test of leg times over the clipped Cauchy, its two ends as cells of their own."""
+    edges = np.array([1.02, 3.0, 5.0, 7.0, 9.0, 12.0, 16.0, 22.0, 29.98])
+    cdf = stats.cauchy.cdf(edges, location_s, scale_s)
+    expected = np.diff(np.r_[0.0, cdf, 1.0]) * driven_s.size
+    counts = np.bincount(np.searchsorted(edges, driven_s - 0.01), minlength=edges.size + 1)
+    return float(stats.chisquare(counts, expected).pvalue)
+
+
+def test_leg_times_follow_the_clipped_cauchy(undisturbed: Motion) -> None:
+    """Only the first legs of a run: later ones are cut off by its end, the long ones more often."""
+    legs = [
+        [d for kind, d, _, _ in legs_and_turns(undisturbed, run) if kind == "drive"][:14] for run in range(40)
+    ]
+    driven = np.concatenate(legs)
+    assert driven.size == 560
+    assert leg_times_p(driven, 7.86, 10.725) > 1e-3
+    # Negative control: location and scale exchanged, as the text of the paper has them in one place.
+    assert leg_times_p(driven, 10.725, 7.86) < 1e-3
+
+
+def test_turns_end_within_the_tolerance(undisturbed: Motion) -> None:
+    residues = []
+    for run in range(40):
+        turns = [turned for kind, _, turned, _ in legs_and_turns(undisturbed, run) if kind == "turn"]
+        wanted = 360.0 * uniforms(2, run, 0, Purpose.WALK, 2 * len(turns))[1::2] - 180.0
+        residues.extend(wanted - np.degrees(turns))
+    # One period of a full turn is 2.7 degrees: an angle may be within the tolerance only after it.
+    assert max(abs(r) for r in residues) <= 2.5 + 1e-9
+    assert max(abs(r) for r in residues) > 2.0  # and not nearer than it must be
+
+
+def test_turning_saturates_at_twice_the_speed_over_the_track(undisturbed: Motion) -> None:
+    assert undisturbed.segments is not None
+    turns = undisturbed.segments.filter(pl.col("kind") == "turn")
+    fastest = 2 * 0.0549 / 0.046
+    rate = turns["turn_rate_rad_s"].abs()
+    assert rate.max() == pytest.approx(fastest, rel=1e-12)
+    assert (rate > fastest * (1 - 1e-9)).mean() > 0.01
+    assert turns["speed_m_s"].abs().max() == 0.0  # in place
+
+
+def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
+    motion = moved(
+        robot__misalignment_min=0.08, robot__misalignment_max=0.08, robot__speed_factor_min=1.2,
+        robot__speed_factor_max=1.2, robot__battery_life_s=8400.0, sample__sample_interval_ms=3000.0,
+        run__t_end_s=600.0,
+    )  # fmt: skip
+    assert motion.segments is not None
+    samples = np.r_[0.0, motion.samples["time_s"].to_numpy()]
+    rows = motion.segments.filter(pl.col("kind") != "stop")
+    # Read at the latest sample before (a period begun at a sample's own tick is the first with the new one).
+    latest = samples[np.searchsorted(samples, rows["start_s"].to_numpy() + 1e-9) - 1]
+    full = 0.0549 * 1.2 * (1 - latest / 8400.0)
+    drive = (rows["kind"] == "drive").to_numpy()
+    np.testing.assert_allclose(rows["speed_m_s"].to_numpy()[drive], full[drive], rtol=1e-12)
+    turning = rows["turn_rate_rad_s"].to_numpy()
+    np.testing.assert_allclose(turning[drive], 2 * 0.08 * full[drive] / 0.0394, rtol=1e-12)
+    share = turning * 0.046 / (2 * full)  # command of the turn, 1 at most
+    assert np.abs(share[~drive]).max() == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(
+        rows["speed_m_s"].to_numpy()[~drive], (0.08 * share * full)[~drive], rtol=1e-9, atol=1e-15
+    )
+
+
+def test_an_interrupted_avoidance_turns_its_whole_angle() -> None:
+    """In a small arena: angle turned from the beginning of an avoidance to its end, stops in between."""
+    small = {
+        "arena.width_m": 0.4, "arena.height_m": 0.4, "swarm.start_margin_m": 0.1, "run.t_end_s": 600.0,
+        "sample.sample_interval_ms": 1500.0, "walk.leg_min_ms": 1e9, "walk.leg_max_ms": 1e9,
+    }  # fmt: skip
+    motion = FIXED_STEP.batch(Scenario().with_values(OPEN | small), 2, [0], True)
+    assert motion.segments is not None
+    kinds = motion.segments["kind"].to_list()
+    headings = np.unwrap(motion.segments["heading_rad"].to_numpy())
+    kept, interrupted, index, k = [], 0, 0, 0
+    while k < len(kinds):
+        if kinds[k] != "avoid":
+            k += 1
+            continue
+        # An avoidance lasts to the next drive; another may follow at once, which the numbers tell.
+        end = k
+        while end < len(kinds) and kinds[end] != "drive":
+            end += 1
+        if end == len(kinds):
+            break
+        kept.append((float(np.degrees(headings[end] - headings[k])), "stop" in kinds[k:end]))
+        interrupted += "stop" in kinds[k:end]
+        k = end
+    assert interrupted >= 10
+    for turned, _ in kept:
+        # The angles of one or more avoidances in a row add up.
+        for together in range(1, 12):
+            numbers = [uniform(2, 0, 0, int(Purpose.AVOIDANCE), index + j, 0) for j in range(together)]
+            wanted = sum(360.0 * u - 180.0 for u in numbers)
+            if abs(wanted - turned) <= 2.5 * together + 1e-6:
+                index += together
+                break
+        else:
+            pytest.fail(f"an avoidance turned {turned:.2f} degrees; number {index} says {wanted:.2f}")
+
+
+# Diffusion
+
+
+def squares(turn_max_deg: float, legs: int = 10, runs: int = 1500) -> NDArray[np.float64]:
+    """Squared displacement after so many legs, one a run, m^2."""
+    motion = moved(
+        runs=runs,
+        seed=9,
+        sample__sample_interval_ms=1e9,
+        walk__turn_max_deg=turn_max_deg,
+        # So that headings after a turn are even round the circle; the integral would make it creep there.
+        walk__turn_tolerance_deg=0.05,
+        walk__turn_integral_gain_percent_per_deg_s=0.0,
+        run__t_end_s=legs * 34.0,
+    )
+    assert motion.segments is not None
+    ends = (
+        motion.segments.with_columns(leg=(pl.col("kind") == "turn").rle_id().over("run"))
+        .filter((pl.col("kind") == "turn") & (pl.col("leg") == 2 * legs - 1))
+        .group_by("run", maintain_order=True)
+        .first()
+    )
+    first = motion.segments.group_by("run", maintain_order=True).first()
+    assert ends.height == first.height == runs
+    return ((ends["x_m"] - first["x_m"]) ** 2 + (ends["y_m"] - first["y_m"]) ** 2).to_numpy()
+
+
+def theory_m2(legs: int, turn_max_deg: float) -> float:
+    """n E[L^2] + 2 E[L]^2 sum (n - k) c^k, c the mean cosine of a turn; with even turns c = 0."""
+    u = (np.arange(400_000) + 0.5) / 400_000
+    leg_ms = np.clip(stats.cauchy.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0)
+    length_m = 0.0549 * 0.02 * np.ceil(leg_ms / 20 - 1e-9)
+    cosine = math.sin(math.radians(turn_max_deg)) / math.radians(turn_max_deg)
+    k = np.arange(1, legs)
+    return float(legs * (length_m**2).mean() + 2 * length_m.mean() ** 2 * ((legs - k) * cosine**k).sum())
+
+
+def mean_p(values: NDArray[np.float64], expected: float) -> float:
+    """p-value of a t-test that the mean is as expected."""
+    return float(stats.ttest_1samp(values, expected).pvalue)
+
+
+def test_without_walls_the_walk_diffuses_as_theory_says() -> None:
+    measured, expected = squares(180.0), theory_m2(10, 180.0)
+    se = measured.std(ddof=1) / math.sqrt(measured.size)
+    assert mean_p(measured, expected) > 1e-3, f"{measured.mean():.4f} +- {se:.4f} m^2, theory {expected:.4f}"
+    assert mean_p(measured, 1.2 * expected) < 1e-3  # the test can see 20 %
+
+
+def test_a_walk_that_keeps_its_direction_does_not() -> None:
+    """Negative control, and the theory of persistent walks as a second check."""
+    measured = squares(90.0, runs=800)
+    assert mean_p(measured, theory_m2(10, 180.0)) < 1e-6
+    assert mean_p(measured, theory_m2(10, 90.0)) > 1e-3
+
+
+def test_a_program_takes_its_parameters_from_the_scenario() -> None:
+    values = {
+        "walk.leg_min_ms": 3.0,
+        "sample.timer": "always",
+        "sample.stop_ms": 40.0,
+        "run.control_period_ms": 10,
+    }
+    program = walk_program(Scenario().with_values(values))
+    assert isinstance(program, WalkProgram)
+    assert (program.leg_min_ms, program.timer, program.stop_ms, program.tick_ms) == (3.0, ALWAYS, 40.0, 10)
+    assert (PROGRAM.location_ms, PROGRAM.scale_ms, PROGRAM.sample_interval_ms) == (7860.0, 10725.0, 3778.0)
+    assert (PROGRAM.gain, PROGRAM.integral_gain, PROGRAM.tolerance_deg) == (2.5, 0.15, 2.5)

@@ -1,0 +1,36 @@
+"""The floor of the real robots, from the lab's own list of coordinates."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.difficulty import measure
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.source import resolve
+
+
+@pytest.fixture
+def world() -> Path:
+    folder = os.environ.get("VIBROSWARM_RUGBOT")
+    if not folder:
+        pytest.skip("VIBROSWARM_RUGBOT does not name the folder of the recordings")
+    return Path(folder) / "world.txt"
+
+
+def test_the_world_of_the_real_robots(world):
+    tiles = read_tiles(world, (5, 5))
+    assert ["".join(map(str, row)) for row in tiles.tolist()] == ["01010", "10010", "10101", "01101", "10010"]
+    found = measure(tiles)
+    assert (found.ones, found.fill_ratio, found.clusters) == (12, 0.48, 7)
+    assert resolve(str(world), (5, 5))[1] == "world.txt"
+
+
+def test_it_needs_its_size(world):
+    with pytest.raises(InputError, match="list of coordinates, which does not say how many tiles"):
+        read_tiles(world)
+    with pytest.raises(InputError, match="line 7: column 4 is not on a floor of 5 x 4 tiles"):
+        read_tiles(world, (5, 4))

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from vibroswarm.cli.floors import add_parser
+from vibroswarm.errors import InputError
+from vibroswarm.floors.difficulty import measure
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.patterns import NAMES
+
+
+def run(*words):
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["floors", *map(str, words)])
+    return arguments.run(arguments)
+
+
+def test_list_names_every_pattern(capsys):
+    assert run("list") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[1 : 1 + len(NAMES)]] == list(NAMES)
+    assert lines[1].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
+
+
+def test_list_as_json(capsys):
+    assert run("list", "--json") == 0
+    found = {entry["floor"]: entry for entry in json.loads(capsys.readouterr().out)}
+    assert found["alternating:0.46"]["ones"] == 46
+    assert found["alternating:paper-0.46"]["moran_index"] == pytest.approx(-0.9145, abs=1e-4)
+
+
+def test_list_with_the_papers_table(capsys):
+    assert run("list", "--paper") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines if line.endswith("differs")] == [
+        "diagonal:0.46",
+        "stripe:0.46",
+        "alternating:0.46",
+        "random-fixed:0.46",
+    ]
+    assert run("list", "--paper", "--json") == 0
+    assert sum(entry["wrong"] for entry in json.loads(capsys.readouterr().out)) == 4
+
+
+def test_show_draws_here_and_to_a_file(capsys, tmp_path):
+    path = tmp_path / "f.svg"
+    assert run("show", "stripe:0.46", "--out", path) == 0
+    out = capsys.readouterr().out
+    assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in out
+    assert out.splitlines()[-1] == f"written: {path}"
+    assert path.read_text().startswith("<?xml")
+    with pytest.raises(InputError, match="--force"):
+        run("show", "stripe:0.46", "--out", path)
+    assert run("show", "stripe:0.46", "--out", path, "--force") == 0
+
+
+def test_show_tells_seeds_apart(capsys):
+    outs = []
+    for seed in (1, 1, 2):
+        assert run("show", "random:0.48", "--tiles", "10x10", "--seed", seed) == 0
+        outs.append(capsys.readouterr().out)
+    assert outs[0] == outs[1] != outs[2]
+
+
+def test_measure_as_text_and_json(capsys, tmp_path):
+    (tmp_path / "still.txt").write_text("000\n000\n")
+    assert run("measure", tmp_path / "still.txt", "diagonal:0.48") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split()[1:] == ["2x3", "0", "0.0000", "none", "none", "0"]
+    assert lines[2].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
+    assert run("measure", tmp_path / "still.txt", "--json") == 0
+    (entry,) = json.loads(capsys.readouterr().out)
+    assert entry["moran_index"] is None
+    assert entry["fill_ratio"] == 0
+
+
+@pytest.mark.parametrize("suffix", ["txt", "csv", "png"])
+def test_make_writes_what_it_made(capsys, tmp_path, suffix):
+    path = tmp_path / f"made.{suffix}"
+    words = ("make", "--tiles", "10x12", "--fill-ratio", 0.45, "--moran", 0.4, "--entropy", 0.8, "--seed", 2)
+    assert run(*words, "--out", path, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    found = measure(read_tiles(path))
+    assert document["reached"] is True
+    assert document["asked"] == {"fill_ratio": 0.45, "moran_index": 0.4, "entropy": 0.8}
+    assert document["moran_index"] == found.moran_index == pytest.approx(0.4, abs=0.02)
+    assert document["entropy"] == found.entropy == pytest.approx(0.8, abs=0.02)
+    assert np.array_equal([[int(tile) for tile in row] for row in document["tiles"]], read_tiles(path))
+    with pytest.raises(InputError, match="exists already"):
+        run(*words, "--out", path)
+    assert run(*words, "--out", path, "--force") == 0
+    assert "made: 10 x 12 tiles of which 54 vibrate" in capsys.readouterr().out
+
+
+def test_make_says_and_gives_the_nearest_with_exit_code_1(capsys, tmp_path):
+    path = tmp_path / "near.txt"
+    assert run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0.95", "--out", path) == 1
+    assert "The nearest found has fill ratio 0.48, Moran index 0.699" in capsys.readouterr().out
+    assert measure(read_tiles(path)).moran_index == pytest.approx(0.699, abs=1e-3)
+
+
+def test_make_refuses_before_it_works(tmp_path):
+    with pytest.raises(InputError, match="--tiles: '5' is no size"):
+        run("make", "--tiles", "5", "--fill-ratio", "0.48", "--moran", "0")
+    with pytest.raises(InputError, match="end the name with"):
+        run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0", "--out", tmp_path / "a.gif")

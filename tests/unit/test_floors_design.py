@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.anneal import Goal, Schedule, anneal
+from vibroswarm.floors.clusters import no_clusters, put, take
+from vibroswarm.floors.constructions import constructions
+from vibroswarm.floors.design import TOLERANCE, make_floor
+from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index
+
+
+def worth(sizes):
+    return float(sum(size * np.log2(size) for size in sizes))
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(1, 6), st.integers(1, 6), st.lists(st.integers(0, 35), max_size=80))
+def test_clusters_kept_step_by_step_are_those_of_the_floor(rows, columns, cells):
+    stride = columns + 2
+    state = no_clusters((rows + 2) * stride, stride)
+    tiles = np.zeros((rows, columns), dtype=np.uint8)
+    whole = 0.0
+    for cell in cells:
+        row, column = divmod(cell % (rows * columns), columns)
+        place = (row + 1) * stride + column + 1
+        whole += take(state, place) if tiles[row, column] else put(state, place)
+        tiles[row, column] ^= 1
+        sizes = cluster_sizes(tiles)
+        assert np.array_equal(state.tile.reshape(rows + 2, stride)[1:-1, 1:-1], tiles)
+        assert sorted(state.size[state.size > 0], reverse=True) == sizes.tolist()
+        assert whole == pytest.approx(worth(sizes), abs=1e-9)
+        assert state.free[0] == state.tile.size - 1 - sizes.size
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(1, 7), st.integers(2, 7), st.data())
+def test_the_annealers_energy_is_that_of_its_floor(rows, columns, data):
+    ones = data.draw(st.integers(1, rows * columns - 1))
+    goal = Goal(data.draw(st.floats(-1, 1)), data.draw(st.floats(0, 1)), 1.0, 2.0 if ones > 1 else 0.0)
+    start = next(constructions(rows, columns, ones))
+    cells = np.pad(start.astype(np.int64), 1).ravel()
+    best, energy = anneal(cells, rows, columns, goal, Schedule(0.1, 0.001, 300, 0.0), 5, 0)
+    tiles = best.reshape(rows + 2, columns + 2)[1:-1, 1:-1]
+    assert int(tiles.sum()) == ones
+    assert best.sum() == ones  # nothing on the border
+    apart = 2.0 * (entropy(tiles) - goal.entropy) if ones > 1 else 0.0
+    assert energy == pytest.approx(np.hypot(moran_index(tiles) - goal.moran_index, apart), abs=1e-9)
+
+
+@pytest.mark.parametrize(("rows", "columns", "ones"), [(5, 5, 12), (7, 4, 3), (20, 20, 192), (1, 9, 4)])
+def test_regular_floors_have_the_number_of_tiles_asked_for(rows, columns, ones):
+    floors = list(constructions(rows, columns, ones))
+    assert all(floor.shape == (rows, columns) and int(floor.sum()) == ones for floor in floors)
+    if rows == 20:
+        found = [measure(floor) for floor in floors]
+        assert max(f.moran_index for f in found) > 0.93
+        assert min(f.moran_index for f in found) < -0.93
+        assert any(f.clusters == 1 and f.moran_index < 0.15 for f in found)  # the comb
+
+
+TARGETS = [
+    *((0.48, moran, None) for moran in (-0.95, -0.5, 0.0, 0.5, 0.9, 0.95)),
+    *((0.48, 0.5, entropy) for entropy in (0.5, 0.6, 0.8, 1.0)),
+    *((0.48, 0.0, entropy) for entropy in (0.3, 0.5, 0.7, 1.0)),
+    (0.48, -0.5, 0.2),
+    (0.48, -0.5, 0.4),
+    (0.48, 0.25, 0.4),
+    (0.48, 0.75, 0.7),
+    (0.48, 0.9, 0.95),
+    (0.1, 0.5, 0.5),
+    (0.1, 0.75, 0.9),
+    (0.9, 0.25, 1.0),
+    (0.9, -0.1, None),
+    (0.03, 0.25, 0.4),
+    (0.97, 0.5, None),
+]
+
+
+@pytest.mark.parametrize(("fill_ratio", "moran", "wanted"), TARGETS)
+def test_a_floor_is_as_asked(fill_ratio, moran, wanted):
+    made = make_floor(20, 20, fill_ratio, moran, wanted, seed=3)
+    assert made.tiles.shape == (20, 20)
+    assert made.difficulty == measure(made.tiles)
+    assert made.difficulty.ones == round(400 * fill_ratio)
+    assert abs(made.difficulty.moran_index - moran) <= TOLERANCE
+    assert wanted is None or abs(made.difficulty.entropy - wanted) <= TOLERANCE
+    assert made.reached
+    assert made.words.startswith("made: 20 x 20 tiles")
+
+
+@pytest.mark.parametrize(("rows", "columns", "ones"), [(4, 4, 6), (3, 5, 8), (2, 7, 4)])
+def test_on_small_floors_all_that_can_be_had_is_found(rows, columns, ones):
+    """Every floor of this size is looked at: what it is must be made, and nothing else is claimed."""
+    can = set()
+    for cells in itertools.combinations(range(rows * columns), ones):
+        tiles = np.zeros(rows * columns, dtype=np.uint8)
+        tiles[list(cells)] = 1
+        found = measure(tiles.reshape(rows, columns))
+        can.add((round(found.moran_index, 9), round(found.entropy, 9)))
+    there = np.array(sorted(can))
+    fill = ones / (rows * columns)
+    for moran, wanted in there[:: max(1, len(there) // 25)]:
+        made = make_floor(rows, columns, fill, moran, wanted)
+        assert made.reached, (moran, wanted)
+    for moran, wanted in itertools.product((-0.9, -0.35, 0.0, 0.3, 0.8), (0.0, 0.25, 0.6, 1.0)):
+        nearest = np.abs(there - (moran, wanted)).max(axis=1).min()
+        made = make_floor(rows, columns, fill, moran, wanted)
+        assert made.reached == (nearest <= TOLERANCE), (moran, wanted)
+
+
+def test_what_cannot_be_had_is_said_with_the_nearest():
+    made = make_floor(20, 20, 0.48, 0.5, 0.2)
+    assert not made.reached
+    assert made.words.startswith(
+        "not found: fill ratio 0.48 and Moran index 0.5 with entropy 0.2, each to 0.02"
+    )
+    assert (
+        f"The nearest found has fill ratio 0.48, Moran index {made.difficulty.moran_index:.3f}" in made.words
+    )
+    assert "the nearest entropy found is" in made.words
+    assert 0.35 < made.difficulty.moran_index < 0.5
+    assert 0.2 < made.difficulty.entropy < 0.42
+
+
+def test_the_moran_index_alone_may_be_out_of_reach():
+    made = make_floor(5, 5, 0.48, 0.95)
+    assert not made.reached
+    assert made.difficulty.moran_index == pytest.approx(0.69872, abs=1e-5)  # the highest of all 5,200,300
+    assert "entropy" not in made.words
+
+
+def test_a_fill_ratio_that_the_tiles_cannot_give_is_rounded_and_judged():
+    near = make_floor(5, 5, 0.5, 0.0)
+    assert near.difficulty.ones == 12
+    assert near.reached
+    far = make_floor(2, 2, 0.4, -1.0)
+    assert far.difficulty.fill_ratio == 0.5
+    assert not far.reached
+    assert far.difficulty.moran_index == -1
+
+
+def test_the_same_seed_makes_the_same_floor_and_another_another():
+    first, again, other = (make_floor(12, 17, 0.45, 0.4, 0.7, seed) for seed in (5, 5, 6))
+    assert np.array_equal(first.tiles, again.tiles)
+    assert first.words == again.words
+    assert other.reached
+    assert not np.array_equal(first.tiles, other.tiles)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ((20, 20, 0.48, 1.5), "moran_index"),
+        ((20, 20, 0.48, float("nan")), "moran_index"),
+        ((20, 20, 0.48, 0.5, 1.01), "entropy"),
+        ((20, 20, 0.48, 0.5, float("nan")), "entropy"),
+        ((20, 20, 0.0025, 0.0, 0.5), "entropy"),
+        ((20, 20, 0.0, 0.5), "fill_ratio"),
+        ((20, 20, 1.0, 0.5), "fill_ratio"),
+        ((20, 20, 0.0005, 0.5), "fill_ratio"),
+        ((20, 20, float("nan"), 0.5), "fill_ratio"),
+        ((1, 1, 0.5, 0.5), "fill_ratio"),
+        ((0, 20, 0.5, 0.5), "tiles"),
+        ((101, 100, 0.5, 0.5), "tiles"),
+        ((20, 20, 0.5, 0.5, None, -1), "seed"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(arguments, field):
+    with pytest.raises(InputError) as caught:
+        make_floor(*arguments)
+    assert caught.value.field == field

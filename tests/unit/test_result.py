@@ -1,0 +1,329 @@
+"""Results on disk: written and read without loss, whole or not at all, and refused when damaged."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate, versions
+
+SHORT: dict[str, Any] = {
+    "run.t_end_s": 60.0,
+    "decision.min_observations": 10,
+    "decision.credible_threshold": 0.7,
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    """Two runs out of order, with everything."""
+    return simulate(Scenario().with_values(SHORT), 2**62 + 1, [4, 2**31], segments=True)
+
+
+@pytest.fixture
+def folder(result: Result, tmp_path: Path) -> Path:
+    """The result on disk, in a folder whose name is not a plain word."""
+    path = tmp_path / "two runs, über 60 s"
+    result.write(path)
+    return path
+
+
+def without_leftovers(path: Path) -> bool:
+    """Whether nothing but ``path`` itself stands in its folder."""
+    return [p for p in path.parent.iterdir() if p != path] == []
+
+
+def test_reading_gives_back_an_equal_result(result: Result, folder: Path) -> None:
+    again = Result.read(folder)
+    assert again == result
+    assert again.same_tables(result)
+    assert (again.seed, again.scenario.hash, again.source) == (2**62 + 1, result.scenario.hash, result.source)
+    assert dict(again.versions) == versions()
+    assert Result.read(str(folder)) == result
+    assert without_leftovers(folder)
+
+
+def test_equality_sees_every_part(result: Result) -> None:
+    """Negative control of the test above."""
+    others = [
+        replace(result, seed=result.seed + 1),
+        replace(result, source="event"),
+        replace(result, versions={}),
+        replace(result, scenario=result.scenario.with_values({"run.t_end_s": 61.0})),
+        replace(result, segments=None),
+        replace(result, motion=result.motion.reverse()),
+        replace(result, inference=result.inference.with_columns(pl.col("belief") + 1e-16)),
+        replace(result, observations=result.observations.cast({"energy": pl.Float64})),
+        replace(result, floors=result.floors.with_columns(name=pl.lit("other"))),
+    ]
+    assert [other == result for other in others] == [False] * len(others)
+    assert result == replace(result)
+    assert result != "a result"
+
+
+def test_without_segments_and_energies(tmp_path: Path) -> None:
+    result = simulate(Scenario().with_values(SHORT), 3, energies=False)
+    assert result.segments is None
+    result.write(tmp_path / "r")
+    assert not (tmp_path / "r" / "segments.parquet").exists()
+    again = Result.read(tmp_path / "r")
+    assert again == result
+    assert again.segments is None
+    assert again.observations["energy"].is_null().all()
+
+
+def test_a_run_in_which_nobody_sampled(tmp_path: Path) -> None:
+    result = simulate(Scenario().with_values({"run.t_end_s": 0.5}), 3)
+    assert result.motion.height == 0
+    assert result.robots.height == 5
+    result.write(tmp_path / "r")
+    assert Result.read(tmp_path / "r") == result
+
+
+def test_the_tables_have_their_columns(result: Result) -> None:
+    for name, schema in TABLES.items():
+        assert dict(getattr(result, name).schema) == schema
+
+
+def test_each_table_says_what_it_is_of(result: Result, folder: Path) -> None:
+    """Scenario, seed and versions stand in each Parquet file's own metadata."""
+    for name in TABLES:
+        metadata = pl.read_parquet_metadata(folder / f"{name}.parquet")
+        about = json.loads(metadata["vibroswarm"])
+        assert about["seed"] == result.seed
+        assert about["schema_version"] == SCHEMA_VERSION
+        assert about["versions"] == versions()
+        assert about["scenario_hash"] == result.scenario.hash
+        assert Scenario.from_toml(metadata["scenario"]) == result.scenario
+
+
+def test_the_folder_holds_the_scenario(result: Result, folder: Path) -> None:
+    assert Scenario.read(folder / "scenario.toml") == result.scenario
+    assert sorted(p.name for p in folder.iterdir()) == sorted(
+        ["scenario.toml", "result.json", *(f"{name}.parquet" for name in TABLES)]
+    )
+
+
+def test_versions_name_what_made_the_result() -> None:
+    assert {"vibroswarm", "numpy", "numba", "scipy", "polars", "python", "architecture", "code"} <= set(
+        versions()
+    )
+    assert all(versions().values())
+
+
+def test_the_floor_of_each_run_comes_back(result: Result, folder: Path) -> None:
+    again = Result.read(folder)
+    for run in (4, 2**31):
+        floor = result.scenario.floor_for(result.seed, run)
+        assert again.floor(run) == floor
+        assert again.floor(run).name == floor.name
+    assert again.floor(4) != again.floor(2**31)
+    with pytest.raises(InputError, match="no run 5"):
+        again.floor(5)
+
+
+def test_a_floor_with_a_place_of_its_own_comes_back() -> None:
+    values = SHORT | {
+        "floor.tiles": ["110", "001"],
+        "floor.tile_width_m": 0.1,
+        "floor.left_m": 0.2,
+        "floor.bottom_m": 1 / 3,
+    }
+    scenario = Scenario().with_values(values)
+    assert simulate(scenario, 1).floor(0) == scenario.floor_for(1, 0)
+
+
+# What is there already
+
+
+def test_an_existing_folder_is_refused(result: Result, folder: Path) -> None:
+    before = (folder / "result.json").stat().st_mtime_ns
+    with pytest.raises(InputError, match="exists already") as caught:
+        result.write(folder)
+    assert str(folder) in str(caught.value)
+    assert (folder / "result.json").stat().st_mtime_ns == before
+    assert without_leftovers(folder)
+
+
+def test_a_result_may_be_replaced_and_nothing_else(result: Result, folder: Path, tmp_path: Path) -> None:
+    other = simulate(Scenario().with_values(SHORT), 9)
+    other.write(folder, replace=True)
+    assert Result.read(folder) == other
+    assert not (folder / "segments.parquet").exists()  # nothing of the old one is left in it
+    assert without_leftovers(folder)
+    foreign = tmp_path / "letters"
+    foreign.mkdir()
+    (foreign / "letter.txt").write_text("dear", encoding="utf-8")
+    with pytest.raises(InputError, match="not a vibroswarm result"):
+        result.write(foreign, replace=True)
+    assert (foreign / "letter.txt").read_text(encoding="utf-8") == "dear"
+    with pytest.raises(InputError, match="is a file"):
+        result.write(foreign / "letter.txt", replace=True)
+
+
+def test_an_empty_folder_is_filled(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    result.write(tmp_path / "empty")
+    assert Result.read(tmp_path / "empty") == result
+
+
+# Failure in the middle
+
+
+class OtherError(Exception):
+    """Something else than an error of the disk."""
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OtherError()])
+@pytest.mark.parametrize("replacing", [False, True])
+def test_nothing_half_written_is_left(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, replacing: bool
+) -> None:
+    path = tmp_path / "r"
+    old = simulate(Scenario().with_values(SHORT), 9)
+    if replacing:
+        old.write(path)
+    write, written = pl.DataFrame.write_parquet, []
+
+    def fail_at_the_fourth(self: pl.DataFrame, file: Path, **options: Any) -> None:
+        written.append(file)
+        if len(written) == 4:
+            raise error
+        write(self, file, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pl.DataFrame, "write_parquet", fail_at_the_fourth)
+        with pytest.raises(RunError if isinstance(error, OSError) else OtherError):
+            result.write(path, replace=replacing)
+    assert len(written) == 4
+    if replacing:
+        assert Result.read(path) == old
+    else:
+        assert not path.exists()
+    assert without_leftovers(path)
+
+
+# Damage
+
+
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_a_missing_table_is_named(folder: Path, name: str) -> None:
+    (folder / f"{name}.parquet").unlink()
+    with pytest.raises(InputError, match="missing or damaged") as caught:
+        Result.read(folder)
+    assert caught.value.field == str(folder / f"{name}.parquet")
+
+
+@pytest.mark.parametrize("name", sorted(TABLES))
+@pytest.mark.parametrize("damage", ["empty", "cut", "text", "foreign"])
+def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
+    path = folder / f"{name}.parquet"
+    whole = path.read_bytes()
+    if damage == "foreign":
+        pl.DataFrame({"a": [1]}).write_parquet(path)
+    else:
+        path.write_bytes({"empty": b"", "cut": whole[: len(whole) // 2], "text": b"run,robot\n1,2\n"}[damage])
+    with pytest.raises(InputError) as caught:
+        Result.read(folder)
+    assert caught.value.field == str(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "null", "{}", '{"schema_version": 1}', '{"schema_version": "x"}']
+)
+def test_a_damaged_head_is_named(folder: Path, text: str) -> None:
+    (folder / "result.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"result\.json"):
+        Result.read(folder)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("tables", 3),
+        ("tables", ["motion"]),
+        ("seed", None),
+        ("seed", "x"),
+        ("versions", 3),
+        ("schema_version", []),
+    ],
+)
+def test_a_head_with_a_wrong_entry_is_refused(folder: Path, key: str, value: Any) -> None:
+    head = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    (folder / "result.json").write_text(json.dumps(head | {key: value}), encoding="utf-8")
+    with pytest.raises(InputError):
+        Result.read(folder)
+
+
+def test_a_head_that_is_no_text_is_refused(folder: Path) -> None:
+    (folder / "result.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError):
+        Result.read(folder)
+
+
+def test_a_newer_format_is_refused(folder: Path) -> None:
+    head = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    head["schema_version"] = SCHEMA_VERSION + 1
+    (folder / "result.json").write_text(json.dumps(head), encoding="utf-8")
+    with pytest.raises(InputError, match="update vibroswarm"):
+        Result.read(folder)
+
+
+def test_a_damaged_scenario_is_refused(folder: Path) -> None:
+    (folder / "scenario.toml").write_text("[walk]\nleg_min_ms = -3\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"walk\.leg_min_ms"):
+        Result.read(folder)
+    (folder / "scenario.toml").unlink()
+    with pytest.raises(InputError, match=r"scenario\.toml"):
+        Result.read(folder)
+
+
+def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nothing", tmp_path / "file"):
+        (tmp_path / "file").write_text("x", encoding="utf-8")
+        with pytest.raises(InputError, match="no result of vibroswarm"):
+            Result.read(path)
+
+
+# Numbers of robots and runs
+
+
+def test_robots_and_runs_sum_up_the_samples(result: Result) -> None:
+    """Recounted row by row."""
+    for robot in result.robots.to_dicts():
+        own = (pl.col("run") == robot["run"]) & (pl.col("robot") == robot["robot"])
+        rows = result.inference.filter(own)
+        times = result.motion.filter(own)["time_s"].to_list()
+        decisions, beliefs = rows["decision"].to_list(), rows["belief"].to_list()
+        first = next((k for k, d in enumerate(decisions) if d != -1), None)
+        truth = result.runs.filter(pl.col("run") == robot["run"])["truth"].item()
+        assert robot["samples"] == robot["sent"] == rows.height
+        assert robot["decision"] == (decisions[first] if first is not None else -1)
+        assert robot["decision_time_s"] == (times[first] if first is not None else None)
+        belief = beliefs[first if first is not None else -1]
+        assert robot["belief"] == belief
+        assert robot["belief_at_decision"] == (belief if first is not None else None)
+        assert robot["belief_in_truth"] == (belief if truth == 0 else 1 - belief)
+        assert robot["alpha"] + robot["beta"] == 2 + robot["samples"] + robot["received"]
+    for run in result.runs.to_dicts():
+        robots = result.robots.filter(pl.col("run") == run["run"])
+        counts = [(robots["decision"] == d).sum() for d in (run["truth"], 1 - run["truth"], -1)]
+        assert [run["right"], run["wrong"], run["undecided"]] == counts
+        assert run["fill_ratio"] == pytest.approx(0.48)
+        assert run["truth"] == 0
+        expected = "wrong" if counts[1] else "right"
+        expected = "split" if counts[0] and counts[1] else expected
+        expected = "incomplete" if counts[2] else expected
+        assert run["consensus"] == expected
+        together = expected in ("right", "wrong")
+        assert run["consensus_time_s"] == (robots["decision_time_s"].max() if together else None)
+        assert (run["end_s"], run["stopped_early"]) == (60.0, False)
+    assert len(set(result.robots["decision"])) > 1  # else little of this was tried

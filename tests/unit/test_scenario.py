@@ -1,0 +1,598 @@
+"""Scenarios: TOML there and back, the hash, presets, settings, and what is refused and how."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.errors import InputError
+from vibroswarm.presets import describe, preset, preset_names
+from vibroswarm.result import Result
+from vibroswarm.scenario import Scenario, field_names, parse_setting
+from vibroswarm.simulation import simulate
+
+PAPER_HASH = "5df355c2556e0e1b"
+"""Of the preset ``paper``. It changes only when what the paper's simulations did is understood otherwise, or
+with the schema; results that were written before then no longer match their scenario."""
+
+DEFAULTS = Scenario().model_dump()
+
+
+def default(name: str) -> Any:
+    section, field = name.split(".")
+    return DEFAULTS[section][field]
+
+
+def annotation(name: str) -> Any:
+    section, field = name.split(".")
+    return Scenario.model_fields[section].annotation.model_fields[field].annotation  # type: ignore[union-attr]
+
+
+FLOATS = [name for name in field_names() if isinstance(default(name), float)]
+INTS = [name for name in field_names() if type(default(name)) is int]
+FLAGS = [name for name in field_names() if isinstance(default(name), bool)]
+WORDS = [name for name in field_names() if get_origin(annotation(name)) is Literal]
+LISTS = ["rays.side_m", "rays.angle_deg"]
+OTHERS = {
+    "floor.source": "stripe:0.46",
+    "floor.tiles": ("101", "010"),
+    "floor.tile_width_m": 0.1,
+    "floor.tile_height_m": 0.1,
+    "sensor.vibrating_energies": (1.0, 2.0),
+    "sensor.still_energies": (0.5,),
+    "rays.side_m": (0.0, 0.007, -0.0075),
+    "rays.angle_deg": (0.0, 27.0, -28.0),
+}
+MODEL: dict[str, Any] = {"sensor.vibrating_energies": [1.0, 2.0], "sensor.still_energies": [0.5]}
+
+
+def another(name: str) -> Any:
+    """A good value that is not the default."""
+    if name in OTHERS:
+        return OTHERS[name]
+    if name in FLAGS:
+        return not default(name)
+    if name in WORDS:
+        return next(word for word in get_args(annotation(name)) if word != default(name))
+    if name in INTS:
+        return default(name) + 20
+    return default(name) * 0.999 if default(name) else 1e-3
+
+
+def changed(name: str) -> Scenario:
+    base = Scenario().with_values(MODEL) if name == "sensor.model" else Scenario()
+    return base.with_values({name: another(name)})
+
+
+def refused(values: dict[str, Any]) -> InputError:
+    """The error of a scenario from these dotted values."""
+    with pytest.raises(InputError) as caught:
+        Scenario().with_values(values)
+    return caught.value
+
+
+# Fields
+
+
+def test_every_field_is_of_a_known_kind() -> None:
+    known = set(FLOATS + INTS + FLAGS + WORDS) | set(OTHERS)
+    assert known == set(field_names())
+    assert len(field_names()) == len(set(field_names()))
+
+
+def test_units_stand_in_the_names() -> None:
+    units = ("_m", "_mm", "_ms", "_s", "_deg", "_m_s", "_percent_per_deg", "_percent_per_deg_s")
+    plain = {
+        "swarm.robots", "floor.rows", "floor.columns", "robot.misalignment_min", "robot.misalignment_max",
+        "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
+        "robot.speed_factor_min", "robot.speed_factor_max", "strategy.eta", "strategy.kappa",
+        "decision.decision_boundary", "decision.credible_threshold", "decision.min_observations",
+        "decision.prior_alpha", "decision.prior_beta", "network.loss",
+    }  # fmt: skip
+    without = {name for name in FLOATS + INTS if not name.endswith(units)}
+    assert {name for name in without if not name.startswith("sensor.")} == plain
+
+
+# TOML there and back
+
+
+def finite(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False, allow_infinity=False)
+
+
+odd_values = st.fixed_dictionaries(
+    {},
+    optional={
+        "arena.width_m": finite(0.8, 1e4),
+        "arena.height_m": finite(0.8, 3.0),
+        "floor.tiles": st.sampled_from([("1",), ("01", "10"), ("0000000", "1111111")]),
+        "floor.source": st.sampled_from(["random:0.4", "diagonal:0.46", "alternating:paper-0.46"]),
+        "floor.redraw": st.sampled_from(["run", "study"]),
+        "floor.left_m": finite(-0.1, 0.4),
+        "swarm.robots": st.integers(1, 50),
+        "robot.misalignment_min": finite(-0.99, 0.1),
+        "robot.speed_factor_location": finite(-100, 100),
+        "robot.speed_redraw": st.sampled_from(["sample", "robot"]),
+        "rays.side_m": st.tuples(finite(-1, 1), finite(-1, 1), finite(-1, 1)),
+        "rays.angle_deg": st.tuples(finite(-360, 360), finite(-360, 360), finite(-360, 360)),
+        "walk.walk_duration_location_ms": finite(0, 1e9),
+        "walk.turn_max_deg": finite(1e-300, 180),
+        "sample.interrupts_avoidance": st.booleans(),
+        "sensor.rms_threshold": finite(0, 1e9),
+        "sensor.still_energies": st.lists(finite(0, 100), min_size=1, max_size=20).map(tuple),
+        "strategy.name": st.sampled_from(["none", "positive", "soft"]),
+        "strategy.eta": st.one_of(finite(0, 1e12), st.integers(0, 10**12)),
+        "decision.min_observations": st.integers(0, 10**9),
+        "decision.revise": st.booleans(),
+        "network.loss": finite(0, 1),
+        "run.t_end_s": finite(1e-3, 8000),
+    },
+)
+
+
+@settings(deadline=None, max_examples=80, derandomize=True)
+@given(odd_values)
+def test_toml_there_and_back_loses_nothing(values: dict[str, Any]) -> None:
+    scenario = Scenario().with_values(values)
+    again = Scenario.from_toml(scenario.to_toml())
+    assert again == scenario
+    assert again.hash == scenario.hash
+    assert again.to_toml() == scenario.to_toml()
+    for name, value in values.items():
+        section, field = name.split(".")
+        assert getattr(getattr(again, section), field) == value
+
+
+@pytest.mark.parametrize("name", field_names())
+def test_each_field_goes_through_toml(name: str) -> None:
+    scenario = changed(name)
+    assert scenario != Scenario()
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.text(min_size=1, max_size=30))
+@example("\x00\x7f\r\n\t\"'\\\u2028")
+def test_names_of_floors_go_through_toml(name: str) -> None:
+    scenario = Scenario().with_values({"floor.source": name, "floor.tiles": ["10", "01"]})
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+def test_a_file_needs_to_say_only_what_differs(tmp_path: Path) -> None:
+    path = tmp_path / "my scenario.toml"
+    path.write_text("[walk]\nleg_min_ms = 500\n", encoding="utf-8")
+    assert Scenario.read(path) == Scenario().with_values({"walk.leg_min_ms": 500.0})
+    path.write_text("", encoding="utf-8")
+    assert Scenario.read(path) == Scenario()
+
+
+def test_a_preset_may_be_the_base() -> None:
+    scenario = Scenario.from_toml('preset = "text"\n[run]\nt_end_s = 60.0\n')
+    assert scenario == preset("text").with_values({"run.t_end_s": 60.0})
+    with pytest.raises(InputError, match="did you mean 'text'"):
+        Scenario.from_toml('preset = "txet"')
+    with pytest.raises(InputError, match="preset"):
+        Scenario.from_toml("preset = 3")
+
+
+# The hash
+
+
+def test_hash_of_the_paper() -> None:
+    assert preset("paper").hash == PAPER_HASH
+
+
+def test_hash_changes_with_each_field_and_with_nothing_else() -> None:
+    hashes = {name: changed(name).hash for name in field_names()}
+    hashes[""] = Scenario().hash
+    assert len(set(hashes.values())) == len(hashes)
+    assert all(len(h) == 16 and set(h) <= set("0123456789abcdef") for h in hashes.values())
+
+
+def test_equal_scenarios_have_one_hash() -> None:
+    """However their numbers were written."""
+    one = Scenario.from_toml("[strategy]\neta = 1500\n[rays]\nside_m = [0, 0.0075, -75e-4]")
+    assert one == Scenario()
+    assert one.hash == Scenario().hash
+    minus = Scenario().with_values({"floor.left_m": -0.0})
+    assert minus == Scenario()
+    assert minus.hash == Scenario().hash
+
+
+def test_scenarios_are_frozen_and_can_be_keys() -> None:
+    assert len({Scenario(), preset("paper"), preset("text")}) == 2
+    with pytest.raises(ValueError, match="frozen"):
+        Scenario().walk.leg_min_ms = 3.0
+    assert Scenario().with_values({"walk.leg_min_ms": 3.0}) != Scenario()
+    assert Scenario().walk.leg_min_ms == 1000.0
+
+
+# Presets
+
+
+def test_the_paper_is_the_default() -> None:
+    assert preset("paper") == Scenario()
+
+
+def test_the_preset_file_of_the_paper_names_every_field() -> None:
+    import vibroswarm.presets
+
+    text = (Path(vibroswarm.presets.__file__).parent / "paper.toml").read_text(encoding="utf-8")
+    values = tomllib.loads(text)
+    named = {f"{section}.{field}" for section, fields in values.items() for field in fields}
+    optional = {
+        "floor.tiles", "floor.tile_width_m", "floor.tile_height_m", "sensor.vibrating_energies",
+        "sensor.still_energies",
+    }  # fmt: skip
+    assert named == set(field_names()) - optional
+
+
+def test_presets() -> None:
+    assert {"paper", "paper-empirical", "text"} <= set(preset_names())
+    for name in preset_names():
+        assert isinstance(preset(name), Scenario)
+        assert describe(name)
+        assert not describe(name).startswith("#")
+    empirical = preset("paper-empirical")
+    assert (empirical.walk.walk_duration_location_ms, empirical.walk.walk_duration_scale_ms) == (
+        7500.0,
+        15_000.0,
+    )
+    assert (empirical.sample.sample_interval_ms, empirical.walk.avoidance_threshold_mm) == (2000.0, 50.0)
+    with pytest.raises(InputError, match="did you mean 'paper'"):
+        preset("papper")
+
+
+# --set
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("walk.leg_min_ms=500", ("walk.leg_min_ms", 500)),
+        (" walk.leg_min_ms = 500.5 ", ("walk.leg_min_ms", 500.5)),
+        ("sample.timer=always", ("sample.timer", "always")),
+        ('sample.timer="always"', ("sample.timer", "always")),
+        ("decision.revise=true", ("decision.revise", True)),
+        ("rays.angle_deg=[0, 30, -30]", ("rays.angle_deg", [0, 30, -30])),
+        ("floor.source=diagonal:0.46", ("floor.source", "diagonal:0.46")),
+        ("floor.source=a=b", ("floor.source", "a=b")),
+        ("floor.source=", ("floor.source", "")),
+        ("decision.min_observations=1_000", ("decision.min_observations", 1000)),
+    ],
+)
+def test_settings_are_read_as_toml_or_as_words(text: str, expected: tuple[str, Any]) -> None:
+    name, value = parse_setting(text)
+    assert (name, value) == expected
+    assert type(value) is type(expected[1])
+
+
+@pytest.mark.parametrize("text", ["", "walk.leg_min_ms", "=3", "  = 3", "a=1\nb=2"])
+def test_what_is_no_setting_is_refused(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_setting(text)
+    assert caught.value.field == "--set"
+
+
+def test_settings_are_applied_in_their_order() -> None:
+    scenario = Scenario().with_values(dict(map(parse_setting, ["swarm.robots=7", "run.t_end_s=60"])))
+    assert (scenario.swarm.robots, scenario.run.t_end_s) == (7, 60.0)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [
+        ("walk.leg_mim_ms", "walk.leg_min_ms"),
+        ("walk.avoidance_threshold", "walk.avoidance_threshold_mm"),
+        ("wlak.leg_min_ms", "walk.leg_min_ms"),
+        ("strategy.etta", "strategy.eta"),
+        ("run.loss", "network.loss"),
+        ("loss", "network.loss"),
+        ("swarm.robot", "swarm.robots"),
+    ],
+)
+def test_an_unknown_key_suggests_the_nearest(wrong: str, right: str) -> None:
+    error = refused({wrong: 1})
+    assert error.field == wrong
+    assert f"did you mean '{right}'" in str(error)
+    section, _, field = wrong.rpartition(".")
+    if section and section in DEFAULTS:
+        with pytest.raises(InputError, match="did you mean") as caught:
+            Scenario.from_toml(f"[{section}]\n{field} = 1\n")
+        assert caught.value.field == wrong
+        assert right in str(caught.value)
+
+
+def test_an_unknown_section_is_refused() -> None:
+    with pytest.raises(InputError, match="no such field"):
+        Scenario.from_toml("[wheels]\nspeed = 3\n")
+    assert "no such field" in str(refused({"wheels.speed": 3}))
+
+
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, 1e300, -1e300, "5", "", True, None, [1.0], {}]
+)
+@pytest.mark.parametrize("name", FLOATS)
+def test_what_is_no_sensible_number_is_refused(name: str, value: Any) -> None:
+    section, field = name.split(".")
+    with pytest.raises(InputError) as caught:
+        Scenario.from_values({section: {field: value}})
+    assert caught.value.field == name
+    assert repr(value) in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [math.nan, 10**30, -(10**30), 5.5, 5.0, "5", True, None, [1]])
+@pytest.mark.parametrize("name", INTS)
+def test_what_is_no_whole_number_is_refused(name: str, value: Any) -> None:
+    section, field = name.split(".")
+    with pytest.raises(InputError) as caught:
+        Scenario.from_values({section: {field: value}})
+    assert caught.value.field == name
+    shown = str(caught.value)
+    assert repr(value) in shown
+
+
+MAY_BE_NEGATIVE = {
+    "floor.left_m", "floor.bottom_m", "robot.misalignment_min", "robot.misalignment_max",
+    "robot.speed_factor_location", "sensor.vibrating_location", "sensor.still_location",
+}  # fmt: skip
+MAY_BE_ZERO = MAY_BE_NEGATIVE | {
+    "swarm.start_margin_m", "rays.forward_m", "rays.disc_radius_m", "walk.walk_duration_location_ms",
+    "walk.walk_duration_scale_ms", "walk.leg_min_ms", "walk.avoidance_threshold_mm",
+    "walk.turn_integral_gain_percent_per_deg_s", "sample.sample_interval_ms", "sample.stop_ms",
+    "sensor.rms_threshold", "strategy.eta", "strategy.kappa", "decision.min_observations", "network.loss",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(set(FLOATS + INTS) - MAY_BE_NEGATIVE))
+def test_negative_values_are_refused(name: str) -> None:
+    error = refused({name: -1 if name in INTS else -0.001})
+    assert error.field == name
+    assert "-1" in str(error) or "-0.001" in str(error)
+
+
+@pytest.mark.parametrize("name", sorted(FLOATS + INTS))
+def test_zero_is_refused_where_it_makes_no_sense(name: str) -> None:
+    zero = 0 if name in INTS else 0.0
+    if name in MAY_BE_ZERO:
+        assert Scenario().with_values({name: zero})
+    elif name == "walk.leg_max_ms":  # below leg_min_ms: says so
+        assert refused({name: zero}).field == "walk.leg_min_ms"
+    else:
+        assert refused({name: zero}).field == name
+
+
+@pytest.mark.parametrize("name", FLAGS)
+@pytest.mark.parametrize("value", [0, 1, "true", "no", None, 1.0])
+def test_flags_are_true_or_false(name: str, value: Any) -> None:
+    section, field = name.split(".")
+    with pytest.raises(InputError) as caught:
+        Scenario.from_values({section: {field: value}})
+    assert caught.value.field == name
+    assert repr(value) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_wrong_word_names_the_right_ones(name: str) -> None:
+    words = get_args(annotation(name))
+    error = refused({name: words[0] + "x"})
+    assert error.field == name
+    assert all(f"'{word}'" in str(error) for word in words)
+    assert f"did you mean '{words[0]}'" in str(error)
+    assert refused({name: 3}).field == name
+
+
+@pytest.mark.parametrize(
+    ("values", "field", "shown"),
+    [
+        ({"robot.misalignment_min": 0.2}, "robot.misalignment_min", "0.2"),
+        ({"robot.speed_factor_min": 2.0}, "robot.speed_factor_min", "2.0"),
+        ({"walk.leg_min_ms": 40_000.0}, "walk.leg_min_ms", "40000.0"),
+        ({"rays.side_m": [0.0]}, "rays.side_m", "rays.angle_deg"),
+        ({"rays.side_m": []}, "rays.side_m", "[]"),
+        ({"rays.angle_deg": [0.0, math.nan, 1.0]}, "rays.angle_deg.1", "nan"),
+        ({"rays.angle_deg": [0.0, "x", 1.0]}, "rays.angle_deg.1", "'x'"),
+        ({"arena.width_m": 0.02}, "arena.width_m", "0.015"),
+        ({"arena.height_m": 0.02}, "arena.height_m", "0.015"),
+        ({"swarm.start_margin_m": 0.6}, "swarm.start_margin_m", "at most 0.5"),
+        ({"swarm.robots": 5000}, "swarm.robots", "5000"),
+        ({"run.t_end_s": 9000.0}, "robot.battery_life_s", "9000"),
+        ({"sample.sample_interval_ms": 0.0, "sample.stop_ms": 0.0}, "sample.sample_interval_ms", "20 ms"),
+        ({"run.control_period_ms": 500}, "run.control_period_ms", "500 ms"),
+        ({"sensor.model": "energies"}, "sensor.vibrating_energies", "missing"),
+        ({"sensor.vibrating_energies": []}, "sensor.vibrating_energies", "[]"),
+        ({"floor.tiles": ["10", "1"]}, "floor.tiles", "one length"),
+        ({"floor.tiles": ["12"]}, "floor.tiles", "0 and 1"),
+        ({"floor.tiles": []}, "floor.tiles", "[]"),
+        ({"floor.left_m": 1.0}, "floor.left_m", "outside"),
+        ({"floor.left_m": -1.0}, "floor.left_m", "outside"),
+    ],
+)
+def test_fields_that_do_not_go_together(values: dict[str, Any], field: str, shown: str) -> None:
+    error = refused(values)
+    assert error.field == field
+    assert shown in str(error)
+
+
+@pytest.mark.parametrize(
+    "source", ["diagnoal:0.46", "diagonal:0.47", "diagonal", "random:0.5", "random:x", "random:nan"]
+)
+def test_an_unknown_floor_is_refused(source: str) -> None:
+    assert refused({"floor.source": source}).args
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"swarm.start_margin_m": 0.0, "arena.width_m": 0.1, "arena.height_m": 0.07},
+        {"swarm.start_margin_m": 0.0, "arena.width_m": 0.03, "arena.height_m": 0.03},
+        {"arena.width_m": 0.3, "arena.height_m": 2.0},
+        {"robot.body_radius_m": 0.05},
+    ],
+)
+def test_more_robots_than_fit_says_how_many_do(values: dict[str, Any]) -> None:
+    error = refused(values | {"swarm.robots": 10_000})
+    assert error.field == "swarm.robots"
+    assert "10000" in str(error)
+    most = int(str(error).rpartition("at most ")[2])
+    assert refused(values | {"swarm.robots": most + 1}).field == "swarm.robots"
+    # As many as it says can be placed, side by side.
+    scenario = Scenario().with_values(values | {"swarm.robots": most, "run.t_end_s": 0.02})
+    ends = simulate(scenario, 1).ends
+    assert ends.height == most
+    place = ends.select("x_m", "y_m").to_numpy()
+    gap = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+    gap[range(most), range(most)] = math.inf
+    assert gap.min() >= (2 * scenario.robot.body_radius_m) ** 2
+    margin = max(scenario.swarm.start_margin_m, scenario.robot.body_radius_m) - 1e-12
+    assert place.min() >= margin
+    assert (place[:, 0] <= scenario.arena.width_m - margin).all()
+    assert (place[:, 1] <= scenario.arena.height_m - margin).all()
+
+
+def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    device = Path("/dev/null")  # some such never end
+    for path in (tmp_path, tmp_path / "not there.toml", Path("a\0b"), *([device] if device.exists() else [])):
+        with pytest.raises(InputError):
+            Scenario.read(path)
+    large = tmp_path / "large.toml"
+    with large.open("wb") as file:
+        file.truncate(2**26 + 1)
+    for path, said in ((tmp_path, "is no plain file"), (large, "is larger than 64 MiB")):
+        with pytest.raises(InputError) as caught:
+            Scenario.read(path)
+        assert str(caught.value).startswith(f"{path}: {said}")
+    binary = tmp_path / "picture.toml"
+    binary.write_bytes(b"\x89PNG\r\n\xff\xfe")
+    with pytest.raises(InputError, match="UTF-8") as caught:
+        Scenario.read(binary)
+    assert caught.value.field == str(binary)
+    binary.write_text("[walk\n", encoding="utf-8")
+    with pytest.raises(InputError, match="is not TOML"):
+        Scenario.read(binary)
+
+
+# Junk: whatever it is, it is an InputError or a scenario.
+
+TOML_LINES = Scenario().to_toml().splitlines()
+junk_lines = st.one_of(
+    st.sampled_from(TOML_LINES),
+    st.sampled_from(
+        ['preset = "text"', "preset = []", "[walk]", "[[walk]]", "[walk.leg_min_ms]", "walk = 3"]
+    ),
+    st.tuples(
+        st.sampled_from([line.partition(" = ")[0] for line in TOML_LINES if " = " in line]),
+        st.sampled_from(
+            ["nan", "inf", "-inf", "1e400", "-1", "0", "1e-310", "''", "[]", "{}", "true", "1979-05-27"]
+        ),
+    ).map(" = ".join),
+    st.text(max_size=30),
+)
+
+
+@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(junk_lines, max_size=12).map("\n".join))
+@example("a = " + "[" * 3000)
+@example("[walk]\nleg_min_ms = " + "9" * 5000)
+@example("[robot]\nbody_radius_m = 1e-310\n")
+def test_any_text_is_a_scenario_or_an_input_error(text: str) -> None:
+    try:
+        scenario = Scenario.from_toml(text)
+    except InputError:
+        return
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+@pytest.fixture(scope="module")
+def any_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("any") / "any.toml"
+
+
+@settings(deadline=None, max_examples=80)
+@given(data=st.one_of(st.binary(max_size=200), st.text(max_size=100).map(str.encode)))
+def test_any_bytes_are_a_scenario_or_an_input_error(any_file: Path, data: bytes) -> None:
+    any_file.write_bytes(data)
+    try:
+        Scenario.read(any_file)
+    except InputError:
+        return
+
+
+leaves = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=10), st.binary(max_size=5),
+    st.sampled_from([5e-324, 1e-310, 1e-12, 1e4, 1e9, 2**31, -0.0, "random:0.48", ("1", "0")]),
+)  # fmt: skip
+nested = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
+)
+sections = st.fixed_dictionaries(
+    {},
+    optional={
+        section: st.one_of(
+            st.dictionaries(st.sampled_from(sorted(fields)), nested, max_size=3),
+            st.dictionaries(st.sampled_from(sorted(fields)), leaves, max_size=3),
+            nested,
+        )
+        for section, fields in DEFAULTS.items()
+    },
+)
+
+
+@settings(deadline=None, max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@given(st.one_of(sections, st.dictionaries(st.text(max_size=8), nested, max_size=4)))
+def test_any_values_are_a_scenario_or_an_input_error(values: dict[str, Any]) -> None:
+    try:
+        scenario = Scenario.from_values(values)
+    except InputError:
+        return
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+EXTREME = [5e-324, 1e-310, 1e-30, 1e-12, 1e-6, 1e-3, 1e4, 1e6, 1e9, 1e12]
+
+
+def simulated(values: dict[str, Any]) -> Result | None:
+    """A short run with these values, or None where they are refused by name."""
+    short = {"run.t_end_s": 5.0, "sample.stop_ms": 100.0, "sample.sample_interval_ms": 300.0}
+    try:
+        scenario = Scenario().with_values(short | values)
+    except InputError as error:
+        if error.field is None:
+            raise
+        return None
+    return simulate(scenario, 1)
+
+
+@pytest.mark.parametrize("value", EXTREME)
+@pytest.mark.parametrize("name", FLOATS)
+def test_extreme_values_are_refused_or_can_be_simulated(name: str, value: float) -> None:
+    """No bound is so loose that an engine fails where the scenario did not."""
+    result = simulated({name: value})
+    if result is None:
+        return
+    assert result.ends.height == 5
+    place = result.ends.select("x_m", "y_m", "heading_rad").to_numpy()
+    assert np.isfinite(place).all()
+    assert np.isfinite(result.observations["energy"].to_numpy()).all()
+    assert result.inference["belief"].is_between(0, 1).all()
+
+
+@pytest.mark.parametrize("value", [0, 1, 3, 2**15, 2**31 - 1, 2**31, 10**9])
+@pytest.mark.parametrize("name", INTS)
+def test_extreme_whole_numbers_are_refused_or_can_be_simulated(name: str, value: int) -> None:
+    result = simulated({name: value})
+    assert result is None or result.inference["belief"].is_between(0, 1).all()
