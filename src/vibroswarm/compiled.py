@@ -98,6 +98,21 @@ def allocating_kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function)
 
 
+def _name_records_by_their_fields() -> None:
+    """Let the compiled functions of different row layouts have different names, in every process.
+
+    Numba names them after a number that a process counts up as it meets layouts. Two processes can so keep
+    one function under one name for two layouts, and a third that loads both runs the wrong one.
+    """
+    from numba import types
+
+    def mangling_args(self: Any) -> tuple[str, tuple[str]]:
+        return "Record", (hashlib.sha256(self.name.encode()).hexdigest()[:16],)
+
+    record: Any = types.Record
+    record.mangling_args = property(mangling_args)
+
+
 _compiled: list[Any] = []
 _hashed_at_s = time.time()
 
@@ -107,6 +122,8 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
         return function
     import numba
 
+    if not _compiled:
+        _name_records_by_their_fields()
     folder = cache_folder()
     config: Any = numba.config
     before = config.CACHE_DIR

@@ -16,6 +16,7 @@ the fixed-step engine.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Setup
@@ -23,6 +24,9 @@ from vibroswarm.motion.geometry import arc
 from vibroswarm.motion.plans import Planners, facing_at, pose_at, see_own
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
+
+SIDE_TICKS = 64.0
+"""A wall is looked at again after so many ticks at most."""
 
 
 @kernel
@@ -93,13 +97,25 @@ def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
         near = min(min(row.x_m, setup.width_m - row.x_m), min(row.y_m, setup.height_m - row.y_m))
         return int(row.tick + 1) if near - row.slack_m < inset else NEVER
     far = max(setup.ray_reach_m, inset) + row.slack_m
-    left, right = min(row.x_m, row.own_x_m) - far, max(row.x_m, row.own_x_m) + far
-    low, high = min(row.y_m, row.own_y_m) - far, max(row.y_m, row.own_y_m) + far
-    if left > 0.0 and low > 0.0 and right < setup.width_m and high < setup.height_m:
+    near_left = min(row.x_m, row.own_x_m) < far
+    near_right = max(row.x_m, row.own_x_m) > setup.width_m - far
+    near_low = min(row.y_m, row.own_y_m) < far
+    near_high = max(row.y_m, row.own_y_m) > setup.height_m - far
+    if not (near_left or near_right or near_low or near_high):
         return NEVER
     tick = row.tick + 1
     while tick <= row.own_tick:
-        free = free_ticks_to_walls(planners, i, setup, tick, inset)
+        x, y, _, sin_h, cos_h = facing_at(planners, i, setup, tick)
+        free = SIDE_TICKS
+        # A wall is looked at along its normal: the distance to it, and the heading turned into its frame.
+        if near_left:
+            free = min(free, free_ticks_to_wall(row, setup, inset, x, -cos_h, -sin_h))
+        if near_right:
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.width_m - x, cos_h, sin_h))
+        if near_low:
+            free = min(free, free_ticks_to_wall(row, setup, inset, y, -sin_h, cos_h))
+        if near_high:
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.height_m - y, sin_h, -cos_h))
         if free <= 0.0:
             return int(tick)
         tick += max(1, int(free))
@@ -107,45 +123,28 @@ def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
 
 
 @kernel
-def free_ticks_to_walls(planners: Planners, i: int, setup: Setup, tick: int, inset: float) -> float:
-    """Ticks that surely pass from ``tick`` before a ray's end leaves the arena or the body its inset.
-
-    0 or less if one has. A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
-    """
-    row = planners[i]
-    x, y, _, ahead_y, ahead_x = facing_at(planners, i, setup, tick)
-    dx, dy = row.speed_m_s * setup.tick_s * ahead_x, row.speed_m_s * setup.tick_s * ahead_y
-    bend = row.rate_rad_s * setup.tick_s
-    width, height = setup.width_m, setup.height_m
-    free = free_ticks(x - inset, dx, y - inset, dy, width - 2 * inset, height - 2 * inset, bend, row.rate_m)
-    for k in range(setup.ray_side_m.size):
-        # The ray's end in the robot's frame, and turned into the arena's.
-        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
-        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
-        tip_x, tip_y = along * ahead_x - beside * ahead_y, along * ahead_y + beside * ahead_x
-        most = row.rate_m + abs(bend) * setup.ray_reach_m
-        free = min(
-            free,
-            free_ticks(x + tip_x, dx - bend * tip_y, y + tip_y, dy + bend * tip_x, width, height, bend, most),
-        )
-    return free
-
-
-@kernel
-def free_ticks(
-    x: float, dx: float, y: float, dy: float, width: float, height: float, bend: float, most: float
+def free_ticks_to_wall(
+    row: Any, setup: Setup, inset: float, distance_m: float, toward: float, aside: float
 ) -> float:
-    """Ticks for which a point at (x, y), moving (dx, dy) a tick, surely stays in [0, width] x [0, height].
+    """Ticks that surely pass before a ray's end is beyond a wall or the body nearer than its inset; 0 if one is.
+
+    A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
 
     Args:
-        bend: turn a tick, rad. most: no point moves further in a tick; so its step changes by at most
-            abs(bend) * most a tick, and a side at distance m is not reached before 2 m / (a + sqrt(a^2 + 2 A m)).
+        distance_m: from the centre to the wall. toward, aside: cosine and sine of the heading, seen from the
+            wall's normal (1, 0: straight at it); a point (a, b) of the robot's frame is a toward - b aside nearer.
     """
-    change = abs(bend) * most
-    free = side_ticks(x, -dx, change)
-    free = min(free, side_ticks(width - x, dx, change))
-    free = min(free, side_ticks(y, -dy, change))
-    return min(free, side_ticks(height - y, dy, change))
+    step = row.speed_m_s * setup.tick_s
+    bend = row.rate_rad_s * setup.tick_s
+    most = row.rate_m + abs(bend) * setup.ray_reach_m
+    free = side_ticks(distance_m - inset, step * toward, abs(bend) * row.rate_m)
+    for k in range(setup.ray_side_m.size):
+        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        nearer = along * toward - beside * aside
+        closing = step * toward - bend * (along * aside + beside * toward)
+        free = min(free, side_ticks(distance_m - nearer, closing, abs(bend) * most))
+    return free
 
 
 @kernel
@@ -153,10 +152,8 @@ def side_ticks(distance: float, approach: float, change: float) -> float:
     """Ticks before a distance that shrinks by ``approach`` a tick, and by ``change`` more each tick, is used up."""
     if distance <= 0.0:
         return 0.0
-    if distance > 64.0 * (abs(approach) + 64.0 * change):
-        return 64.0
     below = approach + math.sqrt(approach * approach + 2.0 * change * distance)
-    return 2.0 * distance / below if below > 1e-12 else 64.0
+    return 2.0 * distance / below if below * SIDE_TICKS > 2.0 * distance else SIDE_TICKS
 
 
 @kernel

@@ -39,7 +39,7 @@ from vibroswarm.motion.plans import (
     take_sample,
     turn_command,
 )
-from vibroswarm.motion.record import END_ROW, Record, room, write_sample, write_segment
+from vibroswarm.motion.record import END_ROW, Record, has_room, write_sample, write_segment
 from vibroswarm.motion.wakes import NEVER, awake_at, empty_tree, set_wake, wake_by
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
@@ -63,9 +63,10 @@ def events(
     until: int,
 ) -> int:
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
+    rows = ROOM_TICKS * planners.size
     while tree[1] < until:
         tick = tree[1]
-        if room(record, planners.size) < ROOM_TICKS:
+        if not has_room(record, rows):
             return int(tick)
         count = awake_at(tree, tick, awake)
         count = sample(planners, tree, awake, count, setup, speeds, record, seed, run, tick)

@@ -182,7 +182,7 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
         return 1
     if not counts(state_mode, setup.timer):
         return NEVER
-    return 2 + int((setup.sample_interval_ms - timer_ms) // setup.tick_ms)
+    return 2 + int((setup.sample_interval_ms - timer_ms) / setup.tick_ms)
 
 
 @kernel

@@ -82,6 +82,14 @@ def room(record: Record, robots: int) -> int:
 
 
 @kernel
+def has_room(record: Record, rows: int) -> bool:
+    """Whether the buffers take so many more rows."""
+    if record.filled[0] + rows > record.samples.size:
+        return False
+    return bool(record.segments.size == 0 or record.filled[1] + rows <= record.segments.size)
+
+
+@kernel
 def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
     """One row for the sample that robot ``i`` takes at this tick; its time account starts anew."""
     row = record.samples[record.filled[0]]

@@ -1,0 +1,72 @@
+"""Kernels that one process compiled and kept on disk do not disturb those of another.
+
+Numba numbers the types of rows anew in each process and puts the number into the names of compiled
+functions. Two kernels kept by two processes may so hold one name for a helper compiled for two layouts of
+rows; a third process that loads both would run the wrong one.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.compiled import PLAIN
+
+KERNELS = """
+import numpy as np
+from vibroswarm.compiled import kernel
+
+A = np.dtype([("p", np.float64), ("q", np.float64), ("v", np.float64)])
+B = np.dtype([("v", np.float64), ("p", np.float64), ("q", np.float64)])
+
+@kernel
+def shared(rows, last):
+    total = 0.0
+    for k in range(last + 1):  # long enough not to be inlined
+        total += rows[k].v * (k + 1)
+        if total > 1e300:
+            total = -total
+    return total
+
+@kernel
+def of_a(rows):
+    return shared(rows, rows.size - 1) + shared(rows, 0)
+
+@kernel
+def of_b(rows):
+    return shared(rows, rows.size - 1) + shared(rows, 0)
+"""
+CALL = """
+import sys
+import numpy as np
+import rows_kernels as k
+
+for which in sys.argv[1]:
+    rows = np.zeros(3, k.A if which == "a" else k.B)
+    rows["v"], rows["p"], rows["q"] = 1.0, 100.0, 1000.0
+    print((k.of_a if which == "a" else k.of_b)(rows))
+"""
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
+    (tmp_path / "rows_kernels.py").write_text(KERNELS, encoding="utf-8")
+    (tmp_path / "call.py").write_text(CALL, encoding="utf-8")
+    cache = str(tmp_path / "cache")
+    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
+
+    def called(which: str) -> list[float]:
+        command = [sys.executable, str(tmp_path / "call.py"), which]
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True, timeout=120
+        )
+        return [float(word) for word in done.stdout.split()]
+
+    assert called("a") == [7.0]
+    assert called("b") == [7.0]
+    assert called("ab") == [7.0, 7.0]
+    assert called("ba") == [7.0, 7.0]
