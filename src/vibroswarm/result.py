@@ -100,7 +100,7 @@ class Result:
     robots: pl.DataFrame
     runs: pl.DataFrame
     floors: pl.DataFrame
-    source: str = "fixed-step"
+    source: str = "event"
     versions: Mapping[str, str] = field(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:

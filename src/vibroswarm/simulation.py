@@ -9,7 +9,8 @@ from importlib.metadata import version
 
 import polars as pl
 
-import vibroswarm.motion.fixed_step  # noqa: F401  (makes itself known as a source)
+import vibroswarm.motion.event
+import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError
@@ -33,7 +34,7 @@ def simulate(
     seed: int = 1,
     runs: int | Sequence[int] = 1,
     *,
-    motion: str = "fixed-step",
+    motion: str = "event",
     segments: bool = False,
     energies: bool = True,
     progress: Progress | None = None,

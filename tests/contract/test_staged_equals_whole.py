@@ -94,7 +94,7 @@ def whole(scenario: Scenario, seed: int, run: int) -> Tables:
 
 
 def staged(scenario: Scenario, seed: int, run: int) -> Tables:
-    result = simulate(scenario, seed, [run])
+    result = simulate(scenario, seed, [run], motion="fixed-step")
     finals = result.robots.select("run", "robot", "alpha", "beta", "received")
     tables = (result.motion, result.ends, result.observations, result.inference, finals)
     return dict(zip(TABLES, tables, strict=True))
@@ -190,7 +190,7 @@ def with_inboxes(
 
     Tick by tick: whoever walks empties its inbox; whoever's stop is over observes, updates, tests, sends.
     """
-    result = simulate(scenario, seed, [run], segments=True)
+    result = simulate(scenario, seed, [run], segments=True, motion="fixed-step")
     robots, tick_s, d = range(scenario.swarm.robots), scenario.tick_s, scenario.decision
     assert result.segments is not None
     mode, stands = {}, {}

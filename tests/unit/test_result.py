@@ -55,7 +55,7 @@ def test_equality_sees_every_part(result: Result) -> None:
     """Negative control of the test above."""
     others = [
         replace(result, seed=result.seed + 1),
-        replace(result, source="event"),
+        replace(result, source="fixed-step"),
         replace(result, versions={}),
         replace(result, scenario=result.scenario.with_values({"run.t_end_s": 61.0})),
         replace(result, segments=None),

@@ -55,6 +55,9 @@ def add_parser(commands: Any) -> None:
     what.add_argument(
         "--seed", metavar="S", default="1", help="same scenario and seed: same result (default 1)"
     )
+    what.add_argument(
+        "--motion", metavar="NAME", default="event", help="engine: event (default) or fixed-step"
+    )
     out = parser.add_argument_group("what is shown and kept")
     out.add_argument("--out", metavar="DIR", type=Path, help="keep scenario, tables, picture and page here")
     out.add_argument("--force", action="store_true", help="replace a result that is there")
@@ -83,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("says to replace a result, but --out names none", field="--force")
     if arguments.out is not None:
         check_folder(arguments.out, replace=arguments.force)
-    result = _simulate(scenario, seed, keep=arguments.out is not None or speed is not None)
+    result = _simulate(scenario, seed, arguments.motion, keep=arguments.out is not None or speed is not None)
     if arguments.out is not None:
         _keep(result, arguments.out, replace=arguments.force)
     if speed is not None and not arguments.json:
@@ -106,12 +109,12 @@ def _speed(text: str | None) -> float | None:
     return speed
 
 
-def _simulate(scenario: Scenario, seed: int, *, keep: bool) -> Result:
+def _simulate(scenario: Scenario, seed: int, motion: str, *, keep: bool) -> Result:
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.simulation import simulate
 
     with progress_bar("simulating") as progress:
-        return simulate(scenario, seed, 1, segments=keep, progress=progress)
+        return simulate(scenario, seed, 1, motion=motion, segments=keep, progress=progress)
 
 
 def _keep(result: Result, out: Path, *, replace: bool) -> None:
