@@ -187,7 +187,7 @@ def whole_run(
     )
     observations = _observation_frame(scenario, seed, floor, motion.samples, notes.observations[:count])
     inference = inference_frame(motion.samples, notes.inference[:count])
-    return motion, observations, inference, final_frame(run, minds)
+    return motion, observations, inference, final_frame(motion.ends, minds)
 
 
 def _observation_frame(

@@ -177,10 +177,12 @@ def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
 
 
 def test_a_received_bit_counts_as_an_own_one_and_decides_nothing() -> None:
-    heard = receive(mind(1, 400, own=50), 0, PROGRAM)
-    assert (heard.posterior.alpha, heard.posterior.beta) == (1, 401)
-    assert (heard.own, heard.received, heard.decision) == (50, 1, -1)
-    assert receive(mind(), 1, PROGRAM).posterior.alpha == 2
+    heard = receive(receive(mind(1, 400, own=50), 0), 1)
+    assert (heard.own, heard.received, heard.decision) == (50, 2, -1)
+    assert (heard.ones, heard.zeros) == (1, 1)
+    own = sample(heard, 0, 0.5, PROGRAM)
+    assert (own.posterior.alpha, own.posterior.beta) == (2, 402)
+    assert (own.ones, own.zeros) == (0, 0)
 
 
 @pytest.mark.parametrize("strategy", [NONE, POSITIVE, SOFT])

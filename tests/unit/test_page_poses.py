@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,6 +94,14 @@ def test_poses_are_near_the_arcs(parts: list[tuple[float, float, float, str]]) -
     robots, _ = tracks(segments, end)
     times = np.concatenate([np.linspace(0, end, 400), segments["start_s"].to_numpy()])
     check(segments, end, packed_track(robots[0]), np.clip(times, 0, end))
+
+
+@pytest.mark.parametrize("rate", [1.34375, np.pi / 3, 6.0])
+def test_circles_stay_round_when_their_knots_are_rounded(rate: float) -> None:
+    segments, end = chained([(0.02, 0.0, 0.0, "drive")] * 3 + [(30.0, 0.055, rate, "drive")])
+    robots, _ = tracks(segments, end)
+    assert np.abs(np.diff(robots[0].knots[:, 3])).max() <= 0.9 * np.pi
+    check(segments, end, packed_track(robots[0]), np.linspace(0, end, 3000))
 
 
 def test_every_robot_of_a_run_is_near_its_arcs(record: RunRecord) -> None:

@@ -40,18 +40,10 @@ INFERENCE: Final[dict[str, Any]] = {
     "belief": pl.Float64,
     "decision": pl.Int8,
 }
-FINALS: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "robot": pl.UInt16,
-    "alpha": pl.UInt32,
-    "beta": pl.UInt32,
-    "received": pl.UInt32,
-}
-"""The posterior at the end of the run, with what was received since the last own sample."""
 
 MIND = np.dtype(
     [("alpha", np.int64), ("beta", np.int64), ("belief", np.float64), ("log_term", np.float64)]
-    + [(name, np.int64) for name in ("decision", "own", "received", "message", "heard")]
+    + [(name, np.int64) for name in ("decision", "own", "received", "message", "ones", "zeros", "heard")]
 )
 """One robot's ``Mind``, and how many of the run's messages it has come past."""
 
@@ -79,7 +71,7 @@ def load_mind(minds: NDArray[np.void], i: int) -> Mind:
     """Row ``i`` as the robot's program sees it."""
     row = minds[i]
     posterior = Posterior(row.alpha, row.beta, row.belief, row.log_term)
-    return Mind(posterior, row.decision, row.own, row.received, row.message)
+    return Mind(posterior, row.decision, row.own, row.received, row.message, row.ones, row.zeros)
 
 
 @kernel
@@ -90,6 +82,7 @@ def store_mind(minds: NDArray[np.void], i: int, mind: Mind) -> None:
     row.belief, row.log_term = mind.posterior.belief, mind.posterior.log_term
     row.decision, row.own = mind.decision, mind.own
     row.received, row.message = mind.received, mind.message
+    row.ones, row.zeros = mind.ones, mind.zeros
 
 
 @kernel
@@ -129,7 +122,7 @@ def hear(
     while k < count and sent[k, 0] <= until_tick:
         sender = sent[k, 1]
         if sender != i and not lost(seed, run, i, sender, sent[k, 2], loss):
-            mind = receive(mind, sent[k, 3], program)
+            mind = receive(mind, sent[k, 3])
         k += 1
     store_mind(minds, i, mind)
     minds[i].heard = k
@@ -194,6 +187,41 @@ def replay_run(
         hear(minds, i, last_heard_tick[i], sent, samples.shape[0], program, seed, run, loss)
 
 
+@kernel
+def replay_runs(
+    samples: NDArray[np.int64],
+    bounds: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    last_heard_tick: NDArray[np.int64],
+    minds: NDArray[np.void],
+    sent: NDArray[np.int64],
+    out: NDArray[np.void],
+    program: MindProgram,
+    seed: int,
+    loss: float,
+) -> None:
+    """``replay_run`` for each of ``runs``, whose samples are the rows from ``bounds[r]`` to ``bounds[r + 1]``.
+
+    Args:
+        last_heard_tick, minds: (runs * robots,), run by run. The others as ``replay_run`` has them.
+    """
+    robots = minds.size // runs.size
+    for r in range(runs.size):
+        low, high = bounds[r], bounds[r + 1]
+        of_run = slice(r * robots, (r + 1) * robots)
+        replay_run(
+            samples[low:high],
+            last_heard_tick[of_run],
+            minds[of_run],
+            sent,
+            out[low:high],
+            program,
+            seed,
+            runs[r],
+            loss,
+        )
+
+
 def to_ticks(times_s: pl.Series, tick_ms: int) -> NDArray[np.int64]:
     """The ticks nearest to the times, shape (rows,)."""
     return np.rint(times_s.to_numpy() * (1000.0 / tick_ms)).astype(np.int64)
@@ -210,7 +238,7 @@ def infer(
     key = ["run", "robot", "sample"]
     if not motion.samples.select(key).equals(observations.select(key)):
         raise ValueError("the observation table has not the rows of the motion table")
-    tick_ms, program = scenario.run.control_period_ms, mind_program(scenario)
+    tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
     table = np.stack(
         [
             to_ticks(motion.samples["time_s"], tick_ms),
@@ -220,19 +248,16 @@ def infer(
         ],
         axis=1,
     )
-    run_of = motion.samples["run"].to_numpy()
+    runs = motion.ends["run"].to_numpy()[::robots].astype(np.int64)
+    bounds = np.searchsorted(motion.samples["run"].to_numpy(), np.append(runs, 2**32))
+    heard = heard_at_end(motion.ends, tick_ms)
+    minds = zero_rows(heard.size, MIND)
     out = zero_rows(table.shape[0], INFERENCE_ROW)
-    finals = []
-    for (key_of_run,), ends in motion.ends.group_by("run", maintain_order=True):
-        run = int(str(key_of_run))
-        low, high = int(np.searchsorted(run_of, run, "left")), int(np.searchsorted(run_of, run, "right"))
-        part = table[low:high]
-        minds = zero_rows(ends.height, MIND)
-        sent = np.zeros((high - low, 4), dtype=np.int64)
-        heard = heard_at_end(ends, tick_ms)
-        replay_run(part, heard, minds, sent, out[low:high], program, seed, run, scenario.network.loss)
-        finals.append(final_frame(run, minds))
-    return inference_frame(motion.samples, out), pl.concat(finals)
+    sent = np.zeros((int(np.diff(bounds).max(initial=0)), 4), dtype=np.int64)
+    replay_runs(
+        table, bounds, runs, heard, minds, sent, out, mind_program(scenario), seed, scenario.network.loss
+    )
+    return inference_frame(motion.samples, out), final_frame(motion.ends, minds)
 
 
 def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
@@ -251,13 +276,10 @@ def inference_frame(samples: pl.DataFrame, rows: NDArray[np.void]) -> pl.DataFra
     return frame.select(list(INFERENCE)).cast(INFERENCE)  # type: ignore[arg-type]
 
 
-def final_frame(run: int, minds: NDArray[np.void]) -> pl.DataFrame:
-    """The posteriors at the end of one run."""
-    return pl.DataFrame(
-        {
-            "run": np.full(minds.size, run, dtype=np.uint32),
-            "robot": np.arange(minds.size, dtype=np.uint16),
-            **{name: minds[name].astype(np.uint32) for name in ("alpha", "beta", "received")},
-        },
-        schema=FINALS,
+def final_frame(ends: pl.DataFrame, minds: NDArray[np.void]) -> pl.DataFrame:
+    """The posteriors at the end of the runs, in the order of the ends."""
+    return ends.select("run", "robot").with_columns(
+        alpha=pl.Series((minds["alpha"] + minds["ones"]).astype(np.uint32)),
+        beta=pl.Series((minds["beta"] + minds["zeros"]).astype(np.uint32)),
+        received=pl.Series(minds["received"].astype(np.uint32)),
     )

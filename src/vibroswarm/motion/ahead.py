@@ -263,7 +263,7 @@ def clear_from(
     else:
         b_x, b_y, _, b_sin, b_cos = facing_at(planners, j, setup, tick)
         rate += b.rate_m
-    free = max(0.0, (math.hypot(b_x - a_x, b_y - a_y) - touch - slack) / rate)
+    free = max(0.0, (math.sqrt((b_x - a_x) * (b_x - a_x) + (b_y - a_y) * (b_y - a_y)) - touch - slack) / rate)
     if a.mode == DRIVE:
         gap = fan_gap_m(setup, a_x, a_y, a_sin, a_cos, b_x, b_y) - slack
         if gap <= 0.0:

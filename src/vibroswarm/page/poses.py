@@ -27,6 +27,9 @@ POSITION_TOLERANCE_M = 0.0005
 HEADING_TOLERANCE_RAD = np.radians(1.5)
 """Thinning errors at most; with rounding, and between the points that are compared, less than twice that."""
 
+WIDEST_RAD = 0.9 * np.pi
+"""No arc between two knots turns further."""
+
 PIECE_S, PIECE_M, PIECE_RAD = 0.5, 0.025, np.radians(15)
 """Points to compare at: an arc is looked at no further apart than this."""
 
@@ -153,7 +156,11 @@ def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> N
         after = kept[np.minimum(gap + 1, len(kept) - 1)]
         off = knots - along(knots[kept[gap]], knots[after], knots[:, 0])
         badness = np.hypot(off[:, 1], off[:, 2]) / POSITION_TOLERANCE_M
-        badness = np.where(keep, 0.0, np.maximum(badness, np.abs(off[:, 3]) / HEADING_TOLERANCE_RAD))
+        badness = np.maximum(badness, np.abs(off[:, 3]) / HEADING_TOLERANCE_RAD)
+        # Near half a turn, rounding could take an arc over the turn up to which ``along`` bends: halve it.
+        wide = np.abs(knots[after, 3] - knots[kept[gap], 3]) > WIDEST_RAD
+        halfway = np.minimum(np.arange(len(knots)) - kept[gap], after - np.arange(len(knots)))
+        badness = np.where(keep, 0.0, np.where(wide, 1e6 + halfway, badness))
         worst = np.maximum.reduceat(badness, kept)[gap]
         new = (badness > 1) & (badness == worst)
         if not new.any():

@@ -13,15 +13,19 @@ For whole alpha and beta each update adds or takes one term:
     I_x(a+1, b) = I_x(a, b) - e^L / a,    L(a+1, b) = L + ln x     + ln((a+b)/a)
     I_x(a, b+1) = I_x(a, b) + e^L / b,    L(a, b+1) = L + ln (1-x) + ln((a+b)/b)
 
-The logarithm of the term is carried, not the term: that one underflows on one-sided runs that turn round.
+The logarithm of the term is carried, not the term: that one underflows on one-sided runs that turn round. Between
+two samples, some bits, the term itself is carried on from e^L, which costs no logarithm.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vibroswarm.compiled import kernel
+
+STRETCH: Final = 32
+"""Steps for which the term is carried as a product."""
 
 
 class Posterior(NamedTuple):
@@ -47,18 +51,34 @@ def prior(alpha: int, beta: int, boundary: float) -> Posterior:
 @kernel
 def observe(posterior: Posterior, bit: int, boundary: float) -> Posterior:
     """The posterior after one more bit, own or received (Eq. 7, 8)."""
+    return observe_all(posterior, bit, 1 - bit, boundary)
+
+
+@kernel
+def observe_all(posterior: Posterior, ones: int, zeros: int, boundary: float) -> Posterior:
+    """The posterior after so many more ones and zeros; the same as one by one, but for rounding.
+
+    Within a stretch of steps e^L is carried as a product, and one logarithm takes the stretch into L.
+    """
     alpha, beta, belief, log_term = posterior
-    total = alpha + beta
-    if bit:
-        belief -= math.exp(log_term) / alpha
-        log_term += math.log(boundary) + math.log(total / alpha)
-        alpha += 1
-    else:
-        belief += math.exp(log_term) / beta
-        log_term += math.log1p(-boundary) + math.log(total / beta)
-        beta += 1
+    term, ratio = math.exp(log_term), 1.0
+    for step in range(ones + zeros):
+        total = alpha + beta
+        if step < ones:
+            belief -= term / alpha
+            factor = boundary * total / alpha
+            alpha += 1
+        else:
+            belief += term / beta
+            factor = (1.0 - boundary) * total / beta
+            beta += 1
+        term *= factor
+        ratio *= factor
+        if step % STRETCH == STRETCH - 1:
+            log_term += math.log(ratio)
+            term, ratio = math.exp(log_term), 1.0
     # Rounding may step over an end by some 1e-16.
-    return Posterior(alpha, beta, min(max(belief, 0.0), 1.0), log_term)
+    return Posterior(alpha, beta, min(max(belief, 0.0), 1.0), log_term + math.log(ratio))
 
 
 @kernel

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from vibroswarm.compiled import kernel
-from vibroswarm.robot.believe import Posterior, observe, prior
+from vibroswarm.robot.believe import Posterior, observe_all, prior
 from vibroswarm.strategies import none, positive, soft
 
 NONE: Final = 0
@@ -50,19 +50,22 @@ class Mind(NamedTuple):
     received: int
     message: int
     """The last bit it composed."""
+    ones: int = 0
+    zeros: int = 0
+    """Received since the own sample of the posterior: a belief is needed only at own samples."""
 
 
 @kernel
 def begin_mind(program: MindProgram) -> Mind:
     """The prior, undecided."""
-    return Mind(prior(program.prior_alpha, program.prior_beta, program.boundary), -1, 0, 0, 0)
+    return Mind(prior(program.prior_alpha, program.prior_beta, program.boundary), -1, 0, 0, 0, 0, 0)
 
 
 @kernel
-def receive(mind: Mind, bit: int, program: MindProgram) -> Mind:
-    """A bit from another robot goes into the posterior like an own one (Eq. 8)."""
-    posterior = observe(mind.posterior, bit, program.boundary)
-    return Mind(posterior, mind.decision, mind.own, mind.received + 1, mind.message)
+def receive(mind: Mind, bit: int) -> Mind:
+    """A bit from another robot; it goes into the posterior at the next own sample, like an own one (Eq. 8)."""
+    posterior, decision, own, received, message, ones, zeros = mind
+    return Mind(posterior, decision, own, received + 1, message, ones + bit, zeros + 1 - bit)
 
 
 @kernel
@@ -86,9 +89,10 @@ def decide(belief: float, program: MindProgram) -> int:
 
 @kernel
 def sample(mind: Mind, observation: int, u: float, program: MindProgram) -> Mind:
-    """Observe, update, test, compose; the message comes from the posterior with the own sample in it."""
-    posterior = observe(mind.posterior, observation, program.boundary)
-    mind = Mind(posterior, mind.decision, mind.own + 1, mind.received, mind.message)
+    """Update with all that was heard and observed, test, compose from the posterior with the own sample in it."""
+    ones, zeros = mind.ones + observation, mind.zeros + 1 - observation
+    posterior = observe_all(mind.posterior, ones, zeros, program.boundary)
+    mind = Mind(posterior, mind.decision, mind.own + 1, mind.received, mind.message, 0, 0)
     decision = mind.decision
     may_revise = program.revise and program.strategy == SOFT
     if (decision == -1 or may_revise) and counted(mind, program) > program.min_observations:
@@ -102,4 +106,4 @@ def sample(mind: Mind, observation: int, u: float, program: MindProgram) -> Mind
         bit = positive.message(observation, decision)
     else:
         bit = none.message(observation)
-    return Mind(posterior, decision, mind.own, mind.received, bit)
+    return Mind(posterior, decision, mind.own, mind.received, bit, 0, 0)
