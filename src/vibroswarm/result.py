@@ -15,7 +15,7 @@ from typing import Any, Final
 import polars as pl
 from polars.testing import assert_frame_equal
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import INFERENCE
@@ -149,7 +149,7 @@ class Result:
         for name in TABLES:
             frame = getattr(self, name)
             if frame is not None:
-                frame.write_parquet(folder / f"{name}.parquet", compression="zstd", metadata=metadata)
+                _write_table(frame, folder / f"{name}.parquet", metadata)
 
     def _about(self) -> dict[str, Any]:
         return {
@@ -190,6 +190,13 @@ class Result:
             raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / MARKER)
         return cls(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
+
+
+def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
+    try:
+        frame.write_parquet(path, compression="zstd", metadata=metadata)
+    except pl.exceptions.PolarsError as error:  # a full disk, for one
+        raise RunError(f"could not write '{path.name}': {str(error).splitlines()[0]}") from error
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:

@@ -258,6 +258,16 @@ def test_every_outcome_is_said(
     assert words in page.inner_text("#verdict-line")
 
 
+def test_decisions_are_said_by_their_boundary(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """An inspector asks whether more than 3 % vibrates; "mostly" would be wrong there."""
+    file = tmp_path / "inspector.html"
+    write_page(replace(record, decision_boundary=0.03, fill_ratio=0.4777777777777778), file)
+    text = open_page("#t=100", file=file).inner_text("body")
+    assert "mostly" not in text
+    assert "Above 0.95 it decides less than 3 % vibrating, below 0.05 more than 3 % vibrating." in text
+    assert "0.477778" in text
+
+
 def test_a_run_without_samples_opens(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
     empty = {name: getattr(record, name).clear() for name in ("motion", "observations", "inference")}
     nothing = pl.lit(None, dtype=pl.Float64)

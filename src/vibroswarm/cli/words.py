@@ -55,7 +55,9 @@ def how_sure(found: Verdict) -> str:
 
 
 def _range(shares: list[float]) -> str:
-    low, high = percent(round(min(shares), 4)), percent(round(max(shares), 4))
+    low, high = (
+        percent(min(max(share, 1e-4), 1 - 1e-4)) for share in (round(min(shares), 4), round(max(shares), 4))
+    )
     return low if low == high else f"{low} to {high}"
 
 

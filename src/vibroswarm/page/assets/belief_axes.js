@@ -108,8 +108,8 @@ function beliefWords(context, box) {
   const limit = run.rule.credible_threshold;
   context.font = WORDS_FONT;
   return [
-    [`above ${limit}: mostly still`, box.y(limit) + 12, STILL],
-    [`below ${Number((1 - limit).toFixed(6))}: mostly vibrating`, box.y(1 - limit) - 12, VIBRATING],
+    [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
+    [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],
   ].map(([text, y, decision]) => {
     const { width } = context.measureText(text);
     return { text, y, decision, width, ...quietPlace(box, width, y) };

@@ -7,7 +7,7 @@ function buildDetails() {
     ["Run", `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
-    ["Fill ratio", String(run.truth.fill_ratio)],
+    ["Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", STRATEGY_WORDS[run.strategy] ?? run.strategy],
     ["Decides", `beyond ${rule.credible_threshold}, after more than ${rule.min_observations} `
       + `${gates[rule.gate] ?? rule.gate}`],
@@ -21,9 +21,9 @@ const exactCm = (metres) => `${Number((100 * metres).toFixed(2))} cm`;
 function buildLeads() {
   const { boundary, credible_threshold: limit } = run.rule;
   const claim = boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
-  say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides mostly still, `
-    + `below ${Number((1 - limit).toFixed(6))} mostly vibrating.`);
+  say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
+    + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`);
   byId("posterior-lead").replaceChildren(
     `Beta(\u03b1, \u03b2) after its latest own sample; left of ${boundary} is p, hatched the rest. `,
-    make("span", "nobreak", "\u25b2 truth: ", make("b", "", String(run.truth.fill_ratio)), "."));
+    make("span", "nobreak", "\u25b2 truth: ", make("b", "", ratio(run.truth.fill_ratio)), "."));
 }

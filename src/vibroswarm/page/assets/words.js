@@ -1,13 +1,22 @@
 // How numbers and findings are said.
 
 const STATE_WORDS = { drive: "driving", turn: "turning", avoid: "avoiding", stop: "sampling" };
-const DECISION_WORDS = { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" };
 const STRATEGY_WORDS = { none: "no feedback", positive: "positive feedback", soft: "soft feedback" };
 
 const seconds = (value) => `${value.toFixed(1)} s`;
 const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
 const whole = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
+const ratio = (share) => String(Number(share.toFixed(6)));
+
+// A decision is about the boundary: "mostly" only where that is one half.
+const DECISION_WORDS = run.rule.boundary === 0.5
+  ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
+  : {
+    "-1": "undecided",
+    0: `less than ${percent(run.rule.boundary)} vibrating`,
+    1: `more than ${percent(run.rule.boundary)} vibrating`,
+  };
 
 // Three places, and never a certainty that is not there.
 function probability(value) {
