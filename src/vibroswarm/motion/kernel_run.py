@@ -27,14 +27,20 @@ class KernelRun:
     fields: ClassVar[np.dtype[np.void]]
 
     def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
-        self.tick_ms, self.seed, self.run = scenario.run.control_period_ms, seed, run
+        self.tick_ms = scenario.run.control_period_ms
         self.setup = setup_of(scenario)
         self.speeds = speed_quantiles(scenario.robot)
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
-        begin(self.swarm, self.setup, self.speeds, seed, run)
-        self.tick = 0
         self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
+        self.start(seed, run)
+
+    def start(self, seed: int, run: int) -> None:
+        """Go to time 0 of a run, whatever this state was before."""
+        self.seed, self.run, self.tick = seed, run, 0
+        self.swarm[:] = np.zeros((), dtype=self.fields)
+        self.record.latest[:], self.record.filled[:] = -1.0, 0
+        begin(self.swarm, self.setup, self.speeds, seed, run)
         self.prepare()
 
     @property
@@ -100,5 +106,9 @@ def batch_of(
 ) -> Motion:
     """Whole runs, one after the other, as one Motion."""
     end_s = scenario.run.t_end_s
-    rows = [engine(scenario, seed, run, segments).rows(end_s) for run in runs]
+    state = engine(scenario, seed, runs[0], segments)
+    rows = []
+    for run in runs:
+        state.start(seed, run)
+        rows.append(state.rows(end_s))
     return tables(rows, scenario.run.control_period_ms)

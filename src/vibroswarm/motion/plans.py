@@ -15,13 +15,14 @@ as so many steps of the fixed-step engine would.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Setup
+from vibroswarm.motion.geometry import SMALL_RAD, small_sin_cos
 from vibroswarm.motion.phases import ROBOT
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import (
@@ -254,17 +255,32 @@ def facing_at(
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
     if row.mode == DRIVE:
-        heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
-    else:
-        error_deg, _, gyro_deg = turned_to(planners, i, setup, n)
-        heading = row.heading_rad + math.radians(row.error_deg - (error_deg - gyro_deg))
+        return along_arc(row, n * setup.tick_s)
+    error_deg, _, gyro_deg = turned_to(planners, i, setup, n)
+    heading = row.heading_rad + math.radians(row.error_deg - (error_deg - gyro_deg))
     sin_h, cos_h = math.sin(heading), math.cos(heading)
-    if row.mode == DRIVE and row.radius_m == 0.0:  # straight, or blocked
-        along = row.speed_m_s * (n * setup.tick_s)
-        return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading, sin_h, cos_h
     x_m = row.x_m + row.radius_m * (sin_h - row.sin_h)
     y_m = row.y_m - row.radius_m * (cos_h - row.cos_h)
     return x_m, y_m, heading, sin_h, cos_h
+
+
+@kernel
+def along_arc(row: Any, time_s: float) -> tuple[float, float, float, float, float]:
+    """``facing_at`` for a robot that drives, so long after its plan's tick."""
+    turned = row.rate_rad_s * time_s
+    heading = row.heading_rad + turned
+    if abs(turned) > SMALL_RAD:
+        sin_h, cos_h = math.sin(heading), math.cos(heading)
+        rise, run = sin_h - row.sin_h, cos_h - row.cos_h
+    else:
+        sine, cosine_less_1 = small_sin_cos(turned)
+        rise = row.sin_h * cosine_less_1 + row.cos_h * sine
+        run = row.cos_h * cosine_less_1 - row.sin_h * sine
+        sin_h, cos_h = row.sin_h + rise, row.cos_h + run
+    if row.radius_m == 0.0:  # straight, or blocked
+        along = row.speed_m_s * time_s
+        return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading, sin_h, cos_h
+    return row.x_m + row.radius_m * rise, row.y_m - row.radius_m * run, heading, sin_h, cos_h
 
 
 @kernel
