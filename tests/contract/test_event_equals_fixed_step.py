@@ -63,6 +63,16 @@ ODD = {
     "30 robots": {"swarm.robots": 30, "run.t_end_s": 100.0},
     "100 robots": {"swarm.robots": 100, "run.t_end_s": 30.0},
     "400 robots that touch at the start": {"swarm.robots": 400, "run.t_end_s": 3.0},
+    "40 robots in a large arena": {
+        "swarm.robots": 40, "arena.width_m": 2.9, "arena.height_m": 2.9, "run.t_end_s": 60.0,
+    },
+    "17 robots in a corridor": {
+        "swarm.robots": 17, "arena.width_m": 0.6, "arena.height_m": 7.0, "run.t_end_s": 60.0,
+    },
+    "20 fast robots with long rays": {
+        "swarm.robots": 20, "arena.width_m": 3.0, "robot.full_speed_m_s": 0.3, "walk.avoidance_threshold_mm": 140.0,
+        "run.t_end_s": 60.0,
+    },
     "no avoidance": {"walk.avoidance_threshold_mm": 0.0, "run.t_end_s": 200.0},
     "avoidance beyond the range": {"walk.avoidance_threshold_mm": 600.0, "run.t_end_s": 200.0},
     "long rays": {"rays.range_m": 2.0, "walk.avoidance_threshold_mm": 600.0, "run.t_end_s": 100.0},
@@ -135,6 +145,18 @@ def test_any_setting_is_identical(robots, width, height, threshold, tau, scale, 
     first, apart = difference(scenario, seed, 0)
     assert first is None
     assert apart < MICROMETRE
+
+
+def test_pieces_do_not_matter_where_lists_of_neighbours_are_made_anew():
+    scenario = BASE.with_values(
+        {"swarm.robots": 30, "arena.width_m": 2.0, "arena.height_m": 2.0, "run.t_end_s": 40.0}
+    )
+    whole = EventRun(scenario, 14, 0).rows(40.0)
+    state, pieces = EventRun(scenario, 14, 0), []
+    for until_s in (0.02, 2.54, 2.56, 2.58, 5.12, 5.1201, 13.0, 13.0, 39.98, 40.0):
+        pieces.append(state.rows(until_s).samples)
+    assert (np.concatenate(pieces) == whole.samples).all()
+    assert (state.ends() == whole.ends).all()
 
 
 @pytest.mark.parametrize("values", [{"walk.avoidance_threshold_mm": 51.0}, {"robot.turn_track_m": 0.0461}])

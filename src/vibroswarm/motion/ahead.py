@@ -18,6 +18,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import arc
@@ -50,7 +53,7 @@ def prepare_to_look(planners: Planners, i: int, setup: Setup) -> None:
 
 
 @kernel
-def blocked_ticks(planners: Planners, i: int, setup: Setup, most: int) -> int:
+def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, most: int) -> int:
     """Ticks for which a robot that drives, and whose move has just been blocked, stays blocked, at most ``most``.
 
     It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
@@ -63,8 +66,9 @@ def blocked_ticks(planners: Planners, i: int, setup: Setup, most: int) -> int:
         x, y, _ = arc(row.x_m, row.y_m, heading, row.wish_m_s, row.rate_rad_s, setup.tick_s)
         hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
         tick = row.tick + n
-        for j in range(planners.size):
-            if j == i or hit or not maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
+        for m in range(near[i, 0]):
+            j = near[i, m + 1]
+            if hit or not maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
                 continue
             if planners[j].mode != STOP and planners[j].own_tick <= tick:
                 return n

@@ -27,6 +27,14 @@ from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.geometry import arc, wrapped_rad
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
+from vibroswarm.motion.neighbours import (
+    LIST_TICKS,
+    SMALL_SWARM,
+    empty_grid,
+    empty_lists,
+    list_radius_m,
+    make_lists,
+)
 from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
 from vibroswarm.motion.plans import (
     PLANNER,
@@ -54,6 +62,7 @@ ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
 def events(
     planners: Planners,
     tree: NDArray[np.int64],
+    near: NDArray[np.int64],
     awake: NDArray[np.int64],
     setup: Setup,
     speeds: NDArray[np.float64],
@@ -71,7 +80,7 @@ def events(
         count = awake_at(tree, tick, awake)
         count = sample(planners, tree, awake, count, setup, speeds, record, seed, run, tick)
         if count > 0:
-            wake(planners, tree, awake, count, setup, record, seed, run, tick)
+            wake(planners, tree, near, awake, count, setup, record, seed, run, tick)
     if record.segments.size > 0:
         for i in range(planners.size):
             write_turn(record, planners, i, setup, run, until)
@@ -110,6 +119,7 @@ def sample(
 def wake(
     planners: Planners,
     tree: NDArray[np.int64],
+    near: NDArray[np.int64],
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
@@ -119,33 +129,34 @@ def wake(
     tick: int,
 ) -> None:
     """What the robots that wake at ``tick`` do there, phase by phase, in index order."""
-    count = rouse(planners, awake, count, setup, record, run, tick)
+    count = rouse(planners, near, awake, count, setup, record, run, tick)
     for k in range(count):
         i = awake[k]
         row = planners[i]
         if row.mode == DRIVE and row.alert_tick > tick:
             row.nearest_mm = math.inf
         elif looks(load(planners, i), setup, row.gyro_deg):
-            row.nearest_mm = 1000.0 * nearest_now_m(planners, i, setup, tick)
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, i, setup, tick)
     for k in range(count):
         control_one(planners, setup, seed, run, tick, awake[k])
         begin_plan(planners, awake[k], setup, tick)
     for k in range(count):
-        contact_now(planners, awake[k], setup, tick)
+        contact_now(planners, near, awake[k], setup, tick)
     if record.segments.size > 0:
         for k in range(count):
             row = planners[awake[k]]
             pose = (row.x_m, row.y_m, row.heading_rad)
             write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
     for k in range(count):
-        plan(planners, tree, awake[k], setup, tick)
+        plan(planners, tree, near, awake[k], setup, tick)
     for k in range(count):
-        meet(planners, tree, awake[k], setup, tick)
+        meet(planners, tree, near, awake[k], setup, tick)
 
 
 @kernel
 def rouse(
     planners: Planners,
+    near: NDArray[np.int64],
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
@@ -169,8 +180,9 @@ def rouse(
         catch_up(planners, i, setup, tick)
         row = planners[i]
         row.crowded = 0
-        for j in range(planners.size):
-            if j != i and maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
+        for m in range(near[i, 0]):
+            j = near[i, m + 1]
+            if maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
                 row.crowded = 1
                 if planners[j].tick != tick and planners[j].mode != STOP:
                     count += insert(awake, count, j)
@@ -193,7 +205,7 @@ def insert(awake: NDArray[np.int64], count: int, j: int) -> int:
 
 
 @kernel
-def nearest_now_m(planners: Planners, i: int, setup: Setup, tick: int) -> float:
+def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
     x, y, reach = planners[i].x_m, planners[i].y_m, setup.ray_reach_m
     nearest = math.inf
@@ -201,15 +213,16 @@ def nearest_now_m(planners: Planners, i: int, setup: Setup, tick: int) -> float:
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
         nearest = rays_to_walls(setup, x, y, ahead_x, ahead_y)
     reach += setup.disc_radius_m
-    for j in range(planners.size):
-        if j != i and maybe_within(planners, j, x, y, reach, tick):
+    for m in range(near[i, 0]):
+        j = near[i, m + 1]
+        if maybe_within(planners, j, x, y, reach, tick):
             other_x, other_y, _ = pose_at(planners, j, setup, tick)
             nearest = min(nearest, rays_to_disc(setup, x, y, ahead_x, ahead_y, other_x, other_y))
     return nearest if nearest <= setup.look_m else math.inf
 
 
 @kernel
-def contact_now(planners: Planners, i: int, setup: Setup, tick: int) -> None:
+def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or a setup.
 
     Robots before ``i`` have moved already (those that could be touched are awake), those after it have not.
@@ -227,8 +240,9 @@ def contact_now(planners: Planners, i: int, setup: Setup, tick: int) -> None:
     x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s)
     r = setup.radius_m
     hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
-    for j in range(planners.size):
-        if j != i and not hit and maybe_within(planners, j, x, y, zone, tick):
+    for m in range(near[i, 0]):
+        j = near[i, m + 1]
+        if not hit and maybe_within(planners, j, x, y, zone, tick):
             hit = touches_now(planners, i, j, setup, tick, x, y)
     if hit:
         block(planners, i)
@@ -270,12 +284,14 @@ def write_turn(record: Record, planners: Planners, i: int, setup: Setup, run: in
 
 
 @kernel
-def plan(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+def plan(
+    planners: Planners, tree: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
+) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
     ahead = own_ticks(planners, i, setup, HORIZON_TICKS)
     if row.blocked:
-        ahead = blocked_ticks(planners, i, setup, ahead) if row.mode == DRIVE else 1
+        ahead = blocked_ticks(planners, near, i, setup, ahead) if row.mode == DRIVE else 1
     row.own_tick = tick + ahead
     prepare_to_look(planners, i, setup)
     row.alert_tick = wall_tick(planners, i, setup)
@@ -283,15 +299,40 @@ def plan(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick
 
 
 @kernel
-def meet(planners: Planners, tree: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+def meet(
+    planners: Planners, tree: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
+) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
-    for j in range(planners.size):
-        if j == i or not may_meet(planners, i, j, setup, tick):
+    for m in range(near[i, 0]):
+        j = near[i, m + 1]
+        if not may_meet(planners, i, j, setup, tick):
             continue
         meeting = meeting_tick(planners, i, j, setup, tick)
         if meeting < NEVER:
             alert(planners, tree, i, meeting)
             alert(planners, tree, j, meeting)
+
+
+@kernel
+def new_lists(
+    planners: Planners,
+    tree: NDArray[np.int64],
+    near: NDArray[np.int64],
+    grid: NDArray[np.int64],
+    setup: Setup,
+    radius_m: float,
+    tick: int,
+) -> None:
+    """Make the lists anew, and let those that are on them now look ahead on each other."""
+    make_lists(planners, near, grid, setup, radius_m, tick)
+    for i in range(planners.size):
+        for m in range(near[i, 0]):
+            j = near[i, m + 1]
+            if j > i and planners[i].own_tick >= tick and planners[j].own_tick >= tick:
+                meeting = meeting_tick(planners, i, j, setup, tick - 1)
+                if meeting < NEVER:
+                    alert(planners, tree, i, meeting)
+                    alert(planners, tree, j, meeting)
 
 
 @kernel
@@ -320,6 +361,8 @@ class EventRun(KernelRun):
         """At tick 0 all stand; their own next event is the step at tick 1."""
         self.tree = empty_tree(self.swarm.size)
         self.awake = np.zeros(self.swarm.size, dtype=np.int64)
+        self.near = empty_lists(self.swarm.size, self.setup)
+        self.grid, self.list_radius_m = empty_grid(self.swarm.size, self.setup), list_radius_m(self.setup)
         self.swarm["own_tick"], self.swarm["alert_tick"], self.swarm["stop_ticks"] = 1, NEVER, 0
         self.swarm["sin_h"], self.swarm["cos_h"] = (
             np.sin(self.swarm["heading_rad"]),
@@ -331,13 +374,21 @@ class EventRun(KernelRun):
     def copy(self) -> EventRun:
         """A branch that does not change with this state."""
         other = super().copy()
-        other.tree = self.tree.copy()
+        other.tree, other.near = self.tree.copy(), self.near.copy()
         return other
 
     def move_on(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
+        if self.swarm.size <= SMALL_SWARM:
+            return self.events_until(until)
+        if self.tick == 1 or self.tick % LIST_TICKS == 0:
+            new_lists(self.swarm, self.tree, self.near, self.grid, self.setup, self.list_radius_m, self.tick)
+        return self.events_until(min(until, self.tick - self.tick % LIST_TICKS + LIST_TICKS))
+
+    def events_until(self, until: int) -> int:
+        """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.tree, self.awake, self.setup, self.speeds, self.record,
+            self.swarm, self.tree, self.near, self.awake, self.setup, self.speeds, self.record,
             self.seed, self.run, until,
         )  # fmt: skip
 

@@ -1,0 +1,119 @@
+"""Who may matter to whom: for each robot a list of the others that it might meet before the lists are made anew.
+
+In a small swarm that is everybody, for ever. In a large one the lists are made anew every LIST_TICKS from a
+grid of cells: a robot further away than ``radius`` can neither be seen nor touched before, whatever both do.
+
+``near`` has a row a robot: how many, then who, in index order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.motion.body import Setup
+from vibroswarm.motion.plans import Planners, pose_at
+
+LIST_TICKS: Final = 128
+SMALL_SWARM: Final = 16
+"""Up to so many robots, all are on all lists."""
+MOST_CELLS: Final = 256
+"""A side of the grid has at most so many cells."""
+
+
+def list_radius_m(setup: Setup) -> float:
+    """Robots further apart than this are of no matter to each other for LIST_TICKS, m."""
+    zone = 2.0 * (setup["radius_m"] + setup["longest_step_m"])
+    sight = setup["ray_reach_m"] + setup["disc_radius_m"]
+    return float(max(zone, sight) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
+
+
+def empty_lists(robots: int, setup: Setup) -> NDArray[np.int64]:
+    """Lists of everybody else, with room for as many as can lie within the radius."""
+    discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
+    room = min(robots - 1, math.ceil(discs))
+    near = np.zeros((robots, room + 1), dtype=np.int64)
+    if robots <= SMALL_SWARM:
+        for i in range(robots):
+            near[i, 0] = robots - 1
+            near[i, 1:] = [j for j in range(robots) if j != i]
+    return near
+
+
+def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
+    """Scratch for ``make_lists``: the first robot of each cell, then the next in the cell of each robot."""
+    across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
+    return np.zeros(across * up + robots, dtype=np.int64)
+
+
+@kernel
+def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, int]:
+    """Columns and rows of cells no smaller than the radius."""
+    across = min(max(int(width_m / radius_m), 1), MOST_CELLS)
+    up = min(max(int(height_m / radius_m), 1), MOST_CELLS)
+    return across, up
+
+
+@kernel
+def make_lists(
+    planners: Planners,
+    near: NDArray[np.int64],
+    grid: NDArray[np.int64],
+    setup: Setup,
+    radius_m: float,
+    tick: int,
+) -> None:
+    """Make all lists anew from where the robots are at ``tick``; ``from_x_m``, ``from_y_m`` are overwritten."""
+    across, up = grid_size(setup.width_m, setup.height_m, radius_m)
+    cells = across * up
+    grid[:cells] = -1
+    for i in range(planners.size - 1, -1, -1):
+        planners[i].from_x_m, planners[i].from_y_m, _ = pose_at(planners, i, setup, tick)
+        cell = cell_of(planners, i, setup, across, up)
+        grid[cells + i] = grid[cell]
+        grid[cell] = i
+    for i in range(planners.size):
+        list_one(planners, near, grid, setup, radius_m, across, up, i)
+
+
+@kernel
+def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
+    """The cell in which robot ``i`` lies."""
+    column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
+    row = min(max(int(planners[i].from_y_m / setup.height_m * up), 0), up - 1)
+    return row * across + column
+
+
+@kernel
+def list_one(
+    planners: Planners, near: NDArray[np.int64], grid: NDArray[np.int64], setup: Setup,
+    radius_m: float, across: int, up: int, i: int,
+) -> None:  # fmt: skip
+    """Robot ``i``'s list: those within the radius, from its own and the eight cells around."""
+    cell = cell_of(planners, i, setup, across, up)
+    row, column = cell // across, cell % across
+    count = 0
+    for y in range(max(row - 1, 0), min(row + 2, up)):
+        for x in range(max(column - 1, 0), min(column + 2, across)):
+            j = grid[y * across + x]
+            while j >= 0:
+                dx = planners[j].from_x_m - planners[i].from_x_m
+                dy = planners[j].from_y_m - planners[i].from_y_m
+                if j != i and dx * dx + dy * dy < radius_m * radius_m:
+                    count += 1
+                    insert_sorted(near[i], count, j)
+                j = grid[across * up + j]
+    near[i, 0] = count
+
+
+@kernel
+def insert_sorted(numbers: NDArray[np.int64], place: int, j: int) -> None:
+    """Put ``j`` among ``numbers[1:place]``, which are in order, so that ``numbers[1:place + 1]`` are."""
+    while place > 1 and numbers[place - 1] > j:
+        numbers[place] = numbers[place - 1]
+        place -= 1
+    numbers[place] = j
