@@ -41,16 +41,28 @@ class Purpose(IntEnum):
     BOOTSTRAP = 10
 
 
-# The kernels read plain integers: Numba does not take enumerations as constants cheaply.
-PLACEMENT: Final = 0
-HARDWARE: Final = 1
-WALK: Final = 2
-AVOIDANCE: Final = 3
-SPEED: Final = 4
-SENSING: Final = 5
-MESSAGE: Final = 6
-LOSS: Final = 7
-FLOOR: Final = 8
+def _number(value: int) -> int:
+    """A constant that Numba takes as a number: for each Python literal it would compile its callee anew."""
+    return np.int64(value)  # type: ignore[return-value]
+
+
+PLACEMENT: Final = _number(Purpose.PLACEMENT)
+HARDWARE: Final = _number(Purpose.HARDWARE)
+WALK: Final = _number(Purpose.WALK)
+AVOIDANCE: Final = _number(Purpose.AVOIDANCE)
+SPEED: Final = _number(Purpose.SPEED)
+SENSING: Final = _number(Purpose.SENSING)
+MESSAGE: Final = _number(Purpose.MESSAGE)
+LOSS: Final = _number(Purpose.LOSS)
+FLOOR: Final = _number(Purpose.FLOOR)
+
+FIRST: Final = _number(0)
+"""The index of a number that there is only one of."""
+ALONE: Final = _number(0)
+"""The peer of a number that concerns no other robot."""
+OF_HEADING: Final = _number(1)
+OF_SITE: Final = _number(2)
+"""Peers that keep the numbers of a start's heading and lattice site from those of its place."""
 
 _M0: Final = 0xD2511F53
 _M1: Final = 0xCD9E8D57
@@ -92,7 +104,7 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
 @kernel
 def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
     for i in range(out.size):
-        out[i] = uniform(seed, run, robot, purpose, first + i, 0)
+        out[i] = uniform(seed, run, robot, purpose, first + i, ALONE)
 
 
 def uniforms(

@@ -99,7 +99,9 @@ def pymunk_walk(scenario: Scenario, seed: int, simulated_s: float) -> int:
     chance = random.Random(seed)
     space = pymunk.Space()
     add_walls(space, scenario.arena.width_m, scenario.arena.height_m)
-    robots = [add_robot(space, scenario, i, place, chance) for i, place in enumerate(places(scenario, chance))]
+    robots = [
+        add_robot(space, scenario, i, place, chance) for i, place in enumerate(places(scenario, chance))
+    ]
     for _ in range(round(simulated_s / scenario.tick_s)):
         for robot in robots:
             robot.step(space)

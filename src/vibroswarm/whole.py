@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import SENSING, uniform
+from vibroswarm.draws import ALONE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import (
     INFERENCE_ROW,
@@ -105,7 +105,7 @@ def sample_and_communicate(
             continue
         k, index = record.filled[0], swarm[i].samples - 1
         tile = tile_below(ground, swarm[i].x_m, swarm[i].y_m)
-        bit = read(ground, tile, uniform(seed, run, i, SENSING, index, 0))
+        bit = read(ground, tile, uniform(seed, run, i, SENSING, index, ALONE))
         take_sample(minds, i, index, bit, program, seed, run)
         notes.observations[k, 0], notes.observations[k, 1] = tile, bit
         write_row(notes.inference, k, minds, i)

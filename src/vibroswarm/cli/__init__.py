@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
-    from vibroswarm.cli import floors, run
+    from vibroswarm.cli import bench, floors, run
 
     top = _Parser(
         prog="vibroswarm",
@@ -42,6 +42,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     run.add_parser(commands)
     floors.add_parser(commands)
+    bench.add_parser(commands)
     return top
 
 

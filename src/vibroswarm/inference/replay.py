@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import LOSS, MESSAGE, uniform
+from vibroswarm.draws import ALONE, LOSS, MESSAGE, uniform
 from vibroswarm.motion.contract import Motion
 from vibroswarm.robot.believe import Posterior
 from vibroswarm.scenario import Scenario
@@ -133,7 +133,7 @@ def take_sample(
     minds: NDArray[np.void], i: int, index: int, observation: int, program: MindProgram, seed: int, run: int
 ) -> None:
     """Robot ``i`` observes, updates, tests and composes; ``index`` is the number of its sample."""
-    u = uniform(seed, run, i, MESSAGE, index, 0)
+    u = uniform(seed, run, i, MESSAGE, index, ALONE)
     store_mind(minds, i, sample(load_mind(minds, i), observation, u, program))
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.checks import lattice_sites, longest_step_m, start_region
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import HARDWARE, SPEED, uniform
+from vibroswarm.draws import ALONE, FIRST, HARDWARE, SPEED, uniform
 from vibroswarm.fields import Robot
 from vibroswarm.robot.walk import TIMERS, WalkProgram
 from vibroswarm.scenario import Scenario
@@ -123,7 +123,7 @@ def walk_program(scenario: Scenario) -> WalkProgram:
 @kernel
 def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
     """m_d of a robot."""
-    u = uniform(seed, run, robot, HARDWARE, 0, 0)
+    u = uniform(seed, run, robot, HARDWARE, FIRST, ALONE)
     return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
 
 
@@ -132,7 +132,7 @@ def speed_factor(
     setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
 ) -> float:
     """s_d of a robot after ``sample`` samples; ``speeds`` as ``speed_quantiles`` gives them."""
-    u = uniform(seed, run, robot, SPEED, sample if setup.speed_redrawn else 0, 0)
+    u = uniform(seed, run, robot, SPEED, sample if setup.speed_redrawn else FIRST, ALONE)
     place = u * (speeds.size - 1)
     node = int(place)
     low = speeds[node]

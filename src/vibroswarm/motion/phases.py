@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, kernel
-from vibroswarm.draws import AVOIDANCE, PLACEMENT, WALK, uniform
+from vibroswarm.draws import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.body import Setup, misalignment, speed_factor
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
 from vibroswarm.robot.walk import (
@@ -74,9 +74,9 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
 @kernel
 def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> Dice:
     """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
-    swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, 0)
-    swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, 0)
-    swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, 0)
+    swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
+    swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
+    swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
     return Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
 
 
@@ -85,17 +85,17 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
     """The state at tick 0: placed, standing, with the first leg drawn."""
     place(swarm, setup, seed, run)
     for i in range(swarm.size):
-        swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, 0, 1) - 1.0)
+        swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
-        swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, 0)
+        swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, FIRST)
         swarm[i].battery = 1.0
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
         swarm[i].gyro_deg = 0.0
         swarm[i].stop_tick = 0
-        first = Dice(uniform(seed, run, i, WALK, 0, 0), 0.5, 0.5)
+        first = Dice(uniform(seed, run, i, WALK, FIRST, ALONE), 0.5, 0.5)
         store(swarm, i, begin_walk(setup, first))
-        roll(swarm, i, seed, run, 1, 0)
+        roll(swarm, i, seed, run, swarm[i].legs, swarm[i].avoidances)
 
 
 @allocating_kernel
@@ -105,8 +105,8 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
     for i in range(swarm.size):
         found = False
         for attempt in range(1000):
-            swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, 0)
-            swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, 0)
+            swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, ALONE)
+            swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, ALONE)
             if not touches(swarm, setup, i, i, swarm[i].x_m, swarm[i].y_m):
                 found = True
                 break
@@ -123,7 +123,7 @@ def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
     pitch_x = (setup.start[1] - setup.start[0]) / max(columns - 1, 1)
     pitch_y = (setup.start[3] - setup.start[2]) / max(rows - 1, 1)
     for i in range(swarm.size):
-        other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, 0, 2))
+        other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, FIRST, OF_SITE))
         sites[i], sites[other] = sites[other], sites[i]
         swarm[i].x_m = setup.start[0] + pitch_x * (sites[i] % columns)
         swarm[i].y_m = setup.start[2] + pitch_y * (sites[i] // columns)

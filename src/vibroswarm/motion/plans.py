@@ -54,6 +54,9 @@ how far it moves at most in a tick."""
 
 Planners = NDArray[np.void]
 
+LEAPS: Final[tuple[Any, ...]] = tuple(np.int64(2**k) for k in range(5))
+"""Steps of a turn's tail that are taken at once."""
+
 STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
 
@@ -126,13 +129,19 @@ def tail_ahead(
     moved = True
     while moved:
         n16, error_deg, integral_deg_s = leap(
-            setup, a16, b16, c16, d16, 16, error_deg, integral_deg_s, n, most
+            setup, a16, b16, c16, d16, LEAPS[4], error_deg, integral_deg_s, n, most
         )
         moved = n16 != n
-        n, error_deg, integral_deg_s = leap(setup, a8, b8, c8, d8, 8, error_deg, integral_deg_s, n16, most)
-        n, error_deg, integral_deg_s = leap(setup, a4, b4, c4, d4, 4, error_deg, integral_deg_s, n, most)
-        n, error_deg, integral_deg_s = leap(setup, a2, b2, c2, d2, 2, error_deg, integral_deg_s, n, most)
-        n, error_deg, integral_deg_s = leap(setup, a, b, c, d, 1, error_deg, integral_deg_s, n, most)
+        n, error_deg, integral_deg_s = leap(
+            setup, a8, b8, c8, d8, LEAPS[3], error_deg, integral_deg_s, n16, most
+        )
+        n, error_deg, integral_deg_s = leap(
+            setup, a4, b4, c4, d4, LEAPS[2], error_deg, integral_deg_s, n, most
+        )
+        n, error_deg, integral_deg_s = leap(
+            setup, a2, b2, c2, d2, LEAPS[1], error_deg, integral_deg_s, n, most
+        )
+        n, error_deg, integral_deg_s = leap(setup, a, b, c, d, LEAPS[0], error_deg, integral_deg_s, n, most)
     return n, error_deg, integral_deg_s
 
 

@@ -22,7 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel
-from vibroswarm.draws import SENSING, uniform
+from vibroswarm.draws import ALONE, SENSING, uniform
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario import Scenario
@@ -83,7 +83,7 @@ def sensing_numbers(
     """The uniform number of each sample, shape (samples,)."""
     out = np.empty(run.size, dtype=np.float64)
     for k in range(run.size):
-        out[k] = uniform(seed, int(run[k]), int(robot[k]), SENSING, int(sample[k]), 0)
+        out[k] = uniform(seed, int(run[k]), int(robot[k]), SENSING, int(sample[k]), ALONE)
     return out
 
 

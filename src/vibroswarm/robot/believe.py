@@ -40,12 +40,8 @@ class Posterior(NamedTuple):
 @kernel
 def prior(alpha: int, beta: int, boundary: float) -> Posterior:
     """Beta(alpha, beta) for whole alpha, beta >= 1, reached from Beta(1, 1), at which p = x."""
-    posterior = Posterior(1, 1, boundary, math.log(boundary) + math.log1p(-boundary))
-    for _ in range(alpha - 1):
-        posterior = observe(posterior, 1, boundary)
-    for _ in range(beta - 1):
-        posterior = observe(posterior, 0, boundary)
-    return posterior
+    first = Posterior(1, 1, boundary, math.log(boundary) + math.log1p(-boundary))
+    return observe_all(first, alpha - 1, beta - 1, boundary)
 
 
 @kernel
