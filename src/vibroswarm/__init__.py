@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vibroswarm.presets import preset
     from vibroswarm.result import Result
     from vibroswarm.scenario import Scenario
-    from vibroswarm.simulation import simulate
+    from vibroswarm.simulation import replay, simulate
 
 __all__ = [
     "Floor",
@@ -37,6 +37,7 @@ __all__ = [
     "measure",
     "pose",
     "preset",
+    "replay",
     "simulate",
     "verdict",
     "write_run_page",
@@ -52,6 +53,7 @@ _HOME: Final = {
     "measure": "floors.difficulty",
     "pose": "motion.pose",
     "preset": "presets",
+    "replay": "simulation",
     "simulate": "simulation",
     "verdict": "analysis.verdict",
     "write_run_page": "page.from_result",

@@ -63,6 +63,39 @@ def simulate(
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
 
 
+OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
+"""Sections that say how robots move; a replay keeps them."""
+
+
+def replay(result: Result, scenario: Scenario) -> Result:
+    """The same motion under another scenario: another floor, sensor, strategy, decision or network.
+
+    Comparisons so made are paired exactly. What the sensor read is kept too where floor and sensor are.
+
+    Args:
+        result: runs that went to their end. scenario: as the result's but for the sections named above.
+    Raises:
+        InputError: ``scenario`` would move the robots otherwise, or the runs ended when all had decided.
+    """
+    for section in OF_MOTION:
+        if getattr(scenario, section) != getattr(result.scenario, section):
+            raise InputError(
+                f"a replay keeps the motion, and so [{section}] as it was; simulate anew to change it",
+                field=section,
+            )
+    if scenario.run.stop != "t_end":
+        raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
+    runs, motion = result.runs["run"].to_list(), Motion(result.motion, result.ends, result.segments)
+    observations = result.observations
+    floors = {run: result.floor(run) for run in runs}
+    if (scenario.floor, scenario.sensor) != (result.scenario.floor, result.scenario.sensor):
+        floors = floors_of(scenario, result.seed, runs)
+        energies = observations["energy"].null_count() < observations.height
+        observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
+    inference, finals = infer(scenario, result.seed, motion, observations)
+    return result_of(scenario, result.seed, floors, motion, observations, inference, finals, result.source)
+
+
 def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
     """The runs as a sorted list of distinct numbers."""
     if not 0 <= seed < SEED_LIMIT:
