@@ -357,8 +357,9 @@ class EventRun(KernelRun):
 
     fields = PLANNER
 
-    def prepare(self) -> None:
-        """At tick 0 all stand; their own next event is the step at tick 1."""
+    def start(self, seed: int, run: int) -> None:
+        """Go to time 0 of a run: all stand; their own next event is the step at tick 1."""
+        super().start(seed, run)
         self.tree = empty_tree(self.swarm.size)
         self.awake = np.zeros(self.swarm.size, dtype=np.int64)
         self.near = empty_lists(self.swarm.size, self.setup)

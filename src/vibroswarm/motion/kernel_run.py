@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
@@ -21,8 +22,8 @@ BUFFER_TICKS = 2048
 """Buffers hold this many ticks, were every robot to write a row at each."""
 
 
-class KernelRun:
-    """State in, state out. A kind of engine gives its rows' fields and the three methods at the end."""
+class KernelRun(ABC):
+    """State in, state out. A kind of engine gives its rows' fields and the two methods at the end."""
 
     fields: ClassVar[np.dtype[np.void]]
 
@@ -41,7 +42,6 @@ class KernelRun:
         self.swarm[:] = np.zeros((), dtype=self.fields)
         self.record.latest[:], self.record.filled[:] = -1.0, 0
         begin(self.swarm, self.setup, self.speeds, seed, run)
-        self.prepare()
 
     @property
     def time_s(self) -> float:
@@ -84,16 +84,13 @@ class KernelRun:
             self.ends(),
         )
 
-    def prepare(self) -> None:
-        """Make what the engine needs beside its rows."""
-
+    @abstractmethod
     def move_on(self, until: int) -> int:
         """Move to the tick ``until``, or for as long as the buffers suffice; gives the tick reached."""
-        raise NotImplementedError
 
+    @abstractmethod
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
-        raise NotImplementedError
 
 
 def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
