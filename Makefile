@@ -21,6 +21,7 @@ lint: $(VENV)/dev.done
 	$(BIN)/lint-imports
 
 bench: $(VENV)/dev.done
+	$(BIN)/vibroswarm bench
 	$(BIN)/python benchmarks/page_frame.py
 
 clean:
