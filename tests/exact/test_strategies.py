@@ -177,7 +177,7 @@ def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
 
 
 def test_a_received_bit_counts_as_an_own_one_and_decides_nothing() -> None:
-    heard = receive(receive(mind(1, 400, own=50), 0), 1)
+    heard = receive(receive(mind(1, 400, own=50), 0, 1), 1, 0)
     assert (heard.own, heard.received, heard.decision) == (50, 2, -1)
     assert (heard.ones, heard.zeros) == (1, 1)
     own = sample(heard, 0, 0.5, PROGRAM)

@@ -21,6 +21,7 @@ from vibroswarm.robot.believe import Posterior
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import (
     GATES,
+    SOFT,
     STRATEGIES,
     Mind,
     MindProgram,
@@ -117,15 +118,16 @@ def hear(
     Args:
         sent: (messages, 4): tick, sender, sample, bit, in the order of sending; ``count`` are there so far.
     """
-    mind = load_mind(minds, i)
-    k = minds[i].heard
+    k, ones, zeros = minds[i].heard, 0, 0
     while k < count and sent[k, 0] <= until_tick:
-        sender = sent[k, 1]
+        sender, bit = sent[k, 1], sent[k, 3]
         if sender != i and not lost(seed, run, i, sender, sent[k, 2], loss):
-            mind = receive(mind, sent[k, 3])
+            ones += bit
+            zeros += 1 - bit
         k += 1
-    store_mind(minds, i, mind)
     minds[i].heard = k
+    if ones + zeros > 0:
+        store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))
 
 
 @kernel
@@ -133,7 +135,9 @@ def take_sample(
     minds: NDArray[np.void], i: int, index: int, observation: int, program: MindProgram, seed: int, run: int
 ) -> None:
     """Robot ``i`` observes, updates, tests and composes; ``index`` is the number of its sample."""
-    u = uniform(seed, run, i, MESSAGE, index, ALONE)
+    u = (
+        uniform(seed, run, i, MESSAGE, index, ALONE) if program.strategy == SOFT else 0.5
+    )  # only soft looks at it
     store_mind(minds, i, sample(load_mind(minds, i), observation, u, program))
 
 
@@ -239,15 +243,12 @@ def infer(
     if not motion.samples.select(key).equals(observations.select(key)):
         raise ValueError("the observation table has not the rows of the motion table")
     tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
-    table = np.stack(
-        [
-            to_ticks(motion.samples["time_s"], tick_ms),
-            *(motion.samples[name].to_numpy().astype(np.int64) for name in ("robot", "sample")),
-            to_ticks(motion.samples["stop_start_s"], tick_ms),
-            observations["observation"].to_numpy().astype(np.int64),
-        ],
-        axis=1,
-    )
+    table = np.empty((motion.samples.height, 5), dtype=np.int64)
+    table[:, 0] = to_ticks(motion.samples["time_s"], tick_ms)
+    table[:, 1] = motion.samples["robot"].to_numpy()
+    table[:, 2] = motion.samples["sample"].to_numpy()
+    table[:, 3] = to_ticks(motion.samples["stop_start_s"], tick_ms)
+    table[:, 4] = observations["observation"].to_numpy()
     runs = motion.ends["run"].to_numpy()[::robots].astype(np.int64)
     bounds = np.searchsorted(motion.samples["run"].to_numpy(), np.append(runs, 2**32))
     heard = heard_at_end(motion.ends, tick_ms)

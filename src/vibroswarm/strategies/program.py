@@ -62,10 +62,12 @@ def begin_mind(program: MindProgram) -> Mind:
 
 
 @kernel
-def receive(mind: Mind, bit: int) -> Mind:
-    """A bit from another robot; it goes into the posterior at the next own sample, like an own one (Eq. 8)."""
-    posterior, decision, own, received, message, ones, zeros = mind
-    return Mind(posterior, decision, own, received + 1, message, ones + bit, zeros + 1 - bit)
+def receive(mind: Mind, ones: int, zeros: int) -> Mind:
+    """Bits from other robots; they go into the posterior at the next own sample, like own ones (Eq. 8)."""
+    received = mind.received + ones + zeros
+    return Mind(
+        mind.posterior, mind.decision, mind.own, received, mind.message, mind.ones + ones, mind.zeros + zeros
+    )
 
 
 @kernel
