@@ -14,7 +14,9 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.presets import preset
 from vibroswarm.result import TABLES, Result
+from vibroswarm.scenario import Scenario
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
 
@@ -77,6 +79,23 @@ def test_a_scenario_file_names_a_floor_beside_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir("/")
     assert run("--scenario", str(tmp_path / "s.toml"), "--json") == 0
     assert json.loads(capsys.readouterr().out)["verdict"]["fill_ratio"] == 0.5
+
+
+def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
+    assert main(["scenario", "--preset", "text", "--robots", "8"]) == 0
+    text = capsys.readouterr().out
+    wanted = preset("text").with_values({"swarm.robots": 8})
+    assert Scenario.from_toml(text) == wanted
+    file = tmp_path / "my scenario.toml"
+    assert main(["scenario", "--preset", "text", "--robots", "8", "--out", str(file)]) == 0
+    assert Scenario.read(file) == wanted
+    assert main(["scenario", "--out", str(file)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert Scenario.read(file) == wanted
+    assert main(["scenario", "--out", str(file), "--force"]) == 0
+    assert Scenario.read(file) == preset("paper")
+    assert run("--scenario", str(file), "--set", "run.t_end_s=1") == 0
+    assert main(["scenario", "--robots", "0"]) == 2
 
 
 def test_json_is_one_document_with_the_verdict(capsys):

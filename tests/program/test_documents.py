@@ -35,7 +35,7 @@ def test_the_commands_of_the_readme_are_understood():
     commands = [shlex.split(line)[1:] for line in lines if re.match(r"(\S*/)?vibroswarm ", line)]
     assert len(commands) >= 5
     for command in commands:
-        assert parser().parse_args(command).command in ("run", "floors")
+        assert parser().parse_args(command).command in ("run", "floors", "scenario", "bench")
 
 
 def test_the_public_names_are_there():

@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
-    from vibroswarm.cli import bench, floors, run
+    from vibroswarm.cli import bench, floors, run, scenario
 
     top = _Parser(
         prog="vibroswarm",
@@ -41,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="store_true", help="say the version and leave")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     run.add_parser(commands)
+    scenario.add_parser(commands)
     floors.add_parser(commands)
     bench.add_parser(commands)
     return top

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.options import add_scenario_options
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,25 +34,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    what = parser.add_argument_group("what is simulated")
-    base = what.add_mutually_exclusive_group()
-    base.add_argument("--preset", metavar="NAME", help="paper (default), paper-empirical or text")
-    base.add_argument(
-        "--scenario", metavar="FILE", type=Path, help="a scenario in TOML, such as a result holds"
-    )
-    what.add_argument("--floor", metavar="FLOOR", help="a pattern (diagonal:0.46), random:0.48, or a file")
-    what.add_argument(
-        "--tiles", metavar="RxC", help="rows x columns of a random floor, coordinate list or picture"
-    )
-    what.add_argument("--robots", metavar="N", help="how many robots")
-    what.add_argument(
-        "--strategy", metavar="NAME", help="what robots tell each other: none, positive or soft"
-    )
-    what.add_argument("--energies", metavar="FILE", type=Path, help="draw from these measured energies (CSV)")
-    what.add_argument(
-        "--set", metavar="FIELD=VALUE", action="append", default=[], dest="settings",
-        help="set any field of the scenario, such as walk.walk_duration_scale_ms=9000; may be repeated",
-    )  # fmt: skip
+    what = add_scenario_options(parser)
     what.add_argument(
         "--seed", metavar="S", default="1", help="same scenario and seed: same result (default 1)"
     )
