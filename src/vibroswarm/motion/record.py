@@ -68,8 +68,15 @@ def empty_record(robots: int, samples: int, segments: int) -> Record:
 
 def copy_record(record: Record) -> Record:
     """Buffers that do not change with the others."""
-    samples, segments, filled, latest = record
-    return Record(samples.copy(), segments.copy(), filled.copy(), latest.copy())
+    samples, segments = (
+        np.zeros_like(record.samples),
+        np.zeros_like(record.segments),
+    )  # memory taken when filled
+    for mine, theirs, count in zip(
+        (samples, segments), (record.samples, record.segments), record.filled, strict=True
+    ):
+        mine[:count] = theirs[:count]
+    return Record(samples, segments, record.filled.copy(), record.latest.copy())
 
 
 @kernel
