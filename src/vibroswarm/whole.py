@@ -31,7 +31,13 @@ from vibroswarm.motion.body import Setup, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
-from vibroswarm.observation.model import OBSERVATIONS, energy_of, sensing_numbers, share_below
+from vibroswarm.observation.model import (
+    OBSERVATIONS,
+    energies_of,
+    sensing_numbers,
+    share_below,
+    vibrating_at,
+)
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import MindProgram
@@ -85,13 +91,11 @@ def read(ground: Ground, tile: int, u: float) -> int:
 
 
 @kernel
-def listen(
-    swarm: Swarm, minds: NDArray[np.void], radio: Radio, program: MindProgram, seed: int, run: int, tick: int
-) -> None:
+def listen(swarm: Swarm, minds: NDArray[np.void], radio: Radio, seed: int, run: int, tick: int) -> None:
     """Robots that walk read what was sent before this tick."""
     for i in range(swarm.size):
         if swarm[i].mode != STOP:
-            hear(minds, i, tick - 1, radio.sent, radio.total[0], program, seed, run, radio.loss)
+            hear(minds, i, tick - 1, radio.sent, radio.total[0], seed, run, radio.loss)
 
 
 @kernel
@@ -135,7 +139,7 @@ def run_whole(
     for tick in range(1, until):
         sense(swarm, setup)
         sampling = control(swarm, setup, seed, run, tick)
-        listen(swarm, minds, radio, program, seed, run, tick)
+        listen(swarm, minds, radio, seed, run, tick)
         move(swarm, setup)
         contact(swarm, setup)
         if sampling > 0:
@@ -196,10 +200,7 @@ def _observation_frame(
     """The observation table; the energies are those of the numbers that gave the bits."""
     tile, bit = read_off[:, 0], read_off[:, 1]
     u = sensing_numbers(seed, *(samples[name].to_numpy() for name in ("run", "robot", "sample")))
-    vibrating = np.append(floor.tiles.ravel(), 0)[tile] == 1
-    energy = np.empty(u.size, dtype=np.float32)
-    for kind in (False, True):
-        energy[vibrating == kind] = energy_of(scenario.sensor, kind, u[vibrating == kind])
+    energy = energies_of(scenario.sensor, vibrating_at(floor, tile), u)
     return samples.select("run", "robot", "sample").with_columns(
         tile=pl.Series(tile, dtype=OBSERVATIONS["tile"]),
         energy=pl.Series(energy),

@@ -108,7 +108,6 @@ def hear(
     until_tick: int,
     sent: NDArray[np.int64],
     count: int,
-    program: MindProgram,
     seed: int,
     run: int,
     loss: float,
@@ -135,9 +134,9 @@ def take_sample(
     minds: NDArray[np.void], i: int, index: int, observation: int, program: MindProgram, seed: int, run: int
 ) -> None:
     """Robot ``i`` observes, updates, tests and composes; ``index`` is the number of its sample."""
-    u = (
-        uniform(seed, run, i, MESSAGE, index, ALONE) if program.strategy == SOFT else 0.5
-    )  # only soft looks at it
+    u = 0.5
+    if program.strategy == SOFT:  # the others say nothing by chance
+        u = uniform(seed, run, i, MESSAGE, index, ALONE)
     store_mind(minds, i, sample(load_mind(minds, i), observation, u, program))
 
 
@@ -183,12 +182,12 @@ def replay_run(
     begin_minds(minds, program)
     for k in range(samples.shape[0]):
         tick, i, index = samples[k, 0], samples[k, 1], samples[k, 2]
-        hear(minds, i, samples[k, 3] - 2, sent, k, program, seed, run, loss)
+        hear(minds, i, samples[k, 3] - 2, sent, k, seed, run, loss)
         take_sample(minds, i, index, samples[k, 4], program, seed, run)
         sent[k, 0], sent[k, 1], sent[k, 2], sent[k, 3] = tick, i, index, minds[i].message
         write_row(out, k, minds, i)
     for i in range(minds.size):
-        hear(minds, i, last_heard_tick[i], sent, samples.shape[0], program, seed, run, loss)
+        hear(minds, i, last_heard_tick[i], sent, samples.shape[0], seed, run, loss)
 
 
 @kernel

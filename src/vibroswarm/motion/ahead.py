@@ -8,7 +8,8 @@ the fixed-step engine.
 | name | unit | what it is |
 |---|---|---|
 | look | m | rays matter up to the shorter of range and theta_c |
-| zone | m | two robots nearer than this (two radii and two longest steps) are looked at in every tick |
+| zone | m | nearer than this (two radii and two longest steps), a move may bring two robots into contact |
+| touch | m | the same, with the steps of the two plans in question |
 | reach | m | rays see nothing of a robot further away than this, centre to centre |
 | slack | m | how far a robot may be beside its chord |
 """

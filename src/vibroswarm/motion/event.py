@@ -32,6 +32,7 @@ from vibroswarm.motion.neighbours import (
     SMALL_SWARM,
     empty_grid,
     empty_lists,
+    insert,
     list_radius_m,
     make_lists,
 )
@@ -191,20 +192,6 @@ def rouse(
 
 
 @kernel
-def insert(awake: NDArray[np.int64], count: int, j: int) -> int:
-    """Put ``j`` in its place; gives 1, or 0 if it is there."""
-    place = count
-    while place > 0 and awake[place - 1] >= j:
-        place -= 1
-    if place < count and awake[place] == j:
-        return 0
-    for k in range(count, place, -1):
-        awake[k] = awake[k - 1]
-    awake[place] = j
-    return 1
-
-
-@kernel
 def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
     x, y, reach = planners[i].x_m, planners[i].y_m, setup.ray_reach_m
@@ -223,7 +210,7 @@ def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
 
 @kernel
 def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
-    """Block robot ``i``'s move from ``tick`` if it would end in a wall or a setup.
+    """Block robot ``i``'s move from ``tick`` if it would end in a wall or a body.
 
     Robots before ``i`` have moved already (those that could be touched are awake), those after it have not.
     """
@@ -307,10 +294,16 @@ def meet(
         j = near[i, m + 1]
         if not may_meet(planners, i, j, setup, tick):
             continue
-        meeting = meeting_tick(planners, i, j, setup, tick)
-        if meeting < NEVER:
-            alert(planners, tree, i, meeting)
-            alert(planners, tree, j, meeting)
+        look_out(planners, tree, i, j, setup, tick)
+
+
+@kernel
+def look_out(planners: Planners, tree: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
+    """Wake both by the first tick after ``tick`` at which they may matter to each other."""
+    meeting = meeting_tick(planners, i, j, setup, tick)
+    if meeting < NEVER:
+        alert(planners, tree, i, meeting)
+        alert(planners, tree, j, meeting)
 
 
 @kernel
@@ -328,11 +321,8 @@ def new_lists(
     for i in range(planners.size):
         for m in range(near[i, 0]):
             j = near[i, m + 1]
-            if j > i and planners[i].own_tick >= tick and planners[j].own_tick >= tick:
-                meeting = meeting_tick(planners, i, j, setup, tick - 1)
-                if meeting < NEVER:
-                    alert(planners, tree, i, meeting)
-                    alert(planners, tree, j, meeting)
+            if j > i:
+                look_out(planners, tree, i, j, setup, tick - 1)
 
 
 @kernel

@@ -104,16 +104,20 @@ def list_one(
                 dx = planners[j].from_x_m - planners[i].from_x_m
                 dy = planners[j].from_y_m - planners[i].from_y_m
                 if j != i and dx * dx + dy * dy < radius_m * radius_m:
-                    count += 1
-                    insert_sorted(near[i], count, j)
+                    count += insert(near[i, 1:], count, j)
                 j = grid[across * up + j]
     near[i, 0] = count
 
 
 @kernel
-def insert_sorted(numbers: NDArray[np.int64], place: int, j: int) -> None:
-    """Put ``j`` among ``numbers[1:place]``, which are in order, so that ``numbers[1:place + 1]`` are."""
-    while place > 1 and numbers[place - 1] > j:
-        numbers[place] = numbers[place - 1]
+def insert(numbers: NDArray[np.int64], count: int, j: int) -> int:
+    """Put ``j`` among the first ``count`` numbers, which are in order; gives 1, or 0 if it is there."""
+    place = count
+    while place > 0 and numbers[place - 1] >= j:
         place -= 1
+    if place < count and numbers[place] == j:
+        return 0
+    for k in range(count, place, -1):
+        numbers[k] = numbers[k - 1]
     numbers[place] = j
+    return 1

@@ -41,7 +41,7 @@ ROBOT = np.dtype(
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
 speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
 the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; and the
-``WalkState`` of its setup."""
+``WalkState`` of its program."""
 
 Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
@@ -72,12 +72,11 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
 
 
 @kernel
-def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> Dice:
+def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> None:
     """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
-    return Dice(swarm[i].dice_leg, swarm[i].dice_turn, swarm[i].dice_avoid)
 
 
 @allocating_kernel
@@ -243,7 +242,7 @@ def move(swarm: Swarm, setup: Setup) -> None:
 
 @kernel
 def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Whether robot ``i``'s move would end in a wall or in another setup, as they stand now."""
+    """Whether robot ``i``'s move would end in a wall or in another body, as they stand now."""
     x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
     if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
         return True

@@ -25,13 +25,7 @@ from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import SMALL_RAD, small_sin_cos
 from vibroswarm.motion.phases import ROBOT
 from vibroswarm.motion.wakes import NEVER
-from vibroswarm.robot.walk import (
-    AVOID,
-    DRIVE,
-    STOP,
-    TURN,
-    counts,
-)
+from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, counts
 
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
@@ -226,7 +220,8 @@ def begin_plan(planners: Planners, i: int, setup: Setup, tick: int) -> None:
     elif row.mode != STOP:
         row.radius_m = 0.5 * row.misalignment * setup.turn_track_m
         full = setup.full_speed_m_s * row.speed_factor * row.battery
-        row.turn_gain = math.degrees(0.02 * full / setup.turn_track_m * setup.tick_s)
+        # Both wheels at 1 % of full speed, one backwards, for one tick.
+        row.turn_gain = math.degrees(2.0 * 0.01 * full / setup.turn_track_m * setup.tick_s)
 
 
 @kernel
@@ -249,7 +244,7 @@ def turned_to(planners: Planners, i: int, setup: Setup, n: int) -> tuple[float, 
 
 @kernel
 def pose_at(planners: Planners, i: int, setup: Setup, tick: int) -> tuple[float, float, float]:
-    """Position at a tick of the plan, m, and sine and cosine of the heading there are in ``facing_at``."""
+    """Position and heading at a tick of the plan, m, m, rad."""
     x_m, y_m, heading_rad, _, _ = facing_at(planners, i, setup, tick)
     return x_m, y_m, heading_rad
 

@@ -64,6 +64,20 @@ def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArra
     return (scale * gammaincinv(shape, u) + location).astype(np.float32)
 
 
+def energies_of(sensor: Sensor, vibrating: NDArray[np.bool_], u: NDArray[np.float64]) -> NDArray[np.float32]:
+    """``energy_of`` for places of both kinds, shape as ``u``."""
+    energy = np.empty(u.size, dtype=np.float32)
+    for kind in (False, True):
+        energy[vibrating == kind] = energy_of(sensor, kind, u[vibrating == kind])
+    return energy
+
+
+def vibrating_at(floor: Floor, tile: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """Whether the tiles of these indices vibrate; where there is none (-1), nothing does."""
+    flat = np.append(floor.tiles.ravel(), 0)  # index -1 is the last
+    return np.asarray(flat[tile] == 1)
+
+
 def _gamma(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
     if vibrating:
         return sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location
@@ -106,13 +120,12 @@ def observe(
     u = sensing_numbers(seed, run, samples["robot"].to_numpy(), samples["sample"].to_numpy())
     tile, vibrating = _tiles_below(samples, run, floors)
     below = np.where(vibrating, share_below(scenario.sensor, True), share_below(scenario.sensor, False))
-    energy = np.full(u.size, np.nan, dtype=np.float32)
+    energy: pl.Expr | pl.Series = pl.lit(None, dtype=pl.Float32)
     if energies:
-        for kind in (False, True):
-            energy[vibrating == kind] = energy_of(scenario.sensor, kind, u[vibrating == kind])
+        energy = pl.Series(energies_of(scenario.sensor, vibrating, u))
     return samples.select("run", "robot", "sample").with_columns(
         tile=pl.Series(tile, dtype=pl.Int32),
-        energy=pl.Series(energy, dtype=pl.Float32) if energies else pl.lit(None, dtype=pl.Float32),
+        energy=energy,
         observation=pl.Series((u > below).astype(np.uint8), dtype=pl.UInt8),
     )
 
@@ -131,6 +144,5 @@ def _tiles_below(
         floor = floors[int(run[start])]
         part = slice(int(start), int(end))
         tile[part] = floor.tile_at(x[part], y[part])
-        flat = np.append(floor.tiles.ravel(), 0)  # tile -1 is the last: nothing there vibrates
-        vibrating[part] = flat[tile[part]] == 1
+        vibrating[part] = vibrating_at(floor, tile[part])
     return tile, vibrating

@@ -11,6 +11,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.motion.pose import pose
+from vibroswarm.observation.model import vibrating_at
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -90,10 +91,9 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     samples = result.motion.filter(pl.col("run") == run).join(
         result.observations, on=["run", "robot", "sample"]
     )
-    tiles = np.append(result.floor(run).tiles.ravel(), 0)
     bit = samples["observation"].to_numpy()
     tile = samples["tile"].to_numpy()
-    amiss = (tile >= 0) & (tiles[tile] != bit)
+    amiss = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (bit == 1))
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     for chosen, face, edge, marker, label in (
         ((bit == 1) & ~amiss, INK, INK, "o", "read as vibrating"),
