@@ -5,8 +5,9 @@ Names are looked up when they are first used, so that importing this room loads 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from vibroswarm.lazy import lazy_names
 
 if TYPE_CHECKING:
     from vibroswarm.floors.design import Made, make_floor
@@ -54,10 +55,7 @@ _HOME: Final = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__ = lazy_names(__name__, _HOME)
 
 
 def __dir__() -> list[str]:
