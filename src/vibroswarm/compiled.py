@@ -1,9 +1,9 @@
 """The one door to Numba: ``@kernel`` compiles a function where Numba is, and leaves it plain elsewhere.
 
 Numba's own disk cache looks only at the file of the function itself, so a change in a function that it
-calls from another file would go unseen. The cache folder is therefore named by a hash of all sources of
-the package and of the versions that matter: a changed kernel is never run stale. A process that finds a
-source changed while it imports keeps nothing.
+calls from another file would go unseen. The cache folder is therefore named by a hash of all sources that
+may hold a kernel or what one is made from, and of the versions that matter: a changed kernel is never run
+stale. A process that finds a source changed while it imports keeps nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +38,19 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
+ABOVE: Final = ("analysis", "cli", "page", "plots", "study", "optimize", "lab", "calibrate", "paper")
+"""Rooms that stand above the simulation: they hold no kernel and change no table of a result."""
+
+
 @cache
 def source_hash() -> str:
-    """16 hexadecimal digits of all sources of the package: the state of the code."""
+    """16 hexadecimal digits of all sources that a simulation may depend on: the state of the code."""
     digest = hashlib.sha256()
     folder = Path(__file__).parent
     for source in sorted(folder.rglob("*.py")):
-        digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+        name = source.relative_to(folder)
+        if name.parts[0] not in ABOVE:
+            digest.update(name.as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 

@@ -7,6 +7,7 @@ rows; a third process that loads both would run the wrong one.
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -14,7 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.compiled import PLAIN
+import vibroswarm.compiled
+from vibroswarm.compiled import ABOVE, PLAIN
+
+BESIDE = ("__init__.py", "__main__.py", "bench.py")
+"""Files at the top that call into the rooms above, and that no simulation needs."""
 
 KERNELS = """
 import numpy as np
@@ -70,3 +75,17 @@ def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
     assert called("b") == [7.0]
     assert called("ab") == [7.0, 7.0]
     assert called("ba") == [7.0, 7.0]
+
+
+def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it() -> None:
+    package = Path(vibroswarm.compiled.__file__).parent
+    for source in package.rglob("*.py"):
+        above = source.relative_to(package).parts[0] in ABOVE
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or node.module is None:
+                continue
+            names = {alias.name for alias in node.names}
+            if above:
+                assert not names & {"kernel", "allocating_kernel", "numba", "njit"}, source
+            elif source.relative_to(package).parts[0] not in BESIDE:
+                assert not any(node.module.startswith(f"vibroswarm.{room}") for room in ABOVE), source
