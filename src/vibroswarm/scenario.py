@@ -88,27 +88,32 @@ class Scenario(Section):
             raise InputError(f"is not TOML: {error}", field=name) from None
         if folder is not None:
             _take_in_floor(values, folder)
-        return _with_base(values)
+        return cls.from_base(values)
+
+    @classmethod
+    def from_base(cls, values: Mapping[str, Any]) -> Scenario:
+        """As ``from_values``; with ``preset = "text"`` among the values, that preset is the base."""
+        values = dict(values)
+        base = values.pop("preset", None)
+        if base is None:
+            return cls.from_values(values)
+        from vibroswarm.presets import preset
+
+        if not isinstance(base, str):
+            raise InputError(f"{base!r} is not the name of a preset", field="preset")
+        merged = preset(base).model_dump(exclude_none=True)
+        for section, fields in values.items():
+            if isinstance(fields, dict) and isinstance(merged.get(section), dict):
+                merged[section] |= fields
+            else:
+                merged[section] = fields
+        return cls.from_values(merged)
 
     @classmethod
     def read(cls, path: str | Path) -> Scenario:
         """A scenario from a TOML file."""
         path = Path(path)
-        try:
-            size = path.stat().st_size
-            if not path.is_file():  # a device or a pipe may never end
-                raise InputError("is no plain file; give the name of a file", field=str(path))
-            if size > 64 * 2**20:
-                raise InputError("is larger than 64 MiB; that is no scenario", field=str(path))
-            text = path.read_text(encoding="utf-8")
-        except InputError:
-            raise
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
-        except UnicodeDecodeError:
-            raise InputError("is not text in UTF-8; a scenario is a TOML file", field=str(path)) from None
-        except ValueError as error:  # a name with a null byte
-            raise InputError(f"cannot be read: {error}", field=repr(str(path))) from None
+        text = read_text(path, "a scenario")
         return cls.from_toml(text, name=str(path), folder=path.parent)
 
     def to_toml(self) -> str:
@@ -165,6 +170,25 @@ class Scenario(Section):
         return math.ceil(self.run.t_end_s * 1000.0 / self.run.control_period_ms - 1e-9)
 
 
+def read_text(path: Path, what: str) -> str:
+    """The text of a TOML file of at most 64 MiB; ``what`` it should be, for the errors."""
+    try:
+        size = path.stat().st_size
+        if not path.is_file():  # a device or a pipe may never end
+            raise InputError("is no plain file; give the name of a file", field=str(path))
+        if size > 64 * 2**20:
+            raise InputError(f"is larger than 64 MiB; that is not {what}", field=str(path))
+        return path.read_text(encoding="utf-8")
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
+    except UnicodeDecodeError:
+        raise InputError(f"is not text in UTF-8; {what} is a TOML file", field=str(path)) from None
+    except ValueError as error:  # a name with a null byte
+        raise InputError(f"cannot be read: {error}", field=repr(str(path))) from None
+
+
 def field_names() -> list[str]:
     """All fields by their dotted names."""
     return [
@@ -202,23 +226,6 @@ def _take_in_floor(values: dict[str, Any], folder: Path) -> None:
     grid, name = resolve(str(path) if path.is_file() else source, given)  # type: ignore[arg-type]
     floor["source"] = name
     floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
-
-
-def _with_base(values: dict[str, Any]) -> Scenario:
-    base = values.pop("preset", None)
-    if base is None:
-        return Scenario.from_values(values)
-    from vibroswarm.presets import preset
-
-    if not isinstance(base, str):
-        raise InputError(f"{base!r} is not the name of a preset", field="preset")
-    merged = preset(base).model_dump(exclude_none=True)
-    for section, fields in values.items():
-        if isinstance(fields, dict) and isinstance(merged.get(section), dict):
-            merged[section] |= fields
-        else:
-            merged[section] = fields
-    return Scenario.from_values(merged)
 
 
 def _nearest_field(name: str) -> str:

@@ -1,0 +1,319 @@
+"""Intervals about shares, means, quantiles and paired differences; the run is the unit in all of them.
+
+| name | what of | how | source |
+|---|---|---|---|
+| ``wilson`` | share of runs | (k + z^2/2 +- z sqrt(k(n-k)/n + z^2/4)) / (n + z^2) | Wilson 1927 |
+| ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
+| ``bootstrap_mean`` | mean over runs | percentiles of means of runs drawn anew | Efron 1979 |
+| ``cluster_share`` | share of robots | the same on sum(count) / sum(of); see there | Davison & Hinkley 1997, 3.8 |
+| ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
+| ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
+
+Whatever is drawn comes from Philox with a key of (seed, what for), so that it never depends on what else is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from vibroswarm.errors import InputError
+
+DRAWS: Final = 1999
+"""Bootstrap and sign-flip draws: with one more, 2.5 % and 97.5 % fall on whole ranks."""
+FEW: Final = 10
+"""With fewer runs than this off 0 or off 1, a bootstrap of a share has next to nothing to draw from."""
+_EXACT: Final = 10
+"""Up to so many differences all subsets are listed."""
+_MANY_VALUES: Final = 5000
+"""Beyond so many distinct values the limits of drawn means are those of their normal limit."""
+_BLOCK: Final = 4_000_000
+"""Numbers in memory at once."""
+
+Values = NDArray[np.float64]
+
+
+class Interval(NamedTuple):
+    """An estimate with its limits.
+
+    ``n`` counts the independent units (runs, pairs); ``how`` names the method. Not a number where the figure is not
+    defined; infinite limits where the data are too few to set any.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    level: float
+    n: int
+    how: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; what is no finite number is None."""
+        return {name: plain(value) for name, value in self._asdict().items()}
+
+    def excludes(self, value: float) -> bool:
+        """Whether the value lies outside; False where there are no limits."""
+        return self.high < value or self.low > value
+
+
+def plain(value: Any) -> Any:
+    """A number as JSON has it: None for what is not finite."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def undefined(level: float, n: int, how: str) -> Interval:
+    """The interval of a figure that is not defined."""
+    return Interval(math.nan, math.nan, math.nan, level, n, how)
+
+
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """Chance for one purpose: the same numbers for the same seed, whatever else is drawn."""
+    return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))
+
+
+def check_level(level: float) -> None:
+    """Refuse a level outside (0, 1).
+
+    Raises:
+        InputError: so it is.
+    """
+    if not 0.0 < level < 1.0:
+        raise InputError(f"{level!r} is no level of confidence; give a share such as 0.95", field="level")
+
+
+def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
+    """Wilson's limits of shares, shapes as the inputs broadcast; nan where n is 0. Counts need not be whole."""
+    check_level(level)
+    k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
+    z = float(stats.norm.ppf(0.5 + level / 2))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)
+        low, high = (k + z * z / 2 - half) / (total + z * z), (k + z * z / 2 + half) / (total + z * z)
+    # Rounding must not put a share of 0 or 1 outside.
+    return np.where(k <= 0, np.where(total > 0, 0.0, np.nan), low), np.where(
+        k >= total, np.where(total > 0, 1.0, np.nan), high
+    )
+
+
+def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
+    """A share of runs."""
+    if n == 0:
+        check_level(level)
+        return undefined(level, 0, "wilson")
+    low, high = wilson_limits(successes, n, level)
+    return Interval(successes / n, float(low), float(high), level, n, "wilson")
+
+
+def finite(values: ArrayLike) -> Values:
+    """The numbers among the values, shape (at most that many,): a run in which a figure is not defined has none."""
+    array = np.asarray(values, dtype=np.float64).ravel()
+    return array[~np.isnan(array)]
+
+
+def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
+    """A mean over runs with Student's limits; of one run, or when all are equal, see ``n``: no limits, no width."""
+    check_level(level)
+    runs = finite(values)
+    if runs.size == 0:
+        return undefined(level, 0, "t")
+    mean = _mean(runs)
+    if runs.size == 1:
+        return Interval(mean, -math.inf, math.inf, level, 1, "t")
+    half = float(stats.t.ppf(0.5 + level / 2, runs.size - 1)) * float(runs.std(ddof=1)) / math.sqrt(runs.size)
+    return Interval(mean, mean - half, mean + half, level, runs.size, "t")
+
+
+def _mean(values: Values) -> float:
+    """The mean, never outside the values by rounding."""
+    return float(np.clip(values.mean(), values.min(), values.max()))
+
+
+def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Interval:
+    """A mean over runs with percentiles of the bootstrap over runs.
+
+    Runs of equal value are drawn together (multinomial over the distinct values), which is the same and fast. Of
+    very many distinct values the drawn means are normal, and their limits are taken so. The spread is made
+    sqrt(n / (n - 1)) times larger, as the variance of a mean wants.
+    """
+    check_level(level)
+    runs = finite(values)
+    if runs.size == 0:
+        return undefined(level, 0, "bootstrap")
+    mean = _mean(runs)
+    if runs.size == 1:
+        return Interval(mean, -math.inf, math.inf, level, 1, "bootstrap")
+    distinct, counts = np.unique(runs, return_counts=True)
+    low, high = _resampled(distinct, np.ones(distinct.size), counts, level, seed, draws)
+    return Interval(mean, low, high, level, runs.size, "bootstrap")
+
+
+def _resampled(
+    numerators: Values, denominators: Values, counts: NDArray[np.int64], level: float, seed: int, draws: int
+) -> tuple[float, float]:
+    """Limits of sum(numerator) / sum(denominator) over units drawn anew; ``counts`` units have each value."""
+    n = int(counts.sum())
+    ratio = float(numerators @ counts) / float(denominators @ counts)
+    widen = math.sqrt(n / (n - 1))
+    if counts.size > _MANY_VALUES:
+        residual = (numerators - ratio * denominators) / (denominators @ counts)
+        half = float(stats.norm.ppf(0.5 + level / 2)) * widen * math.sqrt(float(counts @ residual**2))
+        return ratio - half, ratio + half
+    random, shares, drawn = generator(seed, "bootstrap"), counts / n, []
+    at_once = max(1, _BLOCK // counts.size)
+    for first in range(0, draws, at_once):
+        weights = random.multinomial(n, shares, size=min(at_once, draws - first))
+        below = weights @ denominators
+        above = weights @ numerators
+        drawn.append(np.divide(above, below, out=np.full(below.size, ratio), where=below > 0))
+    spread = ratio + widen * (np.concatenate(drawn) - ratio)
+    low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])
+    return float(low), float(high)
+
+
+def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
+    """A share of robots, sum(count) / sum(of), from the counts of each run, shape (runs,): the run is the unit.
+
+    Percentiles of the bootstrap over runs. Where fewer than ``FEW`` runs stand off 0 or off 1, those would be too
+    narrow (of no width when all runs agree); then Wilson's limits for as many independent robots as the spread
+    over runs allows: n' = p(1-p) / Var of the share, never more than there are robots, and as many as runs when
+    all agree, since the robots of a run are nearly alike.
+    """
+    pairs, counts = np.unique(
+        np.column_stack([np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)]),
+        axis=0,
+        return_counts=True,
+    )
+    return cluster_share_of_distinct(pairs[:, 0], pairs[:, 1], counts, level, seed)
+
+
+def cluster_share_of_distinct(
+    count: NDArray[np.int64],
+    of: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    level: float = 0.95,
+    seed: int = 0,
+) -> Interval:
+    """``cluster_share`` where ``runs`` runs have each pair of count and of; all of shape (distinct,)."""
+    check_level(level)
+    there = (of > 0) & (runs > 0)
+    above, below, times = count[there].astype(np.float64), of[there].astype(np.float64), runs[there]
+    n = int(times.sum())
+    if n == 0:
+        return undefined(level, 0, "cluster bootstrap")
+    share = float(above @ times) / float(below @ times)
+    off_zero, off_one = int(times[above > 0].sum()), int(times[above < below].sum())
+    if min(off_zero, off_one) < FEW:
+        effective = _independent_robots(above, below, times, share)
+        low, high = wilson_limits(share * effective, effective, level)
+        return Interval(share, min(float(low), share), max(float(high), share), level, n, "cluster wilson")
+    low_, high_ = _resampled(above, below, times, level, seed, DRAWS)
+    return Interval(share, max(low_, 0.0), min(high_, 1.0), level, n, "cluster bootstrap")
+
+
+def _independent_robots(above: Values, below: Values, runs: NDArray[np.int64], share: float) -> float:
+    """As many independent robots as would give the share this variance; the runs where there is none to see."""
+    n, robots = float(runs.sum()), float(below @ runs)
+    variance = float(runs @ (above - share * below) ** 2) / robots**2
+    if n > 1:
+        variance *= n / (n - 1)
+    if variance <= 0.0:
+        return n
+    return min(share * (1.0 - share) / variance, robots)
+
+
+class SignFlip(NamedTuple):
+    """The mean of paired differences: its interval, and the two-sided p-value of "no difference"."""
+
+    interval: Interval
+    p_value: float
+
+
+def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:
+    """The mean of paired differences, one a run, by the sign-flip test turned round.
+
+    Under "the centre is m" the signs of the d - m are as good as tossed. A toss that flips the subset S gives a
+    sum at least as large as the one seen exactly when the mean of S is at most m. So the limits are quantiles of
+    the means of random subsets (each difference in or out with probability 1/2: Hartigan's typical values), and
+    0 lies outside exactly when p < 1 - level. Exact when the differences are symmetric about their centre;
+    otherwise right as their number grows, like Student's. Fewer than 6 pairs set no limits at 95 %.
+
+    Up to 10 differences all subsets are listed, beyond that ``draws`` are drawn (equal differences together), and
+    with very many distinct ones the subsets' means are normal.
+    """
+    check_level(level)
+    d = finite(differences)
+    if d.size == 0:
+        return SignFlip(undefined(level, 0, "sign flip"), math.nan)
+    mean = _mean(d)
+    distinct, counts = np.unique(d, return_counts=True)
+    if distinct.size > _MANY_VALUES:
+        return _sign_flip_of_many(d, mean, level)
+    means = _all_subsets(d) if d.size <= _EXACT else _subsets(distinct, counts, mean, seed, draws)
+    means.sort()
+    rank = math.floor((means.size + 1) * (0.5 - level / 2) + 1e-9)
+    low = float(means[rank - 1]) if rank else -math.inf
+    high = float(means[-rank]) if rank else math.inf
+    # Rounding of a subset's mean must not put 0 on a side where all differences are 0.
+    tiny = 1e-12 * float(np.abs(d).max())
+    at_most, at_least = int((means <= tiny).sum()), int((means >= -tiny).sum())
+    p_value = min(1.0, 2.0 * (1 + min(at_most, at_least)) / (means.size + 1))
+    return SignFlip(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
+
+
+def _all_subsets(d: Values) -> Values:
+    """Means of all subsets that are not empty, shape (2^n - 1,)."""
+    chosen = (np.arange(1, 2**d.size)[:, None] >> np.arange(d.size)) & 1
+    return np.asarray((chosen @ d) / chosen.sum(axis=1))
+
+
+def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int, draws: int) -> Values:
+    """Means of random subsets, shape (draws,)."""
+    random, drawn = generator(seed, "sign flip"), []
+    at_once = max(1, _BLOCK // distinct.size)
+    for first in range(0, draws, at_once):
+        taken = random.binomial(counts, 0.5, size=(min(at_once, draws - first), distinct.size))
+        number = taken.sum(axis=1)
+        drawn.append(np.divide(taken @ distinct, number, out=np.full(number.size, mean), where=number > 0))
+    return np.concatenate(drawn)
+
+
+def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
+    """The normal limit: the mean of a random subset has standard deviation sqrt(sum (d - mean)^2) / n."""
+    error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
+    half = float(stats.norm.ppf(0.5 + level / 2)) * error
+    p_value = float(2.0 * stats.norm.sf(abs(mean) / error))
+    return SignFlip(Interval(mean, mean - half, mean + half, level, d.size, "sign flip"), p_value)
+
+
+def sign_flip_interval(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
+    """The interval of ``sign_flip``."""
+    return sign_flip(differences, level, seed).interval
+
+
+def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:
+    """A quantile over runs with limits from order statistics, whatever the distribution.
+
+    Values may be infinite (a run that never got there): the estimate is the ceil(share n)-th smallest (the mean of
+    the middle two for the median of an even number).
+    """
+    check_level(level)
+    if not 0.0 < share < 1.0:
+        raise InputError(f"{share!r} is no quantile; give a share such as 0.5", field="share")
+    runs = np.sort(finite(values))
+    n = runs.size
+    if n == 0:
+        return undefined(level, 0, "order statistics")
+    tail = 0.5 - level / 2
+    ranks = np.arange(n + 1)
+    lower = int(np.searchsorted(stats.binom.cdf(ranks - 1, n, share), tail, side="right")) - 1
+    upper = int(np.searchsorted(-stats.binom.sf(ranks - 1, n, share), -tail))
+    low = float(runs[lower - 1]) if lower >= 1 else -math.inf
+    high = float(runs[upper - 1]) if upper <= n else math.inf
+    middle = runs[[n // 2 - 1, n // 2]] if share == 0.5 and n % 2 == 0 else runs[[math.ceil(share * n) - 1]]
+    estimate = float(middle.mean()) if np.isfinite(middle).all() else math.inf
+    return Interval(estimate, low, high, level, n, "order statistics")

@@ -1,0 +1,188 @@
+"""Who does the work: threads, processes, a Dask cluster, or any executor of ``concurrent.futures``.
+
+Threads are the default: the kernels hold no lock. A process that dies takes no other with it: each worker is a pool of
+one process, which is replaced. What a worker does is ``work.do``; no result depends on who does it.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from vibroswarm.errors import InputError, RunError, nearest
+from vibroswarm.study.work import Cancelled, Done, Work, do
+
+NAMES: Final = ("threads", "processes")
+CONNECT_S: Final = 10.0
+"""How long a scheduler may take to answer."""
+
+
+class WorkerDied(RuntimeError):
+    """The process that did a batch is gone: out of memory, killed, or crashed."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor with what the runner must know of it: how many batches it does at a time, and how it is stopped."""
+
+    executor: Executor
+    count: int
+    name: str
+    cancel: Any = None
+    """An event that stops batches under way."""
+
+    def submit(self, work: Work) -> Future[Done]:
+        """Have a batch done."""
+        if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
+            return self.executor.submit(do, work, self.cancel.is_set)
+        return self.executor.submit(do, work)
+
+
+@contextmanager
+def workers_for(executor: str | Executor = "threads", count: int | None = None) -> Iterator[Workers]:
+    """Workers by name, or an executor of the caller's, which is left as it is.
+
+    Args:
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, the name of a Dask scheduler file, or an ``Executor``.
+        count: threads or processes; all processors without.
+    Raises:
+        InputError: no such executor, no such file, or nobody answers there.
+    """
+    if count is not None and count < 1:
+        raise InputError(f"{count} is too few; at least 1", field="workers")
+    if isinstance(executor, Executor):
+        yield Workers(executor, count or _width(executor), type(executor).__name__)
+    elif executor == "threads":
+        yield from _threads(count or _processors())
+    elif executor == "processes":
+        yield from _processes(count or _processors())
+    elif executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json"):
+        yield from _dask(executor)
+    else:
+        raise InputError(
+            f"there is no executor '{executor}'{nearest(executor, NAMES)}; threads, processes, dask://HOST:PORT, or a "
+            "Dask scheduler file (.json)",
+            field="executor",
+        )
+
+
+def _processors() -> int:
+    """Processors that this process may use; a batch system gives fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _width(executor: Executor) -> int:
+    return int(getattr(executor, "_max_workers", None) or 16)
+
+
+def _threads(count: int) -> Iterator[Workers]:
+    pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
+    try:
+        yield Workers(pool, count, f"{count} thread{'s' * (count > 1)}", cancel)
+    finally:
+        cancel.set()
+        pool.shutdown(cancel_futures=True)
+
+
+class OneEach(Executor):
+    """Processes, each a pool of its own: one that dies is replaced, and only its own batch is lost."""
+
+    def __init__(self, count: int) -> None:
+        self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
+        self.cancel = self._context.Event()
+        self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
+        self._own = threading.local()
+        self._pools: list[ProcessPoolExecutor] = []
+        self._lock = threading.Lock()
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        """As ``Executor.submit``; raises ``WorkerDied`` in the future where the process died."""
+        return self._threads.submit(self._in_process, function, arguments, named)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes after what they are doing."""
+        self.cancel.set()
+        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        with self._lock:
+            for pool in self._pools:
+                pool.shutdown(wait=wait, cancel_futures=True)
+
+    def _in_process(self, function: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+        pool = getattr(self._own, "pool", None)
+        if pool is None:
+            pool = self._own.pool = ProcessPoolExecutor(1, self._context, _begin_process, (self.cancel,))
+            with self._lock:
+                self._pools.append(pool)
+        try:
+            return pool.submit(function, *arguments, **named).result()
+        except BrokenProcessPool:
+            self._own.pool = None
+            pool.shutdown(wait=False)
+            raise WorkerDied("the process that did it died (out of memory, killed, or crashed)") from None
+
+
+_cancel: Any = None
+
+
+def _begin_process(cancel: Any) -> None:
+    """In a new process: Ctrl-C is for the one that started it."""
+    global _cancel
+    _cancel = cancel
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _do_in_process(work: Work) -> Done:
+    return do(work, _cancel.is_set)
+
+
+@dataclass(frozen=True)
+class _ProcessWorkers(Workers):
+    def submit(self, work: Work) -> Future[Done]:
+        return self.executor.submit(_do_in_process, work)
+
+
+def _processes(count: int) -> Iterator[Workers]:
+    pool = OneEach(count)
+    try:
+        yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _dask(address: str) -> Iterator[Workers]:
+    """The workers of a Dask cluster that is there; they need the same version of vibroswarm."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
+    try:
+        if address.endswith(".json"):
+            if not Path(address).is_file():
+                raise InputError(f"there is no scheduler file '{address}'", field="executor")
+            client = Client(scheduler_file=address, timeout=CONNECT_S)
+        else:
+            client = Client(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S)
+    except (OSError, TimeoutError, ValueError) as error:
+        told = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor") from None
+    try:
+        threads = client.nthreads()
+        if not threads:
+            raise RunError(f"the Dask scheduler at '{address}' has no workers")
+        pool = client.get_executor(pure=False)
+        yield Workers(pool, max(sum(threads.values()), 1), f"{len(threads)} Dask workers")
+        pool.shutdown(wait=False)
+    finally:
+        client.close()
+
+
+__all__ = ["Cancelled", "OneEach", "WorkerDied", "Workers", "workers_for"]

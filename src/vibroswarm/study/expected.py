@@ -1,0 +1,53 @@
+"""How long a study will take: a few runs are tried, the rest is multiplication."""
+
+from __future__ import annotations
+
+import time
+from typing import Final, NamedTuple
+
+from vibroswarm.study.plan import Group, Plan
+from vibroswarm.study.precision import FIRST_LOOK
+from vibroswarm.study.store import Store
+from vibroswarm.study.work import do, work_of
+
+TRIED_GROUPS: Final = 3
+FEW: Final = 2
+MORE: Final = 22
+"""Trial batches of two sizes tell what a batch costs from what a run costs."""
+
+
+class Expected(NamedTuple):
+    """Work that is left: runs of motion, and seconds of one core, from so many trial runs."""
+
+    runs: int
+    core_s: float
+    tried: int
+
+
+def expected(store: Store, plan: Plan) -> Expected:
+    """What is left to do of a study with a number of runs; of one with a precision, of its first look."""
+    runs = plan.study.runs or FIRST_LOOK
+    left = {group.number: store.missing(group, runs) for group in plan.groups}
+    chosen = [group for group in plan.groups if left[group.number]]
+    if not chosen:
+        return Expected(0, 0.0, 0)
+    count = {number: sum(last - first for _, first, last in blocks) for number, blocks in left.items()}
+    tried = chosen[:: max(len(chosen) // TRIED_GROUPS, 1)][:TRIED_GROUPS]
+    a_run, a_batch = 0.0, 0.0
+    for group in tried:
+        _time_s(plan, group, FEW)  # tables and kernels are loaded
+        few_s, more_s = _time_s(plan, group, FEW), _time_s(plan, group, MORE)
+        slope = max(more_s - few_s, 0.0) / (MORE - FEW)
+        a_run += slope / group.run_s / len(tried)
+        a_batch += max(few_s - FEW * slope, 0.0) / group.inferences / len(tried)
+    core_s = sum(
+        a_run * count[group.number] * group.run_s + a_batch * len(left[group.number]) * group.inferences
+        for group in chosen
+    )
+    return Expected(sum(count.values()), core_s, len(tried) * (2 * FEW + MORE))
+
+
+def _time_s(plan: Plan, group: Group, runs: int) -> float:
+    before_s = time.perf_counter()
+    do(work_of(plan.study, group, 0, runs))
+    return time.perf_counter() - before_s

@@ -1,0 +1,134 @@
+"""What must be done for a study: which cells share motion, which share observations, and in which batches.
+
+Cells whose motion is the same (see ``simulation.OF_MOTION``) make a group; its motion runs once, is observed once for
+each floor and sensor, and replayed for each strategy. Runs that end when all have decided have a motion of their own.
+
+The runs of a group are cut into blocks whose bounds do not depend on how many runs are asked for: small ones first, so
+that a short study keeps all workers busy, larger ones further on, so that a long one has not too many files. A batch is
+one block, or what is missing of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import OF_MOTION
+from vibroswarm.study.spec import Cell, Study
+
+Range = tuple[int, int]
+"""First run, and one past the last."""
+
+OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
+FIRST_BLOCK_S: Final = 0.1
+LARGEST_BLOCK_S: Final = 10.0
+BLOCKS_OF_A_SIZE: Final = 32
+
+
+@dataclass(frozen=True)
+class Group:
+    """Cells that share motion: for each floor and sensor, for each way to decide, the cells (equal ones together)."""
+
+    number: int
+    observed: tuple[tuple[tuple[Cell, ...], ...], ...]
+
+    @property
+    def first(self) -> Scenario:
+        """A scenario of this motion."""
+        return self.observed[0][0][0].scenario
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All cells, by number."""
+        return tuple(sorted((c for o in self.observed for i in o for c in i), key=lambda c: c.number))
+
+    @property
+    def inferences(self) -> int:
+        """How often a strategy is replayed for one run."""
+        return sum(len(observed) for observed in self.observed)
+
+    @cached_property
+    def block(self) -> int:
+        """Runs in the first blocks."""
+        size = 10
+        while 2 * size * self.run_s <= FIRST_BLOCK_S:
+            size *= 2
+        return size
+
+    @property
+    def run_s(self) -> float:
+        """Time that a run roughly takes on one core, s; only the size of batches depends on it."""
+        robots, share = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
+        motion = 0.4e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
+        return share * (motion + robots * (1e-5 * len(self.observed) + 3e-5 * self.inferences))
+
+    def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
+        """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past the last."""
+        first, size, count = 0, self.block, 0
+        while first < high:
+            if first + size > low:
+                yield count, max(first, low), min(first + size, high)
+            first, count = first + size, count + 1
+            if count % BLOCKS_OF_A_SIZE == 0 and 2 * size * self.run_s <= LARGEST_BLOCK_S:
+                size *= 2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The groups of a study."""
+
+    study: Study
+    groups: tuple[Group, ...]
+
+    @property
+    def observations(self) -> int:
+        """Observations of one run, over all groups."""
+        return sum(len(group.observed) for group in self.groups)
+
+    @property
+    def inferences(self) -> int:
+        """Replays of one run, over all groups."""
+        return sum(group.inferences for group in self.groups)
+
+
+def plan_of(study: Study) -> Plan:
+    """Which cells of a study share what."""
+    motions: dict[str, dict[str, dict[str, list[Cell]]]] = {}
+    for cell in study.cells:
+        deciding = _deciding(cell.scenario)
+        motion = _key(cell.scenario, OF_MOTION)
+        if cell.scenario.run.stop == "all_decided":
+            motion = deciding
+        observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
+        observed.setdefault(deciding, []).append(cell)
+    groups = tuple(
+        Group(k, tuple(tuple(tuple(same) for same in found.values()) for found in observed.values()))
+        for k, observed in enumerate(motions.values())
+    )
+    return Plan(study, groups)
+
+
+def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
+    """What is wanted and not there, in order."""
+    gaps, low = [], wanted[0]
+    for first, last in sorted(there):
+        if first > low:
+            gaps.append((low, min(first, wanted[1])))
+        low = max(low, last)
+        if low >= wanted[1]:
+            break
+    return [*gaps, (low, wanted[1])] if low < wanted[1] else gaps
+
+
+def _key(scenario: Scenario, sections: Sequence[str]) -> str:
+    return "\n".join(getattr(scenario, section).model_dump_json() for section in sections)
+
+
+def _deciding(scenario: Scenario) -> str:
+    """Equal for scenarios that differ in nothing that matters: eta and kappa are of soft feedback only."""
+    if scenario.strategy.name != "soft":
+        scenario = scenario.with_values({"strategy.eta": 0.0, "strategy.kappa": 0.0})
+    return scenario.hash

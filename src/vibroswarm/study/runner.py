@@ -1,0 +1,191 @@
+"""A study is done: what is missing in its store is given to workers, and what comes back is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import suppress
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.simulation import versions
+from vibroswarm.study.executors import Workers, workers_for
+from vibroswarm.study.looks import unsettled
+from vibroswarm.study.plan import Group, Plan, plan_of
+from vibroswarm.study.spec import Study
+from vibroswarm.study.store import Store
+from vibroswarm.study.work import Cancelled, Done, Work, work_of
+
+TRIES: Final = 2
+
+
+class Share(NamedTuple):
+    """One of so many shares of a study: number 1 to ``of``."""
+
+    number: int
+    of: int
+
+    @classmethod
+    def from_words(cls, text: str) -> Share:
+        """From ``"3/16"``."""
+        number, _, of = text.partition("/")
+        if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
+            raise InputError(f"'{text}' is no share; such as 3/16", field="--shard")
+        return cls(int(number), int(of))
+
+    def has(self, group: Group, block: int) -> bool:
+        """Whether a block is of this share; each block is of one."""
+        return (group.number + block) % self.of == self.number - 1
+
+
+class Told(NamedTuple):
+    """How far the work is: runs done, runs to do (of groups, all told), batches failed."""
+
+    done: int
+    wanted: int
+    failed: int
+
+
+Tell = Callable[[Told], None]
+
+
+def run_study(
+    study: Study,
+    folder: str | Path,
+    *,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+    share: Share | None = None,
+    mixed: bool = False,
+    tell: Tell | None = None,
+) -> Store:
+    """Do what is missing of a study, and keep it in ``folder``; may be stopped and called again at any moment.
+
+    Args:
+        executor, workers: see ``executors.workers_for``.
+        share: only this share of the blocks. mixed: also go on where other versions began.
+        tell: called as batches come back.
+    Raises:
+        InputError: another study is there, or a scenario cannot be simulated.
+        RunError: the disk is full, the cluster is gone, or batches failed twice; what was done is kept.
+    """
+    if share is not None and study.until is not None:
+        raise InputError("goes with a number of runs, not with a precision: shares know nothing of each other", field="--shard")
+    store, plan = Store.open_or_create(folder, study), plan_of(study)
+    if not mixed:
+        store.check_versions()
+    if not _all_there(store, plan, share):
+        with workers_for(executor, workers) as crew:
+            runner = _Runner(store, crew, mixed, tell or (lambda told: None))
+            if study.until is None:
+                runner.do([(group, study.runs or 0) for group in plan.groups], share)
+            else:
+                for look, runs in enumerate(study.until.looks()):
+                    groups = [g for g in plan.groups if unsettled(store, g, study.until, look - 1)] if look else plan.groups
+                    runner.do([(group, runs) for group in groups], None)
+    failures = store.failures
+    if failures:
+        raise RunError(_told_failures(failures, store))
+    return store
+
+
+def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
+    """Do one batch here and now, ``GROUP:FIRST-LAST`` as failures are told; what goes wrong is raised as it is."""
+    group, _, runs = batch.partition(":")
+    first, _, last = runs.partition("-")
+    if not (group.isdecimal() and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
+        raise InputError(f"'{batch}' is no batch; GROUP:FIRST-LAST, such as 0:200-400", field="--batch")
+    groups = plan_of(study).groups
+    if int(group) >= len(groups):
+        raise InputError(f"there is no group {group}; the study has {len(groups)}, from 0", field="--batch")
+    from vibroswarm.study.work import do
+
+    store = Store.open_or_create(folder, study)
+    store.add(do(work_of(study, groups[int(group)], int(first), int(last))))
+    return store
+
+
+def _all_there(store: Store, plan: Plan, share: Share | None) -> bool:
+    runs = store.study.runs
+    return runs is not None and not any(_works(store, [(g, runs) for g in plan.groups], share))
+
+
+def _works(store: Store, wanted: Sequence[tuple[Group, int]], share: Share | None) -> Iterator[Work]:
+    for group, runs in wanted:
+        for block, first, last in store.missing(group, runs):
+            if share is None or share.has(group, block):
+                yield work_of(store.study, group, first, last)
+
+
+class _Runner:
+    """Gives out batches and keeps what comes back."""
+
+    def __init__(self, store: Store, crew: Workers, mixed: bool, tell: Tell) -> None:
+        self.store, self.crew, self.mixed, self.tell = store, crew, mixed, tell
+        self.failed = 0
+
+    def do(self, wanted: Sequence[tuple[Group, int]], share: Share | None) -> None:
+        """Do what is missing of the runs wanted."""
+        works = list(_works(self.store, wanted, share))
+        self.done, self.wanted = 0, sum(work.last - work.first for work in works)
+        self.tell(Told(0, self.wanted, self.failed))
+        waiting = [(work, 1) for work in reversed(works)]
+        under_way: dict[Future[Done], tuple[Work, int]] = {}
+        try:
+            while waiting or under_way:
+                while waiting and len(under_way) < 2 * self.crew.count + 1:
+                    work, tries = waiting.pop()
+                    under_way[self.crew.submit(work)] = work, tries
+                for future in wait(under_way, timeout=1.0, return_when=FIRST_COMPLETED).done:
+                    work, tries = under_way.pop(future)
+                    if not self._keep(future, work, tries):
+                        waiting.append((work, tries + 1))
+                self.tell(Told(self.done, self.wanted, self.failed))
+        except BaseException:
+            self._keep_what_is_done(under_way)
+            raise
+
+    def _keep(self, future: Future[Done], work: Work, tries: int) -> bool:
+        """Keep a batch that came back; false: it is to be done again."""
+        try:
+            done = future.result()
+        except (InputError, RunError):
+            raise
+        except (BrokenExecutor, CancelledError) as error:
+            raise RunError(
+                f"the workers are gone ({type(error).__name__}: {error}); say the same again to go on from here"
+            ) from error
+        except Exception as error:
+            if tries < TRIES:
+                return False
+            self.store.add_failure(work, f"{type(error).__name__}: {error}")
+            self.failed += 1
+            return True
+        if not self.mixed and done.versions != versions():
+            different = [f"{k} {v}" for k, v in done.versions.items() if versions().get(k) != v]
+            raise InputError(
+                f"a worker has other versions than this process: {', '.join(different)}; install the same, or say --mixed",
+                field="executor",
+            )
+        self.store.add(done)
+        self.done += work.last - work.first
+        return True
+
+    def _keep_what_is_done(self, under_way: dict[Future[Done], tuple[Work, int]]) -> None:
+        for future in under_way:
+            if not future.cancel() and future.done():
+                with suppress(Exception):
+                    self.store.add(future.result())
+
+
+def _told_failures(failures: Sequence[dict[str, object]], store: Store) -> str:
+    first = failures[0]
+    return (
+        f"{len(failures)} {'batch' if len(failures) == 1 else 'batches'} failed twice, all else is kept; the first is batch "
+        f"{first['batch']} with seed {first['seed']} ({first['why']}). Run it alone with --batch {first['batch']}; say the "
+        f"same again to try all of them again. They are listed in '{store.folder}/failures'."
+    )
+
+
+__all__ = ["Cancelled", "Share", "Told", "run_batch", "run_study"]

@@ -1,0 +1,257 @@
+"""A study: a scenario, what is varied, how many runs a cell, and a seed. Frozen, checked, TOML in and out.
+
+    runs = 1000
+    [scenario]
+    preset = "paper"
+    [grid]
+    "floor.source" = ["random:0.44", "random:0.48"]
+    "strategy.name" = ["none", "positive", "soft"]
+
+All cells have the same seed: run 17 of one cell has the motion and the noise of run 17 of another, so that cells are
+compared in pairs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm.draws import SEED_LIMIT
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.floors.patterns import family
+from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.motion.contract import source
+from vibroswarm.scenario import Scenario, read_text
+from vibroswarm.study.precision import Precision
+from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, points_of
+
+if TYPE_CHECKING:
+    from vibroswarm.study.result import StudyResult
+
+FORMAT: Final = 1
+"""Version of the study's file and folder."""
+
+KEYS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "seed", "motion", "keep", "scenario", "floors", *BLOCKS)
+SOURCE: Final = "floor.source"
+KEEP: Final = ("samples",)
+MOST_RUNS: Final = 100_000_000
+
+
+_PLAIN: Final = ("floor.source", "strategy.name", PRESET)
+"""Fields whose values say what they are."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One scenario of a study: its number, what is varied in it, and the scenario."""
+
+    number: int
+    point: Point
+    scenario: Scenario
+
+    @property
+    def name(self) -> str:
+        """What is varied, in words; or the scenario's strategy where nothing is."""
+        if LABEL in self.point:
+            return str(self.point[LABEL])
+        words = [_short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in self.point.items()]
+        return ", ".join(words) or self.scenario.strategy.name
+
+
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Many runs of scenarios that differ in some fields.
+
+    Args:
+        base: sections of a scenario, as in its file (may name a ``preset``), or a ``Scenario``.
+        vary: blocks of varied fields, see ``varied``; empty: one cell.
+        runs: runs a cell; ``None`` with ``until``.
+        until: runs are added until the interval of a figure is this narrow, see ``precision``.
+        seed: of all cells. motion: source of motion, by name.
+        keep: "samples": the store keeps a table of samples too.
+        floors: floors by name, rows of 0 and 1 from the top, which ``floor.source`` may name.
+        name: a title.
+        folder: where files of floors that are named lie.
+    Raises:
+        InputError: naming what is wrong, and what would be right.
+    """
+
+    base: Mapping[str, Any] | Scenario = field(default_factory=dict)
+    vary: Mapping[str, Any] = field(default_factory=dict)
+    runs: int | None = 100
+    until: Precision | None = None
+    seed: int = 1
+    motion: str = "event"
+    keep: tuple[str, ...] = ()
+    floors: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    name: str = ""
+    folder: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.base, Scenario):
+            object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
+        if (self.runs is None) == (self.until is None):
+            raise InputError("say how many runs, or until which precision: one of the two", field="runs")
+        for name, value, low, high in (("runs", self.runs, 1, MOST_RUNS), ("seed", self.seed, 0, SEED_LIMIT - 1)):
+            if value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+                raise InputError(f"{value!r} is wrong; give a whole number from {low} to {high}", field=name)
+        source(self.motion)
+        for table in self.keep:
+            if table not in KEEP:
+                raise InputError(f"there is no table '{table}' to keep{nearest(table, KEEP)}", field="keep")
+        _ = self.cells
+
+    @classmethod
+    def from_toml(cls, text: str, *, name: str = "study", folder: Path | None = None) -> Study:
+        """A study from TOML text."""
+        try:
+            values = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"is not TOML: {error}", field=name) from None
+        for key in values:
+            if key not in KEYS:
+                raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
+        version = values.get("format", FORMAT)
+        if not isinstance(version, int) or version > FORMAT:
+            raise InputError(
+                f"is of format {version!r}; this version reads up to {FORMAT}: update vibroswarm", field=name
+            )
+        base = values.get("scenario", {})
+        if isinstance(base, str):
+            base = Scenario.read((folder or Path()) / base)
+        elif not isinstance(base, Mapping):
+            raise InputError("is a table, as in a scenario file, or the name of such a file", field="scenario")
+        until = values.get("until")
+        precision = None
+        if until is not None:
+            precision = Precision.from_words(until, values.get("figure"), values.get("max_runs"))
+        elif both := [key for key in ("figure", "max_runs") if key in values]:
+            raise InputError("goes with 'until'", field=both[0])
+        for key, kind, words in (("name", str, "a text"), ("motion", str, "a text"), ("keep", list, "a list")):
+            if key in values and not isinstance(values[key], kind):
+                raise InputError(f"{values[key]!r} is no {words[2:]}", field=key)
+        return cls(
+            base=base,
+            vary={key: values[key] for key in values if key in BLOCKS},
+            runs=values.get("runs", None if until is not None else 100),
+            until=precision,
+            seed=values.get("seed", 1),
+            motion=values.get("motion", "event"),
+            keep=tuple(values.get("keep", ())),
+            floors=_floors(values.get("floors", {})),
+            name=values.get("name", ""),
+            folder=folder,
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Study:
+        """A study from a TOML file; floors that it names by file lie beside it."""
+        path = Path(path)
+        return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
+
+    def to_toml(self) -> str:
+        """The study as TOML; ``from_toml`` gives back one with the same cells, runs and seed.
+
+        Floors from files are written out, so that the text stands alone.
+        """
+        import tomli_w
+
+        values: dict[str, Any] = {"format": FORMAT, "seed": self.seed}
+        values |= {"name": self.name} if self.name else {}
+        values |= {"runs": self.runs} if self.until is None else self.until.as_values()
+        values |= {"motion": self.motion} if self.motion != "event" else {}
+        values |= {"keep": list(self.keep)} if self.keep else {}
+        floors = {name: list(rows) for name, rows in self._named_floors.items()}
+        values |= {"scenario": dict(self.base)} | ({"floors": floors} if floors else {})
+        return tomli_w.dumps(values | dict(self.vary))
+
+    def with_runs(self, runs: int) -> Study:
+        """The same cells with another number of runs."""
+        return replace(self, runs=runs, until=None)
+
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """One cell a point, in order."""
+        return tuple(Cell(k, point, self._scenario(point)) for k, point in enumerate(self._points))
+
+    def run(self, folder: str | Path | None = None, **how: Any) -> StudyResult:
+        """Run the study; keeps what is done in ``folder``, or in memory of this process. See ``study.result.run``."""
+        from vibroswarm.study.result import run
+
+        return run(self, folder, **how)
+
+    @property
+    def varied(self) -> list[str]:
+        """The varied fields, in order of first use."""
+        return list(dict.fromkeys(name for cell in self.cells for name in cell.point))
+
+    @cached_property
+    def hash(self) -> str:
+        """16 hexadecimal digits of the cells, the seed and what is kept; not of the number of runs."""
+        data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
+        points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
+        return hashlib.sha256(json.dumps([data, points]).encode()).hexdigest()[:16]
+
+    @cached_property
+    def _named_floors(self) -> dict[str, tuple[str, ...]]:
+        """The floors that the study names and that are no pattern: its own, and those of files."""
+        found = {name: tuple(rows) for name, rows in self.floors.items()}
+        of_base = self.base.get("floor", {})
+        of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
+        for name in [of_base.get("source"), *(point.get(SOURCE) for point in self._points)]:
+            if isinstance(name, str) and name not in found and not is_random(name) and family(name) is None:
+                size = (of_base.get("rows"), of_base.get("columns"))
+                given = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+                path = (self.folder or Path()) / name
+                tiles, _ = resolve(str(path) if path.is_file() else name, given)  # type: ignore[arg-type]
+                found[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
+        return found
+
+    @cached_property
+    def _points(self) -> list[Point]:
+        return points_of(self.vary)
+
+    def _scenario(self, point: Point) -> Scenario:
+        base = copy_of(self.base)
+        if PRESET in point:
+            base[PRESET] = point[PRESET]
+        values = {k: v for k, v in point.items() if k not in (PRESET, LABEL)}
+        try:
+            floor = base.get("floor")
+            if isinstance(floor, dict) and "tiles" not in floor and floor.get("source") in self._named_floors:
+                floor["tiles"] = self._named_floors[floor["source"]]
+            if SOURCE in values:
+                values.setdefault("floor.tiles", self._named_floors.get(values[SOURCE]))
+            return Scenario.from_base(base).with_values(values)
+        except InputError as error:
+            if not point:
+                raise
+            told = ", ".join(f"{k} = {_short(v)}" for k, v in point.items())
+            raise InputError(f"{error} (in the cell with {told})") from None
+
+
+def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy whose sections can be changed."""
+    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
+
+
+def _floors(values: Any) -> dict[str, tuple[str, ...]]:
+    if not isinstance(values, Mapping):
+        raise InputError("is a table of floors by name", field="floors")
+    for name, rows in values.items():
+        if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
+            raise InputError("a floor is a list of rows of 0 and 1, the top row first", field=f"floors.{name}")
+    return {name: tuple(rows) for name, rows in values.items()}

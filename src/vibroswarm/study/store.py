@@ -1,0 +1,311 @@
+"""The store of a study: a folder to which batches are added, and nothing else.
+
+    study.toml          the study, standing alone
+    study.json          format, hash, versions
+    shards/NAME.parquet the rows of a batch; NAME is made from its content
+    shards/NAME.json    which batch it is: written last, so that a shard without it does not count
+    failures/*.json     batches that failed twice, until they are done
+
+A batch is written whole, under a name made from its content, and there is no index. So writers need not know of each
+other, on any file system that renames whole files; and a batch that is done twice is the same file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.files import whole_file
+from vibroswarm.simulation import versions
+from vibroswarm.study.plan import Group, Range, missing
+from vibroswarm.study.spec import FORMAT, Study
+from vibroswarm.study.work import Done, Work
+
+MARKER: Final = "study.toml"
+SHARDS: Final = "shards"
+FAILURES: Final = "failures"
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A batch that is in the store: its group and runs, and its files by table."""
+
+    name: str
+    group: int
+    first: int
+    last: int
+    rows: int
+    files: Mapping[str, Path]
+    made_by: Mapping[str, str]
+
+
+@dataclass
+class Store:
+    """A study's folder, opened by ``create``, ``open_or_create`` or ``open``."""
+
+    folder: Path
+    study: Study
+    shards: list[Shard] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+    """Shards that are there but cannot be used, in words."""
+    left_over: int = 0
+    """Files of writers that were killed."""
+
+    @classmethod
+    def open_or_create(cls, folder: str | Path, study: Study) -> Store:
+        """The store of this study: a new one, or the one that is there.
+
+        Raises:
+            InputError: something else is there, or another study, or one of a newer format.
+            RunError: the folder cannot be written.
+        """
+        folder = Path(folder)
+        if (folder / MARKER).is_file():
+            store = cls.open(folder)
+            if store.study.hash != study.hash:
+                raise InputError(_differences(store.study, study), field=str(folder))
+            store.study = study
+            store._write_head()
+            return store
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError("is there and no study; give the name of a new folder", field=str(folder))
+        store = cls(folder, study)
+        try:
+            (folder / SHARDS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot be made: {error.strerror}", field=str(folder)) from None
+        store._write_head()
+        return store
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Store:
+        """The store that is there, its shards checked.
+
+        Raises:
+            InputError: no study there, or one of a newer format, or its head is damaged.
+        """
+        folder = Path(folder)
+        try:
+            about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+            version, told = int(about["format"]), str(about["hash"])
+        except OSError as error:
+            raise InputError(f"is no study of vibroswarm ({error.strerror}: study.json)", field=str(folder)) from None
+        except (ValueError, KeyError, TypeError):
+            raise InputError("study.json is damaged", field=str(folder)) from None
+        if version > FORMAT:
+            raise InputError(
+                f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm", field=str(folder)
+            )
+        store = cls(folder, Study.read(folder / MARKER))
+        if store.study.hash != told:
+            raise InputError(
+                f"study.toml is not the study that the folder was made for (hash {told}); put it back", field=str(folder)
+            )
+        store.refresh()
+        return store
+
+    def refresh(self) -> None:
+        """Look at what is there."""
+        self.shards, self.damaged, self.left_over = [], [], 0
+        described = set()
+        for path in sorted((self.folder / SHARDS).glob("*")):
+            if path.name.startswith("."):
+                self.left_over += 1
+            elif path.suffix == ".json":
+                try:
+                    shard = self._read(path)
+                except ValueError as error:
+                    self.damaged.append(f"{path.name}: {error}")
+                else:
+                    self.shards.append(shard)
+                    described |= set(shard.files.values())
+        # A shard without its description was being written when its writer was killed.
+        there = set((self.folder / SHARDS).glob("[!.]*.parquet"))
+        self.left_over += len([p for p in there - described if not p.with_name(_stem(p) + ".json").is_file()])
+
+    def add(self, done: Done) -> None:
+        """Keep a batch: its files first, its description last.
+
+        Raises:
+            RunError: the disk is full or failed; nothing is half-written.
+        """
+        name = hashlib.sha256(done.files["robots"]).hexdigest()[:24]
+        paths = {table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet" for table in done.files}
+        about = {
+            "format": FORMAT,
+            "study": done.work.study,
+            "group": done.work.group,
+            "first": done.work.first,
+            "last": done.work.last,
+            "seed": done.work.seed,
+            "rows": done.rows,
+            "files": {
+                paths[table]: {"table": table, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+                for table, data in done.files.items()
+            },
+            "versions": done.versions,
+        }
+        shards = self.folder / SHARDS
+        for table, data in done.files.items():
+            with whole_file(shards / paths[table]) as part:
+                part.write_bytes(data)
+        with whole_file(shards / f"{name}.json") as part:
+            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        files = {table: shards / path for table, path in paths.items()}
+        work = done.work
+        self.shards.append(Shard(name, work.group, work.first, work.last, done.rows, files, done.versions))
+        self._failure(work).unlink(missing_ok=True)
+
+    def add_failure(self, work: Work, why: str) -> None:
+        """Note that a batch failed."""
+        path = self._failure(work)
+        path.parent.mkdir(exist_ok=True)
+        about = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
+        with whole_file(path) as part:
+            part.write_text(json.dumps({**about, "seed": work.seed, "why": why}, indent=1) + "\n", encoding="utf-8")
+
+    @property
+    def failures(self) -> list[dict[str, Any]]:
+        """Batches that failed and have not been done since."""
+        found = []
+        for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
+            try:
+                found.append(dict(json.loads(path.read_text(encoding="utf-8"))))
+            except (OSError, ValueError):
+                continue
+        return found
+
+    def ranges(self, group: int) -> list[Range]:
+        """Runs of a group that are there; ranges may overlap."""
+        return [(s.first, s.last) for s in self.shards if s.group == group]
+
+    def missing(self, group: Group, runs: int) -> list[tuple[int, int, int]]:
+        """What of the group's blocks is not there yet: number of the block, first run, one past the last."""
+        gaps = missing((0, runs), self.ranges(group.number))
+        return [block for low, high in gaps for block in group.blocks(low, high)]
+
+    def runs(self, group: int) -> int:
+        """Runs of a group that are there without a gap, from run 0."""
+        gaps = missing((0, 2**32), self.ranges(group))
+        return gaps[0][0] if gaps else 2**32
+
+    def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
+        """The rows of the first ``runs`` runs of a group, each once; None where there are none."""
+        frames, low = [], 0
+        for shard in sorted((s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)):
+            high = min(shard.last, runs)
+            if high > low:
+                frame = pl.scan_parquet(shard.files[table], glob=False)
+                if (shard.first, shard.last) != (max(low, shard.first), high):  # several writers did more than once
+                    frame = frame.filter(pl.col("run").is_between(max(low, shard.first), high, closed="left"))
+                frames.append(frame)
+                low = high
+        return pl.concat(frames) if frames else None
+
+    @property
+    def made_by(self) -> list[dict[str, str]]:
+        """The different versions that made the shards."""
+        different = {json.dumps(dict(s.made_by), sort_keys=True) for s in self.shards}
+        return [json.loads(text) for text in sorted(different)]
+
+    def check_versions(self) -> None:
+        """Refuse to go on with other versions: the whole would not be repeatable.
+
+        Raises:
+            InputError: naming what differs.
+        """
+        mine = versions()
+        for theirs in self.made_by:
+            different = [f"{k} {theirs.get(k)} there, {mine[k]} here" for k in mine if theirs.get(k) != mine[k]]
+            if different:
+                raise InputError(
+                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or say "
+                    "--mixed to go on all the same",
+                    field=str(self.folder),
+                )
+
+    def _read(self, path: Path) -> Shard:
+        """A shard by its description, its files checked."""
+        try:
+            about = json.loads(path.read_text(encoding="utf-8"))
+            told, files = about["files"], {}
+            if int(about["format"]) > FORMAT:
+                raise ValueError(f"is of format {about['format']}; update vibroswarm")
+            if about["study"] != self.study.hash:
+                raise ValueError("is of another study")
+            for name, what in told.items():
+                if Path(name).name != name:
+                    raise ValueError(f"names a file elsewhere: {name}")
+                _check(path.with_name(name), int(what["bytes"]), str(what["sha256"]))
+                files[str(what["table"])] = path.with_name(name)
+            numbers = [int(about[key]) for key in ("group", "first", "last", "rows")]
+            return Shard(path.stem, *numbers, files, dict(about["versions"]))  # type: ignore[arg-type]
+        except (OSError, KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"is damaged ({type(error).__name__}: {error})") from None
+
+    def _failure(self, work: Work) -> Path:
+        return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
+
+    def _write_head(self) -> None:
+        about = {"format": FORMAT, "hash": self.study.hash, "versions": versions()}
+        try:
+            for name, text in ((MARKER, self.study.to_toml()), ("study.json", json.dumps(about, indent=1) + "\n")):
+                path = self.folder / name
+                if not path.is_file() or (name == MARKER and path.read_text(encoding="utf-8") != text):
+                    with whole_file(path) as part:
+                        part.write_text(text, encoding="utf-8")
+            (self.folder / SHARDS).mkdir(exist_ok=True)
+        except OSError as error:
+            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+
+
+def _stem(path: Path) -> str:
+    return path.name.partition(".")[0]
+
+
+def _check(path: Path, size: int, sha256: str) -> None:
+    """Compare a file with its description."""
+    if not path.is_file():
+        raise ValueError(f"its file {path.name} is missing")
+    if path.stat().st_size != size:
+        raise ValueError(f"{path.name} is cut off: {path.stat().st_size} bytes of {size}")
+    with path.open("rb") as stream:
+        if hashlib.file_digest(stream, "sha256").hexdigest() != sha256:
+            raise ValueError(f"{path.name} is not what was written")
+
+
+def _differences(there: Study, given: Study) -> str:
+    """What tells two studies apart, in words."""
+    told = []
+    for name in ("seed", "motion", "keep"):
+        mine, theirs = getattr(given, name), getattr(there, name)
+        if mine != theirs:
+            told.append(f"{name} is {theirs!r} there and {mine!r} here")
+    if len(there.cells) != len(given.cells):
+        told.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
+    else:
+        told += _of_cells(there, given)
+    return f"holds another study: {'; '.join(told[:3]) or 'its cells are named otherwise'}; take another folder"
+
+
+def _of_cells(there: Study, given: Study) -> list[str]:
+    for old, new in zip(there.cells, given.cells, strict=True):
+        if old.scenario != new.scenario:
+            a, b = old.scenario.model_dump(), new.scenario.model_dump()
+            return [
+                f"{section}.{name} of cell {new.number} is {a[section][name]!r} there and {value!r} here"
+                for section, fields in b.items()
+                for name, value in fields.items()
+                if a[section][name] != value
+            ]
+    return []

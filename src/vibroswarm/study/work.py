@@ -1,0 +1,160 @@
+"""The work of one batch: some runs of a group of cells, from the seed to a table.
+
+What goes to a worker is text and numbers, what comes back is bytes: a worker may be a thread, a process, or on another
+machine. The rows are one a cell, run and robot, with what is known of the run beside each robot.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.inference.replay import INFERENCE, infer
+from vibroswarm.motion.contract import MOTION, source
+from vibroswarm.observation.model import OBSERVATIONS, observe
+from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import floors_of, result_of, simulate, versions
+from vibroswarm.study.plan import Group
+from vibroswarm.study.spec import Study
+
+ROWS: Final[dict[str, Any]] = {"cell": pl.UInt32, **ROBOTS, **{k: v for k, v in RUNS.items() if k != "run"}}
+"""One row a cell, run and robot, in this order: the robot's columns, then those of its run."""
+
+SAMPLES: Final[dict[str, Any]] = {
+    "cell": pl.UInt32,
+    **MOTION,
+    **{k: v for k, v in OBSERVATIONS.items() if k not in MOTION},
+    **{k: v for k, v in INFERENCE.items() if k not in MOTION},
+}
+"""One row a cell and sample, kept on request."""
+
+ROWS_AT_A_TIME: Final = 400_000
+"""Samples that are in memory at a time, roughly."""
+
+
+class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
+    """The study was stopped while a batch was under way."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """One batch, in plain values.
+
+    Args:
+        study: hash of the study. group: its number.
+        observed: for each floor and sensor, for each way to decide: the scenario as TOML, and the cells it stands for.
+        first, last: runs, the last not included. seed, motion, keep: as the study has them.
+    """
+
+    study: str
+    group: int
+    observed: tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
+    first: int
+    last: int
+    seed: int
+    motion: str
+    keep: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The batch in words, as ``--batch`` takes it."""
+        return f"{self.group}:{self.first}-{self.last}"
+
+
+@dataclass(frozen=True)
+class Done:
+    """A batch that is done: Parquet files by the name of their table, and what made them."""
+
+    work: Work
+    files: dict[str, bytes]
+    rows: int
+    versions: dict[str, str]
+
+
+def work_of(study: Study, group: Group, first: int, last: int) -> Work:
+    """The batch of these runs of a group."""
+    observed = tuple(
+        tuple((same[0].scenario.to_toml(), tuple(cell.number for cell in same)) for same in inferences)
+        for inferences in group.observed
+    )
+    return Work(study.hash, group.number, observed, first, last, study.seed, study.motion, study.keep)
+
+
+def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
+    """Do a batch; a part of its runs at a time, so that memory does not grow with it.
+
+    Raises:
+        Cancelled: ``cancelled`` said so between two parts.
+    """
+    first = _scenario(work.observed[0][0][0])
+    a_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0)
+    step = max(int(ROWS_AT_A_TIME / a_run), 1)
+    parts: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
+    for low in range(work.first, work.last, step):
+        if cancelled():
+            raise Cancelled
+        for name, frames in _part(work, range(low, min(low + step, work.last))).items():
+            parts[name] += frames
+    orders = {"robots": ["cell", "run", "robot"], "samples": ["cell", "run", "time_s", "robot"]}
+    tables = {name: pl.concat(frames).sort(orders[name], maintain_order=True) for name, frames in parts.items()}
+    files = {name: _parquet(table, work) for name, table in tables.items()}
+    return Done(work, files, tables["robots"].height, versions())
+
+
+def _part(work: Work, runs: range) -> dict[str, list[pl.DataFrame]]:
+    """The rows of some runs, table by table, cell by cell."""
+    frames: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
+    for cells, result in _results(work, runs):
+        of_run = result.runs.drop("run").select(pl.all().repeat_by(result.scenario.swarm.robots).explode())
+        rows = pl.concat([result.robots, of_run], how="horizontal")
+        for cell in cells:
+            frames["robots"].append(_of_cell(rows, cell, ROWS))
+            if "samples" in frames:
+                shown = pl.concat(
+                    [result.motion, *(t.drop("run", "robot", "sample") for t in (result.observations, result.inference))],
+                    how="horizontal",
+                )
+                frames["samples"].append(_of_cell(shown, cell, SAMPLES))
+    return frames
+
+
+def _results(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], Result]]:
+    """What became of these runs in each of the cells; equal cells together, motion and observations made once."""
+    first, energies = _scenario(work.observed[0][0][0]), "samples" in work.keep
+    if first.run.stop == "all_decided":
+        ((text, cells),) = work.observed[0]
+        yield cells, simulate(_scenario(text), work.seed, runs, motion=work.motion, energies=energies)
+        return
+    motion = source(work.motion).batch(first, work.seed, runs, False)
+    for inferences in work.observed:
+        seen = _scenario(inferences[0][0])
+        floors = floors_of(seen, work.seed, runs)
+        observations = observe(seen, work.seed, motion.samples, floors, energies=energies)
+        for text, cells in inferences:
+            scenario = _scenario(text)
+            inference, finals = infer(scenario, work.seed, motion, observations)
+            yield (
+                cells,
+                result_of(scenario, work.seed, floors, motion, observations, inference, finals, work.motion),
+            )
+
+
+def _of_cell(rows: pl.DataFrame, cell: int, schema: dict[str, Any]) -> pl.DataFrame:
+    return rows.with_columns(cell=pl.lit(cell, dtype=pl.UInt32)).select(list(schema)).cast(schema)  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=4096)
+def _scenario(text: str) -> Scenario:
+    return Scenario.from_toml(text)
+
+
+def _parquet(table: pl.DataFrame, work: Work) -> bytes:
+    buffer = io.BytesIO()
+    table.write_parquet(buffer, compression="zstd", metadata={"vibroswarm_study": work.study})
+    return buffer.getvalue()
