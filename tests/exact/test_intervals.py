@@ -1,0 +1,205 @@
+"""Intervals against scipy, by hand, and by how often they hold what is so; robots as the unit must fail."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from vibroswarm.analysis.intervals import (
+    DRAWS,
+    Interval,
+    bootstrap_mean,
+    cluster_share,
+    generator,
+    mean_interval,
+    quantile_interval,
+    sign_flip,
+    sign_flip_interval,
+    wilson,
+    wilson_limits,
+)
+from vibroswarm.errors import InputError
+
+numbers = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 7), (7, 7), (3, 10), (1, 1), (481, 1000)])
+@pytest.mark.parametrize("level", [0.9, 0.95])
+def test_wilson_is_that_of_scipy(k: int, n: int, level: float) -> None:
+    theirs = stats.binomtest(k, n).proportion_ci(level, method="wilson")
+    mine = wilson(k, n, level)
+    assert (mine.low, mine.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
+    assert mine.estimate == k / n
+
+
+def test_wilson_of_no_runs_and_of_many_at_once() -> None:
+    assert math.isnan(wilson(0, 0).low)
+    low, high = wilson_limits([0, 3, 0], [7, 10, 0])
+    assert low[1] == wilson(3, 10).low
+    assert (low[0], high[0]) == (0.0, wilson(0, 7).high)
+    assert np.isnan([low[2], high[2]]).all()
+
+
+def test_student_is_that_of_scipy() -> None:
+    values = [1.0, 4.0, 2.5, 8.0]
+    low, high = stats.t.interval(0.95, 3, loc=np.mean(values), scale=stats.sem(values))
+    mine = mean_interval([*values, math.nan])
+    assert (mine.low, mine.high, mine.n) == pytest.approx((low, high, 4))
+    assert mean_interval([2.0])[:3] == (2.0, -math.inf, math.inf)
+
+
+def test_hartigan_by_hand() -> None:
+    """Six differences: 63 subsets; the 1st and the last mean bound 1 - 2/64 of the chances."""
+    d = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0]
+    result = sign_flip(d, level=0.96)
+    assert (result.interval.low, result.interval.high) == (1.0, 32.0)
+    assert result.p_value == 2 / 64
+    two = sign_flip(d, level=1 - 4 / 64)  # the 2nd from either end: {1, 2} and {16, 32}
+    assert (two.interval.low, two.interval.high) == (1.5, 24.0)
+
+
+def test_the_interval_is_the_sign_flip_test_turned_round() -> None:
+    """m lies inside exactly when the two-sided sign-flip test, by brute force, does not reject it."""
+    d = np.array([0.3, -1.2, 2.2, 0.9, 1.7, -0.4, 3.1, 0.6])
+    interval = sign_flip_interval(d, 0.95)
+    signs = np.array(list(itertools.product([1, -1], repeat=d.size)))
+    for m in np.linspace(-1.5, 3.0, 181):
+        sums = signs @ (d - m)
+        seen = (d - m).sum()
+        p_value = 2 * min((sums >= seen - 1e-12).mean(), (sums <= seen + 1e-12).mean())
+        assert (p_value > 0.05 + 1e-12) == (interval.low <= m <= interval.high), m
+
+
+def test_too_few_pairs_set_no_limits() -> None:
+    few = sign_flip_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert (few.low, few.high) == (-math.inf, math.inf)
+    assert not few.excludes(0.0)
+    assert few.as_dict()["low"] is None
+    assert math.isnan(sign_flip_interval([]).estimate)
+    assert sign_flip([0.0] * 30).p_value == 1.0
+
+
+def test_drawn_listed_and_normal_limits_agree() -> None:
+    random = generator(5, "test")
+    ten = random.normal(1.0, 1.0, 10)
+    listed, drawn = sign_flip_interval(ten), sign_flip_interval(np.append(ten, ten.mean()))
+    assert drawn.low == pytest.approx(listed.low, abs=0.15)
+    many = random.exponential(1.0, 6000)
+    normal, by_draws = sign_flip_interval(many), sign_flip_interval(many[:5000])
+    assert normal.high - normal.low == pytest.approx(
+        (by_draws.high - by_draws.low) * math.sqrt(5 / 6), rel=0.1
+    )
+
+
+def test_bootstrap_of_few_distinct_values_is_that_of_runs_one_by_one() -> None:
+    random = generator(1, "test")
+    shares = random.integers(0, 6, 200) / 5
+    one_by_one = shares[random.integers(0, 200, (20000, 200))].mean(axis=1)
+    mine = bootstrap_mean(shares)
+    assert (mine.low, mine.high) == pytest.approx(tuple(np.quantile(one_by_one, [0.025, 0.975])), abs=0.004)
+    assert bootstrap_mean(shares) == mine
+    assert bootstrap_mean(shares, seed=1) != mine
+
+
+def test_quantiles_by_hand() -> None:
+    """Of 10 values the 2nd and 9th hold the median with 1 - 2 * 11/1024."""
+    values = np.arange(1.0, 11.0)
+    assert quantile_interval(values, level=1 - 2 * 11 / 1024)[:3] == (5.5, 2.0, 9.0)
+    assert quantile_interval(values, level=0.999)[:3] == (5.5, -math.inf, math.inf)
+    assert quantile_interval([1.0, math.inf, math.inf]).estimate == math.inf
+    assert quantile_interval([1.0, math.inf, math.inf]).as_dict()["estimate"] is None
+
+
+def test_a_level_is_a_share() -> None:
+    for call in (wilson, cluster_share):
+        with pytest.raises(InputError, match="level"):
+            call(1, 2, level=95)
+
+
+@given(numbers)
+def test_an_interval_holds_its_estimate(values: list[float]) -> None:
+    for interval in (mean_interval(values), bootstrap_mean(values), quantile_interval(values)):
+        assert interval.low <= interval.estimate + 1e-9
+        assert interval.estimate <= interval.high + 1e-9
+        json.dumps(interval.as_dict(), allow_nan=False)
+
+
+@given(st.lists(st.integers(-5, 5), min_size=1, max_size=40))
+def test_the_interval_leaves_out_zero_exactly_when_p_is_small(values: list[int]) -> None:
+    interval, p_value = sign_flip([float(v) for v in values])
+    if not math.isclose(p_value, 0.05, rel_tol=0.01):
+        assert interval.excludes(0.0) == (p_value < 0.05)
+    turned = sign_flip([-float(v) for v in values])
+    assert turned.interval.estimate == -interval.estimate
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=30))
+def test_shares_stay_shares(pairs: list[tuple[int, int]]) -> None:
+    count, of = [min(a, b) for a, b in pairs], [max(a, b) for a, b in pairs]
+    interval = cluster_share(count, of)
+    if sum(of) == 0:
+        assert math.isnan(interval.estimate)
+    else:
+        assert 0 <= interval.low <= interval.estimate <= interval.high <= 1
+
+
+def coverage(truth: float, intervals: list[Interval]) -> float:
+    return float(np.mean([interval.low <= truth <= interval.high for interval in intervals]))
+
+
+def alike(random: np.random.Generator, runs: int, share: float, same: float) -> np.ndarray:
+    """Robots of a run: with probability ``same`` all as one, else each for itself; shape (runs,) of counts."""
+    together = random.random(runs) < same
+    return np.where(together, 5 * (random.random(runs) < share), random.binomial(5, share, runs))
+
+
+@pytest.mark.parametrize(("runs", "share"), [(100, 0.3), (40, 0.5), (200, 0.02), (60, 0.05)])
+def test_shares_of_robots_hold_the_truth_and_robots_as_units_do_not(runs: int, share: float) -> None:
+    random = generator(runs, "coverage")
+    counts = [alike(random, runs, share, 0.9) for _ in range(600)]
+    by_run = coverage(share, [cluster_share(c, np.full(runs, 5)) for c in counts])
+    by_robot = coverage(share, [wilson(int(c.sum()), 5 * runs) for c in counts])
+    assert 0.90 <= by_run <= 0.99, by_run  # lowest where three runs of sixty carry all that is wrong
+    assert by_robot < 0.75, by_robot  # the negative control
+
+
+def test_all_alike_is_not_certain() -> None:
+    none = cluster_share(np.zeros(50, int), np.full(50, 5))
+    assert (none.estimate, none.low) == (0.0, 0.0)
+    assert none.high == pytest.approx(wilson(0, 50).high)
+    assert none.how == "cluster wilson"
+
+
+@pytest.mark.parametrize("draw", ["normal", "exponential", "lumpy"])
+def test_paired_differences_hold_the_truth_skewed_ones_too(draw: str) -> None:
+    random = generator(7, "pairs" + draw)
+    means = {"normal": 0.0, "exponential": 1.0, "lumpy": 0.5}
+
+    def sample() -> np.ndarray:
+        if draw == "lumpy":  # most runs do not differ at all
+            return np.where(random.random(60) < 0.5, 0.0, random.exponential(1.0, 60))
+        return random.normal(0, 1, 60) if draw == "normal" else random.exponential(1.0, 60)
+
+    drawn = [sample() for _ in range(600)]
+    by_pair = coverage(means[draw], [sign_flip_interval(d) for d in drawn])
+    by_robot = coverage(means[draw], [mean_interval(np.repeat(d, 5)) for d in drawn])
+    assert 0.91 <= by_pair <= 0.985, by_pair
+    assert by_robot < 0.75, by_robot  # each run counted five times, as if its robots were runs
+
+
+def test_medians_hold_the_truth() -> None:
+    random = generator(9, "median")
+    drawn = [random.exponential(1.0, 51) for _ in range(600)]
+    assert 0.94 <= coverage(math.log(2), [quantile_interval(d) for d in drawn]) <= 0.99
+    assert coverage(math.log(2), [mean_interval(d) for d in drawn]) < 0.6  # the mean is another thing
+
+
+def test_draws_fall_on_whole_ranks() -> None:
+    assert (DRAWS + 1) * 0.025 == 50
