@@ -1,12 +1,13 @@
-"""Decision time and belief over many runs; the run is the unit, since robots of one run share messages."""
+"""Decision time and belief of a result in short; ``swarm.summary`` has all figures, with intervals."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.result import Result
 
 
@@ -18,18 +19,18 @@ class Estimate(NamedTuple):
     runs: int
 
 
-def _over_runs(per_run: pl.Series) -> Estimate:
-    values = per_run.to_numpy()
-    error = float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else float("nan")
+def _over_runs(result: Result, figure: str) -> Estimate:
+    per_run = run_figures(result.robots, result.runs, result.scenario.run.t_end_s)[figure]
+    values = per_run.drop_nulls().cast(pl.Float64).to_numpy()
+    if not values.size:
+        return Estimate(math.nan, math.nan, 0)
+    error = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else math.nan
     return Estimate(float(values.mean()), error, values.size)
 
 
 def restricted_mean_decision_time_s(result: Result) -> Estimate:
     """Mean over robots of min(decision time, t_end): a robot that never decides counts with t_end, s."""
-    capped = pl.col("decision_time_s").fill_null(result.scenario.run.t_end_s)
-    return _over_runs(
-        result.robots.group_by("run", maintain_order=True).agg(capped.mean())["decision_time_s"]
-    )
+    return _over_runs(result, "decision_time_s")
 
 
 def belief_in_truth(result: Result) -> Estimate:
@@ -37,5 +38,4 @@ def belief_in_truth(result: Result) -> Estimate:
 
     The paper calls it accuracy. It is not the share of right decisions.
     """
-    per_run = result.robots.group_by("run", maintain_order=True).agg(pl.col("belief_in_truth").mean())
-    return _over_runs(per_run["belief_in_truth"].drop_nulls())
+    return _over_runs(result, "belief_in_truth")

@@ -1,0 +1,192 @@
+"""What became of a cell (one scenario, many runs), with intervals; the run is the unit.
+
+| name | what it is | interval |
+|---|---|---|
+| swarm_right, _wrong, _split, _incomplete, _agreed | share of runs with this consensus | Wilson |
+| swarm_error | share wrong among runs with a consensus that is right or wrong | Wilson |
+| consensus_time_s | mean of min(consensus time, t_end): a run without consensus counts with t_end | t |
+| consensus_median_s | median of the consensus time, a run without one being later than any | order statistics |
+| robots_right, _wrong, _undecided | share of robots | cluster bootstrap over runs |
+| robot_error | share wrong among the robots that decided | cluster bootstrap over runs |
+| decision_time_s | mean of min(decision time, t_end), the restricted mean: the paper's | t over runs' means |
+| belief_in_truth | mean belief in what is so, at the decision or the last sample; the paper's "accuracy" | t |
+| icc | r = (B - W) / (B + (m - 1) W): intra-run correlation, B and W the mean squares between and within runs | - |
+| design effect | 1 + (m - 1) r: so many robots of m-robot runs tell as much as one independent robot | - |
+
+Right and wrong are shares of the runs in which a decision can be right (fill ratio off the boundary) and not defined
+where there are none. A median that fewer than half of the runs reach is not defined either (None).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.intervals import (
+    Interval,
+    cluster_share,
+    mean_interval,
+    plain,
+    quantile_interval,
+    wilson,
+)
+from vibroswarm.analysis.per_run import run_figures
+
+
+@dataclass(frozen=True)
+class CellSummary:
+    """All figures of a cell, see the head of this module; times in s."""
+
+    runs: int
+    robots: int
+    """Robots in all runs."""
+    t_end_s: float
+    level: float
+    swarm_right: Interval
+    swarm_wrong: Interval
+    swarm_split: Interval
+    swarm_incomplete: Interval
+    swarm_agreed: Interval
+    swarm_error: Interval
+    consensus_time_s: Interval
+    consensus_median_s: Interval
+    robots_right: Interval
+    robots_wrong: Interval
+    robots_undecided: Interval
+    robot_error: Interval
+    decision_time_s: Interval
+    belief_in_truth: Interval
+    icc_decision_time: float
+    icc_right: float
+    icc_undecided: float
+    design_effect_decision_time: float
+    design_effect_right: float
+    design_effect_undecided: float
+
+    def intervals(self) -> dict[str, Interval]:
+        """The figures that have limits, by name."""
+        return {name: value for name, value in self._items() if isinstance(value, Interval)}
+
+    def as_row(self) -> dict[str, float | int | None]:
+        """Flat: ``name``, ``name_low``, ``name_high`` for each interval; None for what is not finite."""
+        row: dict[str, float | int | None] = {}
+        for name, value in self._items():
+            if isinstance(value, Interval):
+                row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(v) for v in value[:3])
+            else:
+                row[name] = plain(value)
+        return row
+
+    def as_dict(self) -> dict[str, Any]:
+        """Nested plain values for JSON."""
+        return {
+            name: value.as_dict() if isinstance(value, Interval) else plain(value)
+            for name, value in self._items()
+        }
+
+    def _items(self) -> list[tuple[str, Any]]:
+        return [(field.name, getattr(self, field.name)) for field in fields(self)]
+
+
+def summary(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0
+) -> CellSummary:
+    """All figures of a cell.
+
+    Args:
+        robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
+        level: of confidence, each interval for itself. seed: of the bootstrap.
+    Raises:
+        InputError: the tables are not of the same runs, or the level is no share.
+    """
+    table = run_figures(robots, runs, t_end_s)
+    of = table["robots"].to_numpy()
+    known = table.filter(pl.col("truth").is_not_null())
+    right, wrong, of_known = (known[name].to_numpy() for name in ("right", "wrong", "robots"))
+    undecided = table["undecided"].to_numpy()
+    iccs = {
+        "decision_time": icc_of_times(robots, t_end_s),
+        "right": icc_of_counts(right, of_known),
+        "undecided": icc_of_counts(undecided, of),
+    }
+    named: dict[str, Any] = {
+        **swarm_shares(table, level),
+        **{f"icc_{name}": value for name, value in iccs.items()},
+        **{f"design_effect_{name}": design_effect(value, of) for name, value in iccs.items()},
+    }
+    reached = table["consensus_time_s"].fill_null(math.inf).to_numpy()
+    return CellSummary(
+        runs=table.height,
+        robots=int(of.sum()),
+        t_end_s=t_end_s,
+        level=level,
+        consensus_time_s=mean_interval(table["swarm_time_s"].to_numpy(), level),
+        consensus_median_s=quantile_interval(reached, 0.5, level),
+        robots_right=cluster_share(right, of_known, level, seed),
+        robots_wrong=cluster_share(wrong, of_known, level, seed),
+        robots_undecided=cluster_share(undecided, of, level, seed),
+        robot_error=cluster_share(wrong, right + wrong, level, seed),
+        decision_time_s=mean_interval(table["decision_time_s"].to_numpy(), level),
+        belief_in_truth=mean_interval(table["belief_in_truth"].drop_nulls().to_numpy(), level),
+        **named,
+    )
+
+
+def swarm_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
+    """Shares of runs by consensus, from ``run_figures``, by name with ``swarm_`` before it."""
+    counts = dict(table.group_by("consensus").len().iter_rows())
+    known = table["truth"].count()
+    of = {"right": known, "wrong": known, "split": table.height, "incomplete": table.height}
+    of["agreed"] = table.height
+    shares = {f"swarm_{name}": wilson(counts.get(name, 0), n, level) for name, n in of.items()}
+    right, wrong = counts.get("right", 0), counts.get("wrong", 0)
+    return shares | {"swarm_error": wilson(wrong, right + wrong, level)}
+
+
+def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
+    """Intra-run correlation of min(decision time, t_end)."""
+    time_s = pl.min_horizontal(pl.col("decision_time_s").fill_null(t_end_s), pl.lit(t_end_s))
+    of_run = (
+        robots.lazy()
+        .select("run", time_s=time_s)
+        .group_by("run")
+        .agg(n=pl.len(), mean=pl.col("time_s").mean(), spread=pl.col("time_s").var(ddof=0))
+        .collect()
+    )
+    size = of_run["n"].to_numpy().astype(np.float64)
+    return icc(of_run["mean"].to_numpy(), of_run["spread"].to_numpy() * size, size)
+
+
+def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
+    """Intra-run correlation of a yes or no, of which ``count`` of ``of`` robots of each run have yes."""
+    count, of = count[of > 0], of[of > 0]
+    size = of.astype(np.float64)
+    share = count / size
+    return icc(share, size * share * (1.0 - share), size)
+
+
+def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[np.float64]) -> float:
+    """Intra-run correlation from each run's mean, sum of squares about it and number of robots.
+
+    One-way analysis of variance; runs of unequal size count with the usual mean size. It may be a little below 0.
+    Not a number for fewer than 2 runs, robots that are alone, and where nothing varies.
+    """
+    runs, robots = means.size, float(sizes.sum())
+    if runs < 2 or robots <= runs:
+        return math.nan
+    grand = float(sizes @ means) / robots
+    between = float(sizes @ (means - grand) ** 2) / (runs - 1)
+    inside = float(within.sum()) / (robots - runs)
+    size = (robots - float(sizes @ sizes) / robots) / (runs - 1)
+    total = between + (size - 1.0) * inside
+    return (between - inside) / total if total > 0 else math.nan
+
+
+def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
+    """How many times larger the variance is than that of as many independent robots."""
+    return 1.0 + (float(of.mean()) - 1.0) * correlation if of.size else math.nan

@@ -1,0 +1,238 @@
+"""Figures of a cell and incidence over time: by hand on four runs, against plain loops, and of 100,000 runs."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.analysis.intervals import generator, mean_interval, wilson
+from vibroswarm.analysis.outcomes import belief_in_truth, restricted_mean_decision_time_s
+from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.analysis.swarm import icc, icc_of_counts, summary
+from vibroswarm.errors import InputError
+from vibroswarm.outcome import truth_of
+from vibroswarm.presets import preset
+from vibroswarm.result import ROBOTS, RUNS
+from vibroswarm.simulation import simulate
+
+T_END = 100.0
+Cell = tuple[pl.DataFrame, pl.DataFrame]
+
+
+def cell(decisions: list[list[int]], times: list[list[float | None]], fill: float = 0.4) -> Cell:
+    """Tables of robots and runs; the truth is 0 unless the fill ratio says otherwise."""
+    truth, rows, of_runs = truth_of(fill, 0.5), [], []
+    for run, (who, when) in enumerate(zip(decisions, times, strict=True)):
+        for robot, (d, t) in enumerate(zip(who, when, strict=True)):
+            belief = 0.6 if d == -1 else 0.97 if d == 0 else 0.02
+            sure = None if truth is None else belief if truth == 0 else 1 - belief
+            rows.append((run, robot, d, t, None if d == -1 else belief, belief, sure, 9, 5, 12, 12, 0))
+        right, wrong = (0, 0) if truth is None else (who.count(truth), who.count(1 - truth))
+        left, alike = who.count(-1), len(set(who)) == 1
+        outcome = "incomplete" if left else "split" if not alike else "agreed" if truth is None else None
+        outcome = outcome or ("right" if right else "wrong")
+        last = None if outcome in ("incomplete", "split") else max(t for t in when if t is not None)
+        of_runs.append((run, outcome, last, fill, truth, right, wrong, left, T_END, False))
+    return (
+        pl.DataFrame(rows, schema=ROBOTS, orient="row"),
+        pl.DataFrame(of_runs, schema=RUNS, orient="row"),
+    )
+
+
+FOUR = cell(
+    [[0, 0], [0, 1], [1, 1], [0, -1]],
+    [[10.0, 20.0], [30.0, 30.0], [40.0, 60.0], [50.0, None]],
+)
+
+
+def test_four_runs_by_hand() -> None:
+    s = summary(*FOUR, T_END)
+    shares = (s.swarm_right, s.swarm_wrong, s.swarm_split, s.swarm_incomplete, s.swarm_agreed)
+    assert [i.estimate for i in shares] == [0.25, 0.25, 0.25, 0.25, 0.0]
+    assert s.swarm_right == wilson(1, 4)
+    assert s.swarm_error == wilson(1, 2)
+    assert s.consensus_time_s == mean_interval([20.0, 100.0, 60.0, 100.0])
+    assert s.consensus_median_s.estimate == math.inf  # only two of four runs ever got there
+    robots = (s.robots_right, s.robots_wrong, s.robots_undecided, s.robot_error)
+    assert [i.estimate for i in robots] == pytest.approx([4 / 8, 3 / 8, 1 / 8, 3 / 7])
+    assert s.decision_time_s == mean_interval([15.0, 30.0, 50.0, 75.0])
+    assert s.belief_in_truth.estimate == pytest.approx((4 * 0.97 + 3 * 0.02 + 0.6) / 8)
+    # Decision times: run means 15, 30, 50, 75 about 42.5; squares within 50 + 0 + 200 + 1250.
+    between, within = 2 * (27.5**2 + 12.5**2 + 7.5**2 + 32.5**2) / 3, 1500 / 4
+    assert s.icc_decision_time == pytest.approx((between - within) / (between + within))
+    assert s.design_effect_decision_time == pytest.approx(1 + s.icc_decision_time)
+
+
+def test_plain_values_only() -> None:
+    s = summary(*FOUR, T_END)
+    row = s.as_row()
+    assert row["swarm_right_low"] == s.swarm_right.low
+    assert row["consensus_median_s"] is None
+    json.dumps(row, allow_nan=False)
+    assert json.loads(json.dumps(s.as_dict(), allow_nan=False))["robots_right"]["how"] == "cluster wilson"
+    assert "decision_time_s_high" in pl.DataFrame([row]).write_csv()
+
+
+def test_on_the_boundary_nothing_is_right_or_wrong() -> None:
+    on = cell([[0, 0], [1, -1]], [[10.0, 20.0], [30.0, None]], fill=0.5)
+    s = summary(*on, T_END)
+    assert s.swarm_agreed.estimate == 0.5
+    assert s.robots_undecided.estimate == 0.25
+    undefined = (
+        s.swarm_right,
+        s.swarm_error,
+        s.robots_right,
+        s.robots_wrong,
+        s.robot_error,
+        s.belief_in_truth,
+    )
+    assert all(math.isnan(i.estimate) and i.n == 0 for i in undefined)
+    assert math.isnan(s.icc_right)
+    frame = robot_incidence(*on, T_END, [25.0])
+    assert frame.select("right", "undecided").row(0) == (None, 0.5)
+    assert swarm_incidence(*on, T_END, [25.0]).select("right", "open").row(0) == (None, 0.5)
+
+
+def test_tables_of_other_runs_are_refused() -> None:
+    robots, runs = FOUR
+    for pair in (
+        (robots.filter(pl.col("run") > 0), runs),
+        (robots, runs.head(2)),
+        (robots, runs.vstack(runs)),
+    ):
+        with pytest.raises(InputError, match="same runs"):
+            run_figures(*pair, T_END)
+    with pytest.raises(InputError, match="t_end_s"):
+        run_figures(robots, runs, 0.0)
+
+
+def test_no_runs_at_all() -> None:
+    robots, runs = (frame.clear() for frame in FOUR)
+    assert summary(robots, runs, T_END).robots_right.n == 0
+
+
+def test_icc_of_theory() -> None:
+    assert icc_of_counts(np.array([5, 0, 5, 0]), np.full(4, 5)) == 1.0
+    random = generator(3, "icc")
+    level = random.normal(0, math.sqrt(0.6), 4000)[:, None]
+    robots = level + random.normal(0, math.sqrt(0.4), (4000, 5))
+    found = icc(robots.mean(axis=1), robots.var(axis=1) * 5, np.full(4000, 5.0))
+    assert found == pytest.approx(0.6, abs=0.02)
+    alone = random.normal(0, 1, (4000, 5))
+    assert abs(icc(alone.mean(axis=1), alone.var(axis=1) * 5, np.full(4000, 5.0))) < 0.02
+
+
+def test_incidence_by_hand() -> None:
+    frame = robot_incidence(*FOUR, T_END, [0.0, 30.0, 100.0])
+    assert frame["right"].to_list() == pytest.approx([0, 3 / 8, 4 / 8])
+    assert frame["wrong"].to_list() == pytest.approx([0, 1 / 8, 3 / 8])
+    assert frame["undecided"].to_list() == pytest.approx([1, 4 / 8, 1 / 8])
+    swarm = swarm_incidence(*FOUR, T_END, [19.9, 20.0, 60.0])
+    assert swarm["right"].to_list() == [0, 0.25, 0.25]
+    assert swarm["wrong"].to_list() == [0, 0, 0.25]
+    assert swarm["open"].to_list() == [1, 0.75, 0.5]
+    assert swarm["right_high"][0] == pytest.approx(wilson(0, 4).high)
+
+
+cells = st.integers(1, 4).flatmap(
+    lambda m: st.lists(
+        st.lists(st.tuples(st.integers(-1, 1), st.integers(1, 99)), min_size=m, max_size=m),
+        min_size=1,
+        max_size=12,
+    )
+)
+
+
+@settings(deadline=None, max_examples=50)
+@given(cells)
+def test_the_last_of_the_incidence_is_the_summary(drawn: list[list[tuple[int, int]]]) -> None:
+    tables = cell(
+        [[d for d, _ in run] for run in drawn],
+        [[None if d == -1 else float(t) for d, t in run] for run in drawn],
+    )
+    s = summary(*tables, T_END)
+    frame, swarm = robot_incidence(*tables, T_END), swarm_incidence(*tables, T_END)
+    for name in ("right", "wrong", "undecided"):
+        whole = getattr(s, f"robots_{name}")
+        assert frame.row(-1, named=True)[name] == pytest.approx(whole.estimate)
+        assert frame.row(-1, named=True)[f"{name}_high"] == pytest.approx(whole.high)
+    assert swarm.row(-1, named=True)["right"] == pytest.approx(s.swarm_right.estimate)
+    assert (frame["right"].diff().drop_nulls() >= 0).all()
+    total = frame.select(pl.sum_horizontal("right", "wrong", "undecided")).to_series()
+    np.testing.assert_allclose(total, 1.0)
+    # The area above "undecided" up to t_end is the restricted mean.
+    fine = robot_incidence(*tables, T_END, np.arange(0.5, 100))["undecided"].to_numpy()
+    assert fine.mean() * T_END == pytest.approx(s.decision_time_s.estimate)
+
+
+def test_runs_robots_and_rows_in_any_order() -> None:
+    robots, runs = FOUR
+    mixed = robots.sample(fraction=1.0, shuffle=True, seed=4), runs.reverse()
+    assert summary(*mixed, T_END).as_row() == pytest.approx(summary(*FOUR, T_END).as_row())
+
+
+def made_up(runs: int, robots: int, seed: int = 0) -> Cell:
+    """Many runs whose robots are nearly alike."""
+    random = generator(seed, "cell")
+    together = random.integers(-1, 2, (runs, 1))
+    decision = np.where(random.random((runs, robots)) < 0.9, together, random.integers(-1, 2, (runs, robots)))
+    time_s = np.where(decision == -1, np.nan, np.round(random.uniform(10, 90, (runs, robots)), 2))
+    right, wrong, left = ((decision == d).sum(axis=1) for d in (0, 1, -1))
+    names = np.array(["right", "wrong", "split", "incomplete"])
+    outcome = names[np.select([left > 0, (right > 0) & (wrong > 0), wrong > 0], [3, 2, 1], 0)]
+    table = pl.DataFrame(
+        {
+            "run": np.repeat(np.arange(runs), robots),
+            "robot": np.tile(np.arange(robots), runs),
+            "decision": decision.ravel(),
+            "decision_time_s": time_s.ravel(),
+            "belief_in_truth": random.random(runs * robots),
+        }
+    ).with_columns(pl.col("decision_time_s").fill_nan(None))
+    rest = {name: pl.lit(None).cast(kind).alias(name) for name, kind in ROBOTS.items()}
+    table = table.with_columns([rest[n] for n in rest if n not in table.columns]).select(list(ROBOTS))
+    reached = np.where(
+        (outcome == "right") | (outcome == "wrong"), np.nanmax(np.nan_to_num(time_s), axis=1), np.nan
+    )
+    of_runs = pl.DataFrame(
+        {"run": np.arange(runs), "consensus": outcome, "consensus_time_s": reached, "fill_ratio": 0.4}
+        | {
+            "truth": 0,
+            "right": right,
+            "wrong": wrong,
+            "undecided": left,
+            "end_s": T_END,
+            "stopped_early": False,
+        }
+    ).with_columns(pl.col("consensus_time_s").fill_nan(None))
+    return table.cast(ROBOTS), of_runs.select(list(RUNS)).cast(RUNS)  # type: ignore[arg-type]
+
+
+def test_a_hundred_thousand_runs_take_about_a_second() -> None:
+    tables = made_up(100_000, 5)
+    began = time.process_time()
+    s = summary(*tables, T_END)
+    robot_incidence(*tables, T_END)
+    swarm_incidence(*tables, T_END)
+    assert time.process_time() - began < 8.0  # about 1.5 on an idle core
+    assert s.runs == 100_000
+    assert s.robots_right.high - s.robots_right.low < 0.01
+
+
+def test_of_a_real_result() -> None:
+    result = simulate(preset("paper"), 3, 40, energies=False)
+    s = summary(result.robots, result.runs, 1200.0)
+    assert s.decision_time_s.estimate == pytest.approx(restricted_mean_decision_time_s(result).mean)
+    assert s.belief_in_truth.estimate == pytest.approx(belief_in_truth(result).mean)
+    assert s.icc_decision_time > 0.9  # as the logs of the study's simulator have it
+    by_robot = mean_interval(result.robots["decision_time_s"].fill_null(1200.0).to_numpy())
+    wide, narrow = s.decision_time_s, by_robot
+    assert (wide.high - wide.low) > 1.9 * (narrow.high - narrow.low)  # robots as the unit: half as wide
