@@ -1,0 +1,160 @@
+"""Cells compared by run: by hand, against an unpaired interval, and false alarms under no difference."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.intervals import Interval, generator, mean_interval
+from vibroswarm.analysis.paired import (
+    FIGURES,
+    compare,
+    comparison_frame,
+    confirmed,
+    equivalent,
+    holm,
+    in_words,
+)
+from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.errors import InputError
+from vibroswarm.presets import preset
+from vibroswarm.simulation import replay, simulate
+
+
+def figures(times: list[float], right: list[float | None], first_run: int = 0) -> pl.DataFrame:
+    n = len(times)
+    return pl.DataFrame(
+        {
+            "run": range(first_run, first_run + n),
+            "decision_time_s": times,
+            "right_share": right,
+            "belief_in_truth": [0.5] * n,
+            "wrong_share": [0.0] * n,
+            "undecided_share": [0.2] * n,
+        },
+        schema_overrides={"right_share": pl.Float64},
+    )
+
+
+def test_by_hand() -> None:
+    first = figures([1.0, 2.0, 3.0, 9.0], [1.0, 0.5, None, 0.0])
+    second = figures([2.0, 2.0, 5.0, 4.0, 7.0], [0.5, 0.5, 1.0, 0.5, 1.0])
+    time_s, belief, right, *_ = compare(first, second)
+    assert [p.figure for p in compare(first, second)] == list(FIGURES)
+    assert (time_s.first, time_s.second, time_s.difference.estimate) == (3.75, 3.25, 0.5)
+    assert (time_s.wins, time_s.ties, time_s.losses) == (2, 1, 1)  # sooner is better
+    assert (time_s.pairs, time_s.unpaired) == (4, 1)
+    assert (right.wins, right.ties, right.losses) == (1, 1, 1)  # and more right is
+    assert (right.pairs, right.unpaired) == (3, 2)
+    assert belief.p_value == 1.0
+    frame = comparison_frame(compare(first, second))
+    assert frame["difference"][0] == 0.5
+    json.dumps(time_s.as_dict(), allow_nan=False)
+
+
+def test_holm_by_hand() -> None:
+    assert holm([0.01, 0.04, 0.03, math.nan]) == pytest.approx([0.03, 0.06, 0.06, math.nan], nan_ok=True)
+    assert holm([0.6, 0.9]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_lies_between_the_plain_and_bonferroni(p: list[float]) -> None:
+    for plain_p, corrected in zip(p, holm(p), strict=True):
+        assert plain_p <= corrected <= min(1.0, len(p) * plain_p) + 1e-12
+    order = np.argsort(p, kind="stable")
+    assert (np.diff(np.array(holm(p))[order]) >= 0).all()
+
+
+def test_pairing_takes_out_what_runs_have_in_common() -> None:
+    """The negative control: taken as unpaired, the same difference goes unseen."""
+    random = generator(2, "pairing")
+    luck = random.normal(900, 330, 100)
+    first, second = luck + random.normal(-15, 20, 100), luck + random.normal(0, 20, 100)
+    (paired,) = compare(
+        figures(list(first), [0.0] * 100), figures(list(second), [0.0] * 100), ["decision_time_s"]
+    )
+    a, b = mean_interval(first), mean_interval(second)
+    unpaired_half = math.hypot(a.high - a.estimate, b.high - b.estimate)
+    assert paired.difference.excludes(0.0)
+    assert paired.difference.high - paired.difference.low < 0.1 * 2 * unpaired_half
+    assert unpaired_half > abs(paired.difference.estimate)
+
+
+def test_false_alarms_and_what_holm_does_to_them() -> None:
+    random = generator(4, "alarms")
+    plain_alarms = family_alarms = 0
+    for _ in range(400):
+        p = [compare_noise(random) for _ in range(5)]
+        plain_alarms += min(p) < 0.05
+        family_alarms += min(holm(p)) < 0.05
+    assert family_alarms / 400 < 0.08
+    assert plain_alarms / 400 > 0.15  # five looks without correction
+
+
+def compare_noise(random: np.random.Generator) -> float:
+    n = 30
+    first = figures(list(random.exponential(1.0, n)), [0.0] * n)
+    second = figures(list(random.exponential(1.0, n)), [0.0] * n)
+    return compare(first, second, ["decision_time_s"])[0].p_value
+
+
+def shifted(shift: float, n: int = 40, seed: int = 0) -> pl.DataFrame:
+    return figures(list(generator(seed, "block").normal(shift, 1.0, n)), [0.0] * n)
+
+
+def test_confirmed_only_by_two_blocks_on_one_side() -> None:
+    zero = figures([0.0] * 40, [0.0] * 40)
+
+    def block(shift: float, seed: int) -> object:
+        return compare(shifted(shift, seed=seed), zero, ["decision_time_s"])[0]
+
+    up, again, down, none = block(1.0, 1), block(1.0, 2), block(-1.0, 3), block(0.0, 4)
+    assert confirmed(up, again).confirmed
+    for second, word in ((down, "opposite"), (none, "no difference")):
+        assert not confirmed(up, second).confirmed
+        assert word in confirmed(up, second).says
+    assert not confirmed(none, up).confirmed
+    json.dumps(confirmed(up, again).as_dict(), allow_nan=False)
+    with pytest.raises(InputError, match="one figure"):
+        confirmed(up, compare(zero, zero, ["right_share"])[0])
+
+
+def test_not_told_apart_is_not_equal() -> None:
+    wide = Interval(0.1, -5.0, 5.2, 0.95, 8, "sign flip")
+    assert not equivalent(wide, 1.0)
+    assert equivalent(Interval(0.1, -0.5, 0.7, 0.95, 80, "sign flip"), 1.0)
+    assert not equivalent(Interval(math.nan, math.nan, math.nan, 0.95, 0, ""), 1.0)
+    (few,) = compare(figures([1.0, 2.0], [0.0] * 2), figures([2.0, 1.0], [0.0] * 2), ["decision_time_s"])
+    assert "not equal" in in_words(few)
+    (same,) = compare(shifted(0.0), shifted(0.0), ["decision_time_s"])
+    assert in_words(same, margin=0.1) == "equal to within 0.1"
+    (more,) = compare(shifted(2.0), shifted(0.0, seed=1), ["decision_time_s"])
+    assert in_words(more) == "the first is higher"
+    with pytest.raises(InputError, match="margin"):
+        equivalent(wide, 0.0)
+
+
+def test_wrong_wishes() -> None:
+    one = figures([1.0], [1.0])
+    with pytest.raises(InputError, match="did you mean 'decision_time_s'"):
+        compare(one, one, ["decision_time"])
+    with pytest.raises(InputError, match="no run in common"):
+        compare(one, figures([1.0], [1.0], first_run=5))
+
+
+def test_soft_feedback_against_none_on_the_same_motion() -> None:
+    paper = preset("paper")
+    none = simulate(paper, 5, 30, energies=False)
+    soft = replay(none, paper.with_values({"strategy.name": "soft"}))
+    tables = [run_figures(r.robots, r.runs, 1200.0) for r in (soft, none)]
+    time_s = compare(*tables)[0]
+    assert time_s.pairs == 30
+    assert time_s.difference.high < 0  # soft feedback decides sooner
+    assert (time_s.wins > 5, time_s.losses) == (True, 0)
