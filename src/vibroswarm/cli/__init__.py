@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
-    from vibroswarm.cli import bench, floors, run, scenario
+    from vibroswarm.cli import bench, evaluate, floors, merge, run, scenario, show, sweep
 
     top = _Parser(
         prog="vibroswarm",
@@ -41,6 +41,10 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="store_true", help="say the version and leave")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     run.add_parser(commands)
+    evaluate.add_parser(commands)
+    sweep.add_parser(commands)
+    merge.add_parser(commands)
+    show.add_parser(commands)
     scenario.add_parser(commands)
     floors.add_parser(commands)
     bench.add_parser(commands)

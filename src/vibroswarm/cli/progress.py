@@ -6,6 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vibroswarm.study.runner import Told
 
 LINE_EVERY_S = 10.0
 
@@ -13,10 +17,7 @@ LINE_EVERY_S = 10.0
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
     """Give a function to be told the share done, in [0, 1]; says so first if kernels must be compiled."""
-    from vibroswarm.compiled import is_cached
-
-    if not is_cached():
-        print("compiling the engine, once (about 20 s; kept for later runs) ...", file=sys.stderr, flush=True)
+    say_compiling()
     if sys.stderr.isatty():
         with _bar(what) as tell:
             yield tell
@@ -45,3 +46,64 @@ class _Lines:
         if now_s - self.latest_s >= LINE_EVERY_S:
             self.latest_s = now_s
             print(f"{self.what}: {100 * share:.0f} %", file=sys.stderr, flush=True)
+
+
+def say_compiling() -> None:
+    """Say so if kernels must be compiled first."""
+    from vibroswarm.compiled import is_cached
+
+    if not is_cached():
+        print("compiling the engine, once (about 15 s; kept for later runs) ...", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def study_progress(what: str, workers: int | None = None) -> Iterator[Callable[[Told], None]]:
+    """Give a function to be told how far a study is: a bar with rate and time left, or lines now and then."""
+    if not sys.stderr.isatty():
+        yield _StudyLines(what)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("runs, {task.fields[rate]}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[failed]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(what, total=None, rate="", failed="")
+        began_s = time.monotonic()
+
+        def tell(told: Told) -> None:
+            passed_s = time.monotonic() - began_s
+            rate = f"{told.done / passed_s:,.0f} a second" if passed_s > 0.5 else ""
+            failed = f"{told.failed} batches failed" if told.failed else ""
+            bars.update(task, total=told.wanted, completed=told.done, rate=rate, failed=failed)
+
+        yield tell
+
+
+class _StudyLines:
+    """Plain lines, for the logs of a batch system."""
+
+    def __init__(self, what: str) -> None:
+        self.what, self.began_s = what, time.monotonic()
+        self.latest_s = self.began_s
+
+    def __call__(self, told: Told) -> None:
+        now_s = time.monotonic()
+        if now_s - self.latest_s < LINE_EVERY_S:
+            return
+        self.latest_s, passed_s = now_s, now_s - self.began_s
+        rate = told.done / passed_s
+        left = f", {(told.wanted - told.done) / rate:.0f} s left" if rate else ""
+        share = 100 * told.done / max(told.wanted, 1)
+        failed = f", {told.failed} batches failed" if told.failed else ""
+        print(
+            f"{self.what}: {told.done:,} of {told.wanted:,} runs ({share:.0f} %), {rate:,.0f} a second{left}{failed}",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -26,7 +26,7 @@ CONNECT_S: Final = 10.0
 """How long a scheduler may take to answer."""
 
 
-class WorkerDied(RuntimeError):
+class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
     """The process that did a batch is gone: out of memory, killed, or crashed."""
 
 
@@ -52,7 +52,7 @@ def workers_for(executor: str | Executor = "threads", count: int | None = None) 
     """Workers by name, or an executor of the caller's, which is left as it is.
 
     Args:
-        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, the name of a Dask scheduler file, or an ``Executor``.
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, a Dask scheduler file, or an ``Executor``.
         count: threads or processes; all processors without.
     Raises:
         InputError: no such executor, no such file, or nobody answers there.
@@ -161,16 +161,17 @@ def _processes(count: int) -> Iterator[Workers]:
 def _dask(address: str) -> Iterator[Workers]:
     """The workers of a Dask cluster that is there; they need the same version of vibroswarm."""
     try:
-        from distributed import Client
+        import distributed
     except ImportError:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
+    connect: Any = distributed.Client
     try:
         if address.endswith(".json"):
             if not Path(address).is_file():
                 raise InputError(f"there is no scheduler file '{address}'", field="executor")
-            client = Client(scheduler_file=address, timeout=CONNECT_S)
+            client: Any = connect(scheduler_file=address, timeout=CONNECT_S)
         else:
-            client = Client(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S)
+            client = connect(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S)
     except (OSError, TimeoutError, ValueError) as error:
         told = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor") from None

@@ -20,7 +20,12 @@ def unsettled(store: Store, group: Group, precision: Precision, look: int) -> bo
     if rows is None:
         return True
     for same in (same for observed in group.observed for same in observed):
-        found = figure_of(rows.filter(pl.col("cell") == same[0].number), precision.figure, same[0].scenario.run.t_end_s, level)
+        found = figure_of(
+            rows.filter(pl.col("cell") == same[0].number),
+            precision.figure,
+            same[0].scenario.run.t_end_s,
+            level,
+        )
         if not precision.reached(found.estimate, found.low, found.high):
             return True
     return False
@@ -34,7 +39,9 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     """
     if figure.startswith("consensus_") and figure != "consensus_time_s":
         outcome = figure.removeprefix("consensus_")
-        of_runs = rows.filter(pl.col("robot") == 0).select(hit=pl.col("consensus") == outcome).collect()["hit"]
+        of_runs = (
+            rows.filter(pl.col("robot") == 0).select(hit=pl.col("consensus") == outcome).collect()["hit"]
+        )
         return wilson(int(of_runs.sum()), of_runs.len(), level)
     of_robot = {
         "decision_time_s": pl.col("decision_time_s").fill_null(t_end_s),
@@ -44,7 +51,12 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
         "wrong": (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1),
         "undecided": pl.col("decision") == -1,
     }[figure]
-    means = rows.group_by("run").agg(of_robot.cast(pl.Float64).mean().alias("value")).sort("run").collect()["value"]
+    means = (
+        rows.group_by("run")
+        .agg(of_robot.cast(pl.Float64).mean().alias("value"))
+        .sort("run")
+        .collect()["value"]
+    )
     return mean_interval(means.drop_nulls().to_numpy(), level)
 
 

@@ -66,7 +66,7 @@ class Group:
         return share * (motion + robots * (1e-5 * len(self.observed) + 3e-5 * self.inferences))
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
-        """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past the last."""
+        """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past last."""
         first, size, count = 0, self.block, 0
         while first < high:
             if first + size > low:

@@ -58,8 +58,12 @@ class Precision:
             except ValueError:
                 share = math.nan
         if not 0 < share < 1:
-            raise InputError(f"{text!r} is no precision; write it with a per cent sign, such as 2%", field="until")
-        return cls(share, "decision_time_s" if figure is None else figure, MOST if max_runs is None else max_runs)
+            raise InputError(
+                f"{text!r} is no precision; write it with a per cent sign, such as 2%", field="until"
+            )
+        return cls(
+            share, "decision_time_s" if figure is None else figure, MOST if max_runs is None else max_runs
+        )
 
     def as_values(self) -> dict[str, Any]:
         """As a study's file has it."""

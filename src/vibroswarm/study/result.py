@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A study and its store. Tables hold ``cell`` and the varied fields, by their dotted names, beside their columns."""
+    """A study and its store. Tables hold ``cell`` and the varied fields, by dotted names, before their columns."""
 
     study: Study
     store: Store
@@ -50,7 +50,7 @@ class StudyResult:
 
     @property
     def cells(self) -> pl.DataFrame:
-        """One row a cell: its number, what is varied, its name, the hash of its scenario, its group, runs wanted and there."""
+        """One row a cell: number, what is varied, name, hash of the scenario, group, runs wanted and there."""
         of_group = {cell.number: group for group in self.plan.groups for cell in group.cells}
         rows = []
         for cell in self._cells():
@@ -124,10 +124,18 @@ class StudyResult:
         rows = self.rows(*cells).filter(pl.col("robot") == 0)
         return self._with_varied(rows.select("cell", *RUNS, *extra).collect())
 
+    def tables(self, cell: int) -> tuple[pl.DataFrame, pl.DataFrame]:
+        """The tables of robots and runs of one cell, as a ``Result`` has them (the runs with what else is kept)."""
+        rows = self.rows(cell).collect()
+        of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
+        return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
+
     def samples(self, *cells: int) -> pl.DataFrame:
         """The table of samples, where the study keeps it."""
         if "samples" not in self.study.keep:
-            raise InputError("keeps no samples; say keep = [\"samples\"], or make them again with results()", field="keep")
+            raise InputError(
+                'keeps no samples; say keep = ["samples"], or make them again with results()', field="keep"
+            )
         chosen = cells or self.selected
         frames = []
         for group in self.plan.groups:
@@ -161,7 +169,11 @@ class StudyResult:
             import xarray
         except ImportError:
             raise InputError("needs xarray: pip install 'vibroswarm[frames]'", field="to_xarray") from None
-        index = [*self.study.varied, *(["run"] if table in ("runs", "robots") else []), *(["robot"] if table == "robots" else [])]
+        index = [
+            *self.study.varied,
+            *(["run"] if table in ("runs", "robots") else []),
+            *(["robot"] if table == "robots" else []),
+        ]
         frame = self.to_pandas(table).drop(columns="cell")
         for name in frame.select_dtypes("category"):
             frame[name] = frame[name].astype(str)
@@ -171,7 +183,12 @@ class StudyResult:
         return xarray.Dataset.from_dataframe(indexed)
 
     def _table(self, table: str) -> pl.DataFrame:
-        tables = {"robots": self.robots, "runs": self.runs, "samples": self.samples, "cells": lambda: self.cells}
+        tables = {
+            "robots": self.robots,
+            "runs": self.runs,
+            "samples": self.samples,
+            "cells": lambda: self.cells,
+        }
         if table not in tables:
             raise InputError(f"there is no table '{table}'{nearest(table, tables)}", field="table")
         return tables[table]()
@@ -193,7 +210,9 @@ class StudyResult:
             return name
         same = [field for field in varied if field.rpartition(".")[2] == name]
         if len(same) != 1:
-            raise InputError(f"is not varied{nearest(name, varied)} (varied are {', '.join(varied)})", field=name)
+            raise InputError(
+                f"is not varied{nearest(name, varied)} (varied are {', '.join(varied)})", field=name
+            )
         return same[0]
 
     def _varied_columns(self) -> pl.DataFrame:
@@ -218,7 +237,9 @@ def _column(name: str, values: list[Any]) -> pl.Series:
         return pl.Series(name, [None if v is None else float(v) for v in values])
     if len(kinds) <= 1 and not kinds & {list, tuple, dict}:
         return pl.Series(name, values, dtype=pl.String if not kinds else None)
-    return pl.Series(name, [None if v is None else v if isinstance(v, str) else json.dumps(v) for v in values])
+    return pl.Series(
+        name, [None if v is None else v if isinstance(v, str) else json.dumps(v) for v in values]
+    )
 
 
 def _schema(rows: pl.LazyFrame) -> list[str]:
@@ -235,7 +256,7 @@ def run(
     mixed: bool = False,
     tell: Tell | None = None,
 ) -> StudyResult:
-    """Run a study and give its result; see ``runner.run_study``. Without a folder the store lasts as long as the result."""
+    """Run a study and give its result; see ``runner.run_study``. Without a folder it lasts as long as the result."""
     kept = TemporaryDirectory(prefix="vibroswarm-") if folder is None else None
     where = Path(kept.name) / "study" if kept is not None else Path(folder or "")
     store = run_study(study, where, executor=executor, workers=workers, share=share, mixed=mixed, tell=tell)

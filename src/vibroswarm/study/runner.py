@@ -71,7 +71,10 @@ def run_study(
         RunError: the disk is full, the cluster is gone, or batches failed twice; what was done is kept.
     """
     if share is not None and study.until is not None:
-        raise InputError("goes with a number of runs, not with a precision: shares know nothing of each other", field="--shard")
+        raise InputError(
+            "goes with a number of runs, not with a precision: shares know nothing of each other",
+            field="--shard",
+        )
     store, plan = Store.open_or_create(folder, study), plan_of(study)
     if not mixed:
         store.check_versions()
@@ -82,7 +85,11 @@ def run_study(
                 runner.do([(group, study.runs or 0) for group in plan.groups], share)
             else:
                 for look, runs in enumerate(study.until.looks()):
-                    groups = [g for g in plan.groups if unsettled(store, g, study.until, look - 1)] if look else plan.groups
+                    groups = (
+                        [g for g in plan.groups if unsettled(store, g, study.until, look - 1)]
+                        if look
+                        else plan.groups
+                    )
                     runner.do([(group, runs) for group in groups], None)
     failures = store.failures
     if failures:
@@ -165,7 +172,8 @@ class _Runner:
         if not self.mixed and done.versions != versions():
             different = [f"{k} {v}" for k, v in done.versions.items() if versions().get(k) != v]
             raise InputError(
-                f"a worker has other versions than this process: {', '.join(different)}; install the same, or say --mixed",
+                f"a worker has other versions than this process ({', '.join(different)}); install the same, or say "
+                "--mixed",
                 field="executor",
             )
         self.store.add(done)
@@ -181,10 +189,11 @@ class _Runner:
 
 def _told_failures(failures: Sequence[dict[str, object]], store: Store) -> str:
     first = failures[0]
+    batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
     return (
-        f"{len(failures)} {'batch' if len(failures) == 1 else 'batches'} failed twice, all else is kept; the first is batch "
-        f"{first['batch']} with seed {first['seed']} ({first['why']}). Run it alone with --batch {first['batch']}; say the "
-        f"same again to try all of them again. They are listed in '{store.folder}/failures'."
+        f"{batches} failed twice, all else is kept; the first is batch {first['batch']} with seed {first['seed']} "
+        f"({first['why']}). Run it alone with --batch {first['batch']}; say the same again to try all of them again. "
+        f"They are listed in '{store.folder}/failures'."
     )
 
 

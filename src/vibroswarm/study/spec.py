@@ -38,7 +38,20 @@ if TYPE_CHECKING:
 FORMAT: Final = 1
 """Version of the study's file and folder."""
 
-KEYS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "seed", "motion", "keep", "scenario", "floors", *BLOCKS)
+KEYS: Final = (
+    "format",
+    "name",
+    "runs",
+    "until",
+    "figure",
+    "max_runs",
+    "seed",
+    "motion",
+    "keep",
+    "scenario",
+    "floors",
+    *BLOCKS,
+)
 SOURCE: Final = "floor.source"
 KEEP: Final = ("samples",)
 MOST_RUNS: Final = 100_000_000
@@ -61,7 +74,9 @@ class Cell:
         """What is varied, in words; or the scenario's strategy where nothing is."""
         if LABEL in self.point:
             return str(self.point[LABEL])
-        words = [_short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in self.point.items()]
+        words = [
+            _short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in self.point.items()
+        ]
         return ", ".join(words) or self.scenario.strategy.name
 
 
@@ -74,7 +89,7 @@ class Study:
     """Many runs of scenarios that differ in some fields.
 
     Args:
-        base: sections of a scenario, as in its file (may name a ``preset``), or a ``Scenario``.
+        base: sections of a scenario, as in its file (may name a ``preset``); ``Study.of`` takes a ``Scenario``.
         vary: blocks of varied fields, see ``varied``; empty: one cell.
         runs: runs a cell; ``None`` with ``until``.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
@@ -87,7 +102,7 @@ class Study:
         InputError: naming what is wrong, and what would be right.
     """
 
-    base: Mapping[str, Any] | Scenario = field(default_factory=dict)
+    base: Mapping[str, Any] = field(default_factory=dict)
     vary: Mapping[str, Any] = field(default_factory=dict)
     runs: int | None = 100
     until: Precision | None = None
@@ -99,11 +114,12 @@ class Study:
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.base, Scenario):
-            object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
         if (self.runs is None) == (self.until is None):
             raise InputError("say how many runs, or until which precision: one of the two", field="runs")
-        for name, value, low, high in (("runs", self.runs, 1, MOST_RUNS), ("seed", self.seed, 0, SEED_LIMIT - 1)):
+        for name, value, low, high in (
+            ("runs", self.runs, 1, MOST_RUNS),
+            ("seed", self.seed, 0, SEED_LIMIT - 1),
+        ):
             if value is None:
                 continue
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -113,6 +129,12 @@ class Study:
             if table not in KEEP:
                 raise InputError(f"there is no table '{table}' to keep{nearest(table, KEEP)}", field="keep")
         _ = self.cells
+
+    @classmethod
+    def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
+        """A study of a scenario; a dot in a varied field is two underscores: ``strategy__name=["none", "soft"]``."""
+        vary = {name.replace("__", "."): list(values) for name, values in grid.items()}
+        return cls(scenario.model_dump(exclude_none=True), {"grid": vary} if vary else {}, runs, seed=seed)
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "study", folder: Path | None = None) -> Study:
@@ -131,16 +153,22 @@ class Study:
             )
         base = values.get("scenario", {})
         if isinstance(base, str):
-            base = Scenario.read((folder or Path()) / base)
+            base = Scenario.read((folder or Path()) / base).model_dump(exclude_none=True)
         elif not isinstance(base, Mapping):
-            raise InputError("is a table, as in a scenario file, or the name of such a file", field="scenario")
+            raise InputError(
+                "is a table, as in a scenario file, or the name of such a file", field="scenario"
+            )
         until = values.get("until")
         precision = None
         if until is not None:
             precision = Precision.from_words(until, values.get("figure"), values.get("max_runs"))
         elif both := [key for key in ("figure", "max_runs") if key in values]:
             raise InputError("goes with 'until'", field=both[0])
-        for key, kind, words in (("name", str, "a text"), ("motion", str, "a text"), ("keep", list, "a list")):
+        for key, kind, words in (
+            ("name", str, "a text"),
+            ("motion", str, "a text"),
+            ("keep", list, "a list"),
+        ):
             if key in values and not isinstance(values[key], kind):
                 raise InputError(f"{values[key]!r} is no {words[2:]}", field=key)
         return cls(
@@ -253,5 +281,7 @@ def _floors(values: Any) -> dict[str, tuple[str, ...]]:
         raise InputError("is a table of floors by name", field="floors")
     for name, rows in values.items():
         if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
-            raise InputError("a floor is a list of rows of 0 and 1, the top row first", field=f"floors.{name}")
+            raise InputError(
+                "a floor is a list of rows of 0 and 1, the top row first", field=f"floors.{name}"
+            )
     return {name: tuple(rows) for name, rows in values.items()}

@@ -14,10 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import platform
-import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -99,17 +96,21 @@ class Store:
             about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
             version, told = int(about["format"]), str(about["hash"])
         except OSError as error:
-            raise InputError(f"is no study of vibroswarm ({error.strerror}: study.json)", field=str(folder)) from None
+            raise InputError(
+                f"is no study of vibroswarm ({error.strerror}: study.json)", field=str(folder)
+            ) from None
         except (ValueError, KeyError, TypeError):
             raise InputError("study.json is damaged", field=str(folder)) from None
         if version > FORMAT:
             raise InputError(
-                f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm", field=str(folder)
+                f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm",
+                field=str(folder),
             )
         store = cls(folder, Study.read(folder / MARKER))
         if store.study.hash != told:
             raise InputError(
-                f"study.toml is not the study that the folder was made for (hash {told}); put it back", field=str(folder)
+                f"study.toml is not the study that the folder was made for (hash {told}); put it back",
+                field=str(folder),
             )
         store.refresh()
         return store
@@ -140,7 +141,10 @@ class Store:
             RunError: the disk is full or failed; nothing is half-written.
         """
         name = hashlib.sha256(done.files["robots"]).hexdigest()[:24]
-        paths = {table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet" for table in done.files}
+        paths = {
+            table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet"
+            for table in done.files
+        }
         about = {
             "format": FORMAT,
             "study": done.work.study,
@@ -172,7 +176,9 @@ class Store:
         path.parent.mkdir(exist_ok=True)
         about = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
         with whole_file(path) as part:
-            part.write_text(json.dumps({**about, "seed": work.seed, "why": why}, indent=1) + "\n", encoding="utf-8")
+            part.write_text(
+                json.dumps({**about, "seed": work.seed, "why": why}, indent=1) + "\n", encoding="utf-8"
+            )
 
     @property
     def failures(self) -> list[dict[str, Any]]:
@@ -202,11 +208,16 @@ class Store:
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
         """The rows of the first ``runs`` runs of a group, each once; None where there are none."""
         frames, low = [], 0
-        for shard in sorted((s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)):
+        for shard in sorted(
+            (s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)
+        ):
             high = min(shard.last, runs)
             if high > low:
                 frame = pl.scan_parquet(shard.files[table], glob=False)
-                if (shard.first, shard.last) != (max(low, shard.first), high):  # several writers did more than once
+                if (shard.first, shard.last) != (
+                    max(low, shard.first),
+                    high,
+                ):  # several writers did more than once
                     frame = frame.filter(pl.col("run").is_between(max(low, shard.first), high, closed="left"))
                 frames.append(frame)
                 low = high
@@ -226,13 +237,28 @@ class Store:
         """
         mine = versions()
         for theirs in self.made_by:
-            different = [f"{k} {theirs.get(k)} there, {mine[k]} here" for k in mine if theirs.get(k) != mine[k]]
+            different = [
+                f"{k} {theirs.get(k)} there, {mine[k]} here" for k in mine if theirs.get(k) != mine[k]
+            ]
             if different:
                 raise InputError(
-                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or say "
-                    "--mixed to go on all the same",
+                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or "
+                    "say --mixed to go on all the same",
                     field=str(self.folder),
                 )
+
+    def check_alike(self) -> None:
+        """Refuse shards of different versions.
+
+        Raises:
+            InputError: naming what differs.
+        """
+        first, *others = self.made_by or [{}]
+        for other in others:
+            different = [f"{k} {first.get(k)} and {other[k]}" for k in other if first.get(k) != other[k]]
+            raise InputError(
+                f"shards were made by different versions: {'; '.join(different)}", field=str(self.folder)
+            )
 
     def _read(self, path: Path) -> Shard:
         """A shard by its description, its files checked."""
@@ -248,8 +274,8 @@ class Store:
                     raise ValueError(f"names a file elsewhere: {name}")
                 _check(path.with_name(name), int(what["bytes"]), str(what["sha256"]))
                 files[str(what["table"])] = path.with_name(name)
-            numbers = [int(about[key]) for key in ("group", "first", "last", "rows")]
-            return Shard(path.stem, *numbers, files, dict(about["versions"]))  # type: ignore[arg-type]
+            group, first, last, rows = (int(about[key]) for key in ("group", "first", "last", "rows"))
+            return Shard(path.stem, group, first, last, rows, files, dict(about["versions"]))
         except (OSError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"is damaged ({type(error).__name__}: {error})") from None
 
@@ -259,7 +285,10 @@ class Store:
     def _write_head(self) -> None:
         about = {"format": FORMAT, "hash": self.study.hash, "versions": versions()}
         try:
-            for name, text in ((MARKER, self.study.to_toml()), ("study.json", json.dumps(about, indent=1) + "\n")):
+            for name, text in (
+                (MARKER, self.study.to_toml()),
+                ("study.json", json.dumps(about, indent=1) + "\n"),
+            ):
                 path = self.folder / name
                 if not path.is_file() or (name == MARKER and path.read_text(encoding="utf-8") != text):
                     with whole_file(path) as part:
@@ -295,7 +324,9 @@ def _differences(there: Study, given: Study) -> str:
         told.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
     else:
         told += _of_cells(there, given)
-    return f"holds another study: {'; '.join(told[:3]) or 'its cells are named otherwise'}; take another folder"
+    return (
+        f"holds another study: {'; '.join(told[:3]) or 'its cells are named otherwise'}; take another folder"
+    )
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:

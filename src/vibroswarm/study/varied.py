@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 import numpy as np
 
@@ -136,8 +136,7 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
             found[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
             found |= {
-                k: v
-                for k, v in _fields({f"{key}.{k}": v for k, v in value.items()}, name, may_have).items()
+                k: v for k, v in _fields({f"{key}.{k}": v for k, v in value.items()}, name, may_have).items()
             }
         else:
             last = key.rpartition(".")[2]
@@ -189,10 +188,7 @@ def _bounds(given: Any, name: str) -> tuple[float, float, str, bool]:
     for key in given:
         if key not in _RANGE:
             raise InputError(f"there is no such part of a range{nearest(key, _RANGE)}", field=f"{name}.{key}")
-    low, high = given.get("from"), given.get("to")
-    for key, value in (("from", low), ("to", high)):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{value!r} is no number", field=f"{name}.{key}")
+    low, high = _number(given.get("from"), f"{name}.from"), _number(given.get("to"), f"{name}.to")
     if not low < high:
         raise InputError(f"{low} is not below {high}", field=f"{name}.from")
     scale = given.get("scale", "linear")
@@ -204,7 +200,13 @@ def _bounds(given: Any, name: str) -> tuple[float, float, str, bool]:
     return low, high, scale, whole
 
 
-def _is_whole(value: Any) -> bool:
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{value!r} is no number", field=name)
+    return value
+
+
+def _is_whole(value: Any) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 

@@ -12,8 +12,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.sampling import WALK as OF_WALK
+from vibroswarm.analysis.sampling import walk_figures
+from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import INFERENCE, infer
 from vibroswarm.motion.contract import MOTION, source
 from vibroswarm.observation.model import OBSERVATIONS, observe
@@ -23,7 +27,15 @@ from vibroswarm.simulation import floors_of, result_of, simulate, versions
 from vibroswarm.study.plan import Group
 from vibroswarm.study.spec import Study
 
-ROWS: Final[dict[str, Any]] = {"cell": pl.UInt32, **ROBOTS, **{k: v for k, v in RUNS.items() if k != "run"}}
+WALK: Final = {name: kind for name, kind in OF_WALK.items() if name not in ("run", "samples")}
+"""How the robots of the run sampled, see ``analysis.sampling``."""
+
+ROWS: Final[dict[str, Any]] = {
+    "cell": pl.UInt32,
+    **ROBOTS,
+    **{k: v for k, v in RUNS.items() if k != "run"},
+    **WALK,
+}
 """One row a cell, run and robot, in this order: the robot's columns, then those of its run."""
 
 SAMPLES: Final[dict[str, Any]] = {
@@ -93,7 +105,9 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
         Cancelled: ``cancelled`` said so between two parts.
     """
     first = _scenario(work.observed[0][0][0])
-    a_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0)
+    a_run = max(
+        first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0
+    )
     step = max(int(ROWS_AT_A_TIME / a_run), 1)
     parts: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
     for low in range(work.first, work.last, step):
@@ -102,7 +116,9 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
         for name, frames in _part(work, range(low, min(low + step, work.last))).items():
             parts[name] += frames
     orders = {"robots": ["cell", "run", "robot"], "samples": ["cell", "run", "time_s", "robot"]}
-    tables = {name: pl.concat(frames).sort(orders[name], maintain_order=True) for name, frames in parts.items()}
+    tables = {
+        name: pl.concat(frames).sort(orders[name], maintain_order=True) for name, frames in parts.items()
+    }
     files = {name: _parquet(table, work) for name, table in tables.items()}
     return Done(work, files, tables["robots"].height, versions())
 
@@ -110,39 +126,49 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
 def _part(work: Work, runs: range) -> dict[str, list[pl.DataFrame]]:
     """The rows of some runs, table by table, cell by cell."""
     frames: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
-    for cells, result in _results(work, runs):
-        of_run = result.runs.drop("run").select(pl.all().repeat_by(result.scenario.swarm.robots).explode())
-        rows = pl.concat([result.robots, of_run], how="horizontal")
+    for cells, result, walk in _results(work, runs):
+        of_run = result.runs.join(walk, on="run", how="left", maintain_order="left").drop("run", "samples")
+        each = np.repeat(np.arange(result.runs.height), result.scenario.swarm.robots)
+        rows = pl.concat([result.robots, of_run[each]], how="horizontal")
         for cell in cells:
             frames["robots"].append(_of_cell(rows, cell, ROWS))
             if "samples" in frames:
                 shown = pl.concat(
-                    [result.motion, *(t.drop("run", "robot", "sample") for t in (result.observations, result.inference))],
+                    [
+                        result.motion,
+                        *(t.drop("run", "robot", "sample") for t in (result.observations, result.inference)),
+                    ],
                     how="horizontal",
                 )
                 frames["samples"].append(_of_cell(shown, cell, SAMPLES))
     return frames
 
 
-def _results(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], Result]]:
+def _results(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], Result, pl.DataFrame]]:
     """What became of these runs in each of the cells; equal cells together, motion and observations made once."""
     first, energies = _scenario(work.observed[0][0][0]), "samples" in work.keep
     if first.run.stop == "all_decided":
         ((text, cells),) = work.observed[0]
-        yield cells, simulate(_scenario(text), work.seed, runs, motion=work.motion, energies=energies)
+        result = simulate(_scenario(text), work.seed, runs, motion=work.motion, energies=energies)
+        yield cells, result, _walk(result.motion, result.observations, result.floor(runs[0]))
         return
     motion = source(work.motion).batch(first, work.seed, runs, False)
     for inferences in work.observed:
         seen = _scenario(inferences[0][0])
         floors = floors_of(seen, work.seed, runs)
         observations = observe(seen, work.seed, motion.samples, floors, energies=energies)
+        walk = _walk(motion.samples, observations, floors[runs[0]])
         for text, cells in inferences:
             scenario = _scenario(text)
             inference, finals = infer(scenario, work.seed, motion, observations)
-            yield (
-                cells,
-                result_of(scenario, work.seed, floors, motion, observations, inference, finals, work.motion),
+            result = result_of(
+                scenario, work.seed, floors, motion, observations, inference, finals, work.motion
             )
+            yield cells, result, walk
+
+
+def _walk(samples: pl.DataFrame, observations: pl.DataFrame, floor: Floor) -> pl.DataFrame:
+    return walk_figures(samples, observations, floor.tiles.size)
 
 
 def _of_cell(rows: pl.DataFrame, cell: int, schema: dict[str, Any]) -> pl.DataFrame:

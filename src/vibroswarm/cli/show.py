@@ -1,0 +1,92 @@
+"""``vibroswarm show``: what a study's folder holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vibroswarm.study.store import Store
+
+
+def add_parser(commands: Any) -> None:
+    """Make the command known."""
+    parser = commands.add_parser(
+        "show",
+        help="tell what a study's folder holds",
+        description="Tell what a study's folder holds: its study, how much is done, what is damaged or failed.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="the folder of a study")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.set_defaults(run=run, parser=parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Open the store, check its shards, tell."""
+    from vibroswarm.study.store import Store
+
+    about = told(Store.open(arguments.folder))
+    print(json.dumps(about, indent=2) if arguments.json else _words(about))
+    return 0
+
+
+def told(store: Store) -> dict[str, Any]:
+    """What is there, in plain values."""
+    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.result import StudyResult
+
+    study, plan = store.study, plan_of(store.study)
+    cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
+    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
+    return {
+        "folder": str(store.folder),
+        "name": study.name,
+        "study_hash": study.hash,
+        "seed": study.seed,
+        "varied": study.varied,
+        "cells": len(study.cells),
+        "motion_groups": len(plan.groups),
+        "runs_wanted": int(cells["wanted"].sum()),
+        "runs_there": int(cells["there"].sum()),
+        "runs_each": study.runs,
+        "until": None if study.until is None else study.until.as_values(),
+        "shards": len(store.shards),
+        "bytes": size,
+        "keeps": ["robots and runs", *study.keep],
+        "damaged": store.damaged,
+        "failed_batches": store.failures,
+        "left_over_files": store.left_over,
+        "made_by": store.made_by,
+    }
+
+
+def _words(about: dict[str, Any]) -> str:
+    wanted, there = about["runs_wanted"], about["runs_there"]
+    each = (
+        f"{about['runs_each']:,} each"
+        if about["runs_each"]
+        else f"until {about['until']['figure']} is known to {about['until']['until']}"
+    )
+    name = f"{about['name'] or 'A study'} in {about['folder']}"
+    lines = [
+        f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
+        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
+        f"Done: {there:,} of {wanted:,} runs ({100 * there / max(wanted, 1):.4g} %), in {about['shards']} shards, "
+        f"{about['bytes'] / 1e6:.1f} MB; kept: {', '.join(about['keeps'])}.",
+    ]
+    lines += [f"Damaged, and to be made again: {words}" for words in about["damaged"]]
+    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in about["failed_batches"]]
+    if about["left_over_files"]:
+        lines.append(f"{about['left_over_files']} files of writers that were killed; they count for nothing.")
+    for made in about["made_by"]:
+        lines.append(
+            f"Made by vibroswarm {made['vibroswarm']} (code {made['code']}) on {made['architecture']}."
+        )
+    if len(about["made_by"]) > 1:
+        lines.append("Different versions made parts of it; as a whole it may not be repeatable.")
+    if there < wanted:
+        lines.append(f"To go on: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+    return "\n".join(lines)

@@ -1,0 +1,200 @@
+"""What ``evaluate``, ``sweep``, ``merge`` and ``show`` share: options, the plan in words, the run, the table."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibroswarm.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from vibroswarm.study.result import StudyResult
+    from vibroswarm.study.runner import Share
+    from vibroswarm.study.spec import Study
+
+STYLES = ("column", "page", "slide")
+
+
+def add_running_options(parser: argparse.ArgumentParser) -> None:
+    """Options that say who does the work."""
+    how = parser.add_argument_group("who does the work")
+    how.add_argument("--workers", metavar="N", help="threads or processes (default: all processors)")
+    how.add_argument(
+        "--executor", metavar="WHERE", default="threads",
+        help="threads (default), processes, dask://HOST:PORT, or a Dask scheduler file",
+    )  # fmt: skip
+    how.add_argument("--shard", metavar="K/N", help="do only share K of N; 'vibroswarm merge' joins them")
+    how.add_argument(
+        "--batch", metavar="G:A-B", help="do only this batch, in this process (as failures are told)"
+    )
+    how.add_argument(
+        "--mixed", action="store_true", help="go on where other versions began; the report says so"
+    )
+
+
+def add_outcome_options(parser: argparse.ArgumentParser) -> None:
+    """Options that say what is shown."""
+    what = parser.add_argument_group("what is shown")
+    what.add_argument(
+        "--json", action="store_true", help="give the figures as JSON, and nothing else, on stdout"
+    )
+    what.add_argument(
+        "--style", metavar="NAME", default="column", help=f"of pictures: {', '.join(STYLES)} (default column)"
+    )
+    what.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
+    what.add_argument(
+        "--no-confirm", action="store_true",
+        help="do not make comparisons a second time, on other seeds (up to 1000 runs more)",
+    )  # fmt: skip
+
+
+def check_outcome_options(arguments: argparse.Namespace) -> None:
+    """Refuse what is wrong before hours of work."""
+    from vibroswarm.errors import nearest
+
+    if arguments.style not in STYLES:
+        raise InputError(
+            f"there is no style '{arguments.style}'{nearest(arguments.style, STYLES)}", field="--style"
+        )
+
+
+def do_study(study: Study, arguments: argparse.Namespace) -> int:
+    """Plan, run, sum up, draw, say."""
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.study.runner import Share, run_batch
+
+    check_outcome_options(arguments)
+    share = None if arguments.shard is None else Share.from_words(arguments.shard)
+    workers = None if arguments.workers is None else whole_number(arguments.workers, "--workers")
+    if (share or arguments.batch) and arguments.out is None:
+        raise InputError("needs --out DIR, where its runs are kept", field="--shard" if share else "--batch")
+    if arguments.batch is not None:
+        store = run_batch(study, arguments.out, arguments.batch)
+        print(f"Batch {arguments.batch} is done and kept in {store.folder}.")
+        return 0
+    result = _run(study, arguments, workers, share)
+    if share is not None:
+        _say_share(result, share)
+        return 0
+    second = None if arguments.no_confirm else _second_block(result, arguments, workers)
+    return say_outcome(result, second, arguments)
+
+
+def _run(
+    study: Study, arguments: argparse.Namespace, workers: int | None, share: Share | None
+) -> StudyResult:
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.study.result import run
+
+    say_plan(study, arguments.out, share)
+    with study_progress("simulating", workers) as tell:
+        return run(
+            study,
+            arguments.out,
+            executor=arguments.executor,
+            workers=workers,
+            share=share,
+            mixed=arguments.mixed,
+            tell=tell,
+        )
+
+
+def _second_block(
+    result: StudyResult, arguments: argparse.Namespace, workers: int | None
+) -> StudyResult | None:
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.study.compare import pairs_of, second_block
+
+    if not pairs_of(result.study):
+        return None
+    with study_progress("again, on other seeds", workers) as tell:
+        return second_block(
+            result, executor=arguments.executor, workers=workers, mixed=arguments.mixed, tell=tell
+        )
+
+
+def say_plan(study: Study, out: Path | None, share: Share | None) -> None:
+    """What will be done and how long it may take, on stderr."""
+    from vibroswarm.cli.progress import say_compiling
+    from vibroswarm.study.expected import expected
+    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.store import Store
+
+    plan = plan_of(study)
+    cells, groups = len(study.cells), len(plan.groups)
+    runs = f"{study.runs:,}" if study.runs else "100 or more"
+    shared = (
+        f"moved {times(groups)} a run, observed {times(plan.observations)}, decided {times(plan.inferences)}"
+    )
+    words = f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; {shared}"
+    print(words, file=sys.stderr)
+    store = Store.open(out) if out is not None and (out / "study.json").is_file() else Store(Path(), study)
+    if store.study.hash != study.hash:
+        return  # the run itself says what is wrong
+    say_compiling()
+    left = expected(store, plan)
+    if left.runs == 0:
+        print("All of it is there already.", file=sys.stderr)
+        return
+    part = f" (this share: a part in {share.of})" if share else ""
+    words = f"{left.runs:,} runs of motion to do, about {duration(left.core_s)} of one core{part}"
+    print(f"{words} (from {left.tried} trial runs)", file=sys.stderr, flush=True)
+
+
+def times(count: int) -> str:
+    """once, twice, 3 times."""
+    return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
+
+
+def duration(seconds: float) -> str:
+    """In words that fit: 0.4 s, 25 s, 12 min, 3.5 h."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _say_share(result: StudyResult, share: Share) -> None:
+    cells = result.cells
+    there, wanted = int(cells["there"].sum()), int(cells["wanted"].sum())
+    where = result.store.folder
+    print(
+        f"Share {share.number} of {share.of} is done and kept in {where}: {there:,} of {wanted:,} runs there."
+    )
+    print("When all shares are done: vibroswarm merge OUT SHARE-FOLDER ...")
+
+
+def say_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
+    """Sum up; keep numbers, pictures and report where there is a folder; say the table."""
+    from vibroswarm.study.outcome import outcome_of, write_outcome
+
+    outcome = outcome_of(result, second)
+    if arguments.out is not None:
+        write_outcome(outcome, arguments.out, style=arguments.style, pictures=not arguments.no_pictures)
+    if arguments.json:
+        print(json.dumps(outcome.as_dict(), indent=2, allow_nan=False))
+    else:
+        from vibroswarm.cli.tables import say_tables
+
+        say_tables(outcome)
+        _say_where(arguments)
+    sys.stdout.flush()
+    return 0
+
+
+def _say_where(arguments: argparse.Namespace) -> None:
+    if arguments.out is None:
+        print("Nothing was kept; --out DIR keeps runs, numbers, pictures and a report.")
+        return
+    print(f"Kept in {arguments.out}: summary.csv, comparisons.csv, the runs (shards).")
+    with suppress(OSError):
+        if not arguments.no_pictures:
+            print(f"See it: open {(arguments.out / 'report.html').resolve()} in a browser.")
+
+
+__all__ = ["RunError", "add_outcome_options", "add_running_options", "do_study", "say_outcome", "say_plan"]

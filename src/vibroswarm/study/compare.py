@@ -1,0 +1,145 @@
+"""Cells compared in pairs, run by run, and once more on a second block of seeds.
+
+Each cell is compared with the one that differs from it in one field only, whose value there is the first: strategies
+with the first strategy, robots with the first number of robots. The p-values are corrected over all comparisons of a
+study.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.study.result import StudyResult, run
+from vibroswarm.study.runner import Tell
+from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.varied import LABEL
+
+SECOND: Final = "second-block"
+MOST_AGAIN: Final = 1000
+"""Runs of the second block, at most: it has to bear out a difference, not to measure it."""
+MOST_VALUES: Final = 8
+"""A field with more values is a curve, and is not compared value by value."""
+MOST_PAIRS: Final = 200
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One figure of two cells, with the second block where there is one."""
+
+    cell: Cell
+    reference: Cell
+    field: str
+    first: Paired
+    again: Confirmation | None
+
+    def as_row(self) -> dict[str, Any]:
+        """Flat, for a table."""
+        row = {
+            "cell": self.cell.number,
+            "name": self.cell.name,
+            "reference": self.reference.name,
+            "field": self.field,
+        }
+        row |= self.first.as_row()
+        if self.again is not None:
+            again = {
+                f"again_{k}": v for k, v in self.again.second.as_row().items() if k.startswith("difference")
+            }
+            row |= {**again, "again_pairs": self.again.second.pairs, "confirmed": self.again.confirmed}
+            row["says"] = self.again.says
+        return row
+
+
+def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
+    """Cells with their references, and the field in which they differ; none where too many fields have many values."""
+    by_point = {_key(cell.point): cell for cell in study.cells}
+    pairs = []
+    for name in [LABEL] if LABEL in study.varied else study.varied:
+        values = list(dict.fromkeys(repr(cell.point.get(name)) for cell in study.cells))
+        if len(values) > MOST_VALUES:
+            continue
+        if name == LABEL:
+            pairs += [(cell, study.cells[0], name) for cell in study.cells[1:]]
+            continue
+        first = study.cells[0].point.get(name)
+        for cell in study.cells:
+            reference = by_point.get(_key(cell.point | {name: first}))
+            if reference is not None and reference.number != cell.number:
+                pairs.append((cell, reference, name))
+    return pairs if len(pairs) <= MOST_PAIRS else []
+
+
+def second_seed(seed: int) -> int:
+    """The seed of the second block."""
+    return int.from_bytes(hashlib.sha256(f"second block of {seed}".encode()).digest()[:7])
+
+
+def second_block(
+    result: StudyResult,
+    *,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+    mixed: bool = False,
+    tell: Tell | None = None,
+) -> StudyResult:
+    """The study on other seeds: fresh motion, fresh floors, fresh noise; kept inside the study's folder."""
+    runs = min(min(result.runs_of(cell) for cell in result.selected), MOST_AGAIN)
+    study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
+    folder: Path = result.store.folder / SECOND
+    again = run(study, folder, executor=executor, workers=workers, mixed=mixed, tell=tell)
+    return replace(again, selected=result.selected)
+
+
+def comparisons(result: StudyResult, again: StudyResult | None = None) -> list[Compared]:
+    """All pairs of the selected cells in all figures."""
+    pairs = [p for p in pairs_of(result.study) if {p[0].number, p[1].number} <= set(result.selected)]
+    if not pairs:
+        return []
+    first, second = _Figures(result), None if again is None else _Figures(again)
+    found = []
+    for cell, reference, name in pairs:
+        blocks = [
+            compare(of(cell), of(reference), tuple(FIGURES)) for of in (first, second) if of is not None
+        ]
+        for k, paired in enumerate(blocks[0]):
+            found.append((cell, reference, name, paired, blocks[1][k] if second is not None else None))
+    corrected = holm([paired.p_value for *_, paired, _ in found])
+    return [_compared(*entry, p) for entry, p in zip(found, corrected, strict=True)]
+
+
+def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
+    """One row a pair of cells and figure."""
+    return pl.DataFrame([one.as_row() for one in compared], infer_schema_length=None)
+
+
+def _compared(
+    cell: Cell, reference: Cell, name: str, paired: Paired, again: Paired | None, p: float
+) -> Compared:
+    paired = replace(paired, p_holm=p)
+    return Compared(cell, reference, name, paired, None if again is None else confirmed(paired, again))
+
+
+class _Figures:
+    """The figures of runs by cell, each computed once."""
+
+    def __init__(self, result: StudyResult) -> None:
+        self.result, self.found = result, dict[int, pl.DataFrame]()
+
+    def __call__(self, cell: Cell) -> pl.DataFrame:
+        if cell.number not in self.found:
+            robots, runs = self.result.tables(cell.number)
+            self.found[cell.number] = run_figures(robots, runs, cell.scenario.run.t_end_s)
+        return self.found[cell.number]
+
+
+def _key(point: dict[str, Any]) -> str:
+    return repr(sorted((k, repr(v)) for k, v in point.items()))

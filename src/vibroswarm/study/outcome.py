@@ -1,0 +1,157 @@
+"""What a study says: the figures of its cells with intervals, the comparisons, the warnings; numbers first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.decidability import Decidability, decidability
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.swarm import CellSummary, summary
+from vibroswarm.files import whole_file
+from vibroswarm.study.compare import Compared, comparison_table, comparisons
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import Cell
+
+WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
+"""Figures of a run's walk that the store keeps."""
+
+
+@dataclass(frozen=True)
+class CellOutcome:
+    """A cell with its figures; times in s, lengths in m."""
+
+    cell: Cell
+    summary: CellSummary
+    walk: dict[str, Any]
+    """Means over runs, with ``_low`` and ``_high``."""
+    decidable: Decidability
+
+    def as_row(self) -> dict[str, Any]:
+        """Flat, for a table."""
+        return {**self.summary.as_row(), **self.walk}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a study says."""
+
+    result: StudyResult
+    again: StudyResult | None
+    cells: tuple[CellOutcome, ...]
+    comparisons: tuple[Compared, ...]
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """One row a cell: what is varied, then all figures with their limits."""
+        varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
+        figures = pl.DataFrame([one.as_row() for one in self.cells], infer_schema_length=None)
+        return varied.hstack(figures)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader must know before believing a number."""
+        found = list(dict.fromkeys(
+            f"{_floor_words(one)}: {one.decidable.words}" for one in self.cells if one.decidable.verdict != "decidable"
+        ))  # fmt: skip
+        store = self.result.store
+        cells = self.result.cells
+        lost = int((cells["wanted"] - cells["there"]).sum())
+        if lost:
+            found.append(
+                f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing and in no figure; say the same again."
+            )
+        found += [f"a damaged shard was left out: {words}" for words in store.damaged]
+        if len(store.made_by) > 1:
+            found.append(
+                "runs were made by different versions of the software; they may not be repeatable as a whole."
+            )
+        until = self.result.study.until
+        if until is not None and any(one.summary.runs >= until.max_runs for one in self.cells):
+            found.append(
+                f"the precision asked for was not reached within {until.max_runs:,} runs in some cells."
+            )
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        study = self.result.study
+        return {
+            "study_hash": study.hash,
+            "name": study.name,
+            "seed": study.seed,
+            "cells": [
+                {
+                    "cell": one.cell.number,
+                    "name": one.cell.name,
+                    "varied": one.cell.point,
+                    "scenario_hash": one.cell.scenario.hash,
+                    **one.summary.as_dict(),
+                    "walk": one.walk,
+                    "decidability": one.decidable.as_dict(),
+                }
+                for one in self.cells
+            ],
+            "comparisons": [one.as_row() for one in self.comparisons],
+            "second_block_seed": None if self.again is None else self.again.study.seed,
+            "warnings": self.warnings,
+            "versions": self.result.store.made_by,
+        }
+
+
+def outcome_of(result: StudyResult, again: StudyResult | None = None) -> Outcome:
+    """Sum a study up, a cell at a time in memory.
+
+    Args:
+        again: the second block of seeds, see ``compare``.
+    """
+    cells = []
+    for number in result.selected:
+        cell = result.study.cells[number]
+        robots, runs = result.tables(number)
+        cells.append(
+            CellOutcome(
+                cell,
+                summary(robots, runs, cell.scenario.run.t_end_s),
+                _walk(runs),
+                decidability(cell.scenario),
+            )
+        )
+    return Outcome(result, again, tuple(cells), tuple(comparisons(result, again)))
+
+
+def _walk(runs: pl.DataFrame) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in WALK:
+        values = runs[name].drop_nulls().to_numpy()
+        values = values[[math.isfinite(value) for value in values]] if name == "effective_samples" else values
+        interval = mean_interval(values)
+        for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
+            found[f"{name}{end}"] = value if math.isfinite(value) else None
+    return found
+
+
+def _floor_words(one: CellOutcome) -> str:
+    floor = one.cell.scenario.floor
+    return f"floor {floor.source}, threshold {one.cell.scenario.sensor.rms_threshold:g}"
+
+
+def write_outcome(outcome: Outcome, folder: Path, *, style: str = "column", pictures: bool = True) -> None:
+    """Write ``summary.csv``, ``comparisons.csv`` and, if wanted, pictures and ``report.html`` into a study's folder."""
+    tables = {"summary": outcome.table}
+    if outcome.comparisons:
+        tables["comparisons"] = comparison_table(outcome.comparisons)
+    for name, table in tables.items():
+        with whole_file(folder / f"{name}.csv") as part:
+            table.write_csv(part)
+        with whole_file(folder / f"{name}.parquet") as part:
+            table.write_parquet(part)
+    if pictures:
+        from vibroswarm.study.report import write_pictures_and_report
+
+        write_pictures_and_report(outcome, folder, style)
