@@ -1,0 +1,221 @@
+"""How a swarm samples: how far apart, how often, how evenly, and how many independent samples that is worth.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| samples of a run on tiles | n | - | those off all tiles count in no figure of evenness |
+| share of a run's samples on tile t | w_t | - | sum over t is 1 |
+| tiles | N | - | |
+| fill ratio | f | - | |
+| false positive, false negative | a, b | - | a still tile reads as 1, a vibrating one as 0 |
+| share of ones expected | q | - | f (1 - b) + (1 - f) a |
+| share of ones of a run | O | - | over its samples |
+| effective samples, over runs | n_eff | - | q (1 - q) / Var(O), over runs with floors drawn anew |
+| effective samples, of visits | n_v | - | (N - 1) / (N sum w_t^2 - 1) |
+
+**Effective samples.** n samples at independent, uniformly random places of a floor drawn anew have
+Var(O) = q (1 - q) / n; n_eff is the n that would give the variance seen. It can be had from one run's visits too:
+for floors with exactly f N vibrating tiles thrown at random, and given the visits w,
+
+    Var(O | w) = (1 - a - b)^2 f (1 - f) / n_v + [f b (1 - b) + (1 - f) a (1 - a)] / n,
+
+exactly: the first part is the luck of the floor under the visits (draws without replacement), the second the sensor's.
+n_v is 1 / sum w_t^2 (as many tiles as are looked at equally) with the finite number of tiles taken in. It is n on
+average for n independent uniform places (1 / n_v has mean 1 / n), less where a robot's next sample falls near its last,
+more where tiles are visited more evenly than by chance, and infinite when all are visited equally often: then a
+perfect sensor knows the fill ratio. With the places' n_v and the sensor's n, q (1 - q) / Var(O | w) is n_eff.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from vibroswarm.analysis.intervals import Interval, check_level, finite, undefined
+from vibroswarm.errors import InputError
+from vibroswarm.result import Result
+
+WALK: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "samples": pl.UInt32,
+    "avoid_per_sample_s": pl.Float64,
+    "distance_m": pl.Float64,
+    "spacing_s": pl.Float64,
+    "ones": pl.Float64,
+    "effective_samples": pl.Float64,
+}
+"""Columns of ``walk_figures``."""
+
+_TABLE_PER_SAMPLE: Final = 4
+"""Visits are counted in a table of runs by tiles while that has at most so many fields a sample."""
+
+
+def walk_figures(
+    motion_samples: pl.DataFrame, observations: pl.DataFrame, tiles: int | None = None
+) -> pl.DataFrame:
+    """One row a run of how its robots sampled; a run in which nobody sampled has none.
+
+    Args:
+        motion_samples, observations: tables of a result, with the same rows.
+        tiles: tiles in the arena, the N above. Without it each run takes one more than the highest tile index that
+            it visited, which is N unless the last tile was never sampled.
+    Returns: run, samples, avoid_per_sample_s (null where the source cannot know it), distance_m and spacing_s (mean
+        over consecutive samples of a robot; null where no robot has two), ones (share of all samples),
+        effective_samples (n_v of the module's head; null without samples on tiles, infinite at equal visits).
+    Raises:
+        ValueError: the two tables have not the same number of rows.
+    """
+    if motion_samples.height != observations.height:
+        raise ValueError("motion and observations have not the same rows")
+    if motion_samples.is_empty():
+        return pl.DataFrame(schema=WALK)
+    runs, first, count = _runs(motion_samples)
+    before, after = _consecutive(motion_samples, first, count)
+    x, y, t = (motion_samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
+    per_step = _mean_of_steps(after, first)
+    distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
+    avoid = motion_samples["avoid_s"].cast(pl.Float64).fill_null(np.nan).to_numpy()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        table = {
+            "run": runs,
+            "samples": count,
+            "avoid_per_sample_s": _mean_of_known(avoid, first),
+            "distance_m": per_step(distance),
+            "spacing_s": per_step(t[after] - t[before]),
+            "ones": np.add.reduceat(observations["observation"].to_numpy(), first, dtype=np.int64) / count,
+            "effective_samples": _effective(observations["tile"].to_numpy(), first, count, tiles),
+        }
+    return pl.DataFrame(table).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
+
+
+def walk_figures_of(result: Result) -> pl.DataFrame:
+    """``walk_figures`` of a result, whose floors say how many tiles there are."""
+    sizes = result.floors.select(tiles=pl.col("rows") * pl.col("columns"))["tiles"].unique()
+    tiles = int(sizes[0]) if sizes.len() == 1 else None
+    return walk_figures(result.motion, result.observations, tiles)
+
+
+def _runs(samples: pl.DataFrame) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
+    """The runs of a table sorted by run, where each begins, and how many rows it has."""
+    run = samples["run"].to_numpy()
+    first = np.flatnonzero(np.append(True, run[1:] != run[:-1]))
+    return run[first], first, np.diff(np.append(first, run.size))
+
+
+def _consecutive(
+    samples: pl.DataFrame, first: NDArray[np.int64], count: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of each sample and of the same robot's next, both of shape (pairs,), ordered by run and robot.
+
+    Rows are brought together by robot with a sort on 16 bits (which costs little) of rows that are sorted by run and
+    time already.
+    """
+    robot = samples["robot"].to_numpy()
+    robots = int(robot.max()) + 1
+    group = np.repeat(np.arange(first.size) * robots, count) + robot
+    if first.size * robots < 2**16:
+        group = group.astype(np.uint16)
+    order = np.argsort(group, kind="stable")
+    sorted_group = group[order]
+    same = sorted_group[1:] == sorted_group[:-1]
+    return order[:-1][same], order[1:][same]
+
+
+def _mean_of_steps(
+    after: NDArray[np.int64], first: NDArray[np.int64]
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Means over the steps of each run, from values in the order of ``_consecutive``; nan without steps."""
+    # Rows of a run stay together there, so the smallest row of a run's steps or of a later one tells where it ends.
+    bounds = np.searchsorted(np.maximum.accumulate(after), np.append(first, after.max(initial=0) + 1))
+    steps = np.diff(bounds)
+
+    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        # Summed run by run, so that no figure depends on the runs beside it.
+        total = np.add.reduceat(np.append(values, 0.0), bounds[:-1])
+        return np.asarray(np.where(steps > 0, total, np.nan) / steps)
+
+    return mean
+
+
+def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Mean of each run's values that are numbers, shape (runs,)."""
+    known = ~np.isnan(values)
+    if known.all():
+        return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, values.size)))
+    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    return np.asarray(total / np.add.reduceat(known.astype(np.int64), first))
+
+
+def _effective(
+    tile: NDArray[np.int32], first: NDArray[np.int64], count: NDArray[np.int64], tiles: int | None
+) -> NDArray[np.float64]:
+    """n_v of each run, shape (runs,)."""
+    run_count, width = first.size, int(tile.max(initial=0)) + 1
+    key = np.repeat(np.arange(run_count) * width, count) + tile
+    if tile.min(initial=0) < 0:
+        key = key[tile >= 0]
+    if run_count * width <= _TABLE_PER_SAMPLE * key.size + 4096:
+        visits = np.bincount(key, minlength=run_count * width).reshape(run_count, width).astype(np.float64)
+        squares, on_tiles = (visits * visits).sum(axis=1), visits.sum(axis=1)
+        highest = width - 1 - np.argmax(visits[:, ::-1] > 0, axis=1)
+    else:
+        keys, times = np.unique(key, return_counts=True)
+        of_key, weights = keys // width, times.astype(np.float64)
+        squares = np.bincount(of_key, weights**2, run_count)
+        on_tiles = np.bincount(of_key, weights, run_count)
+        highest = np.zeros(run_count, dtype=np.int64)
+        highest[of_key] = keys % width  # sorted, so that the highest of a run is written last
+    if tiles is None:
+        return effective_samples(squares / on_tiles**2, highest + 1)
+    if tiles < width:
+        raise InputError(f"{tiles} tiles, but tile {width - 1} was sampled", field="tiles")
+    return effective_samples(squares / on_tiles**2, tiles)
+
+
+def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
+    """n_v from sum w_t^2 and the number of tiles, shape as they broadcast; nan for a floor of one tile."""
+    s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
+    excess = number * s - 1.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worth = (number - 1.0) / np.where(np.abs(excess) < 1e-12, 0.0, excess)
+    return np.asarray(np.where(np.isnan(s), np.nan, worth))
+
+
+def effective_with_sensor(
+    samples: ArrayLike,
+    effective_visits: ArrayLike,
+    fill_ratio: float,
+    false_positive: float,
+    false_negative: float,
+) -> NDArray[np.float64]:
+    """q (1 - q) / Var(O | w): n_eff of runs with these samples and n_v, the sensor's errors taken in."""
+    n, visits = np.asarray(samples, dtype=np.float64), np.asarray(effective_visits, dtype=np.float64)
+    f, a, b = fill_ratio, false_positive, false_negative
+    q = f * (1 - b) + (1 - f) * a
+    with np.errstate(invalid="ignore", divide="ignore"):
+        of_floor = (1 - a - b) ** 2 * f * (1 - f) / visits
+        of_sensor = (f * b * (1 - b) + (1 - f) * a * (1 - a)) / n
+        return np.asarray(q * (1 - q) / (of_floor + of_sensor))
+
+
+def effective_over_runs(ones: ArrayLike, level: float = 0.95) -> Interval:
+    """n_eff from the share of ones of each run, on floors drawn anew: q (1 - q) / Var(O), q their mean.
+
+    Limits from chi-square, as a share of many samples is near normal. Over runs on one fixed floor the variance
+    lacks the floor's luck, and this is no such number.
+    """
+    check_level(level)
+    shares = finite(ones)
+    n = int(shares.size)
+    variance = float(shares.var(ddof=1)) if n > 1 else 0.0
+    if variance <= 0.0:
+        return undefined(level, n, "chi-square")
+    worth = float(shares.mean() * (1.0 - shares.mean())) / variance
+    low, high = (
+        worth * float(stats.chi2.ppf(p, n - 1)) / (n - 1) for p in (0.5 - level / 2, 0.5 + level / 2)
+    )
+    return Interval(worth, low, high, level, n, "chi-square")

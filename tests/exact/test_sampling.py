@@ -1,0 +1,267 @@
+"""How swarms sample: by hand, against plain loops, and effective samples against what runs really vary by."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.correlation import correlogram, lag_one, packet_loss
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.sampling import (
+    WALK,
+    effective_over_runs,
+    effective_samples,
+    effective_with_sensor,
+    walk_figures,
+    walk_figures_of,
+)
+from vibroswarm.errors import InputError
+from vibroswarm.motion.contract import MOTION
+from vibroswarm.observation.model import OBSERVATIONS, error_rates
+from vibroswarm.presets import preset
+from vibroswarm.result import Result
+from vibroswarm.simulation import simulate
+
+
+@pytest.fixture(scope="module")
+def paper() -> Result:
+    return simulate(preset("paper"), 11, 250, energies=False)
+
+
+def tables(
+    rows: list[tuple[int, int, float, float, float, float | None, int, int]],
+) -> tuple[pl.DataFrame, ...]:
+    """From (run, robot, time, x, y, avoid, tile, bit), sorted by run and time."""
+    seen: dict[tuple[int, int], int] = {}
+    motion, observations = [], []
+    for run, robot, t, x, y, avoid, tile, bit in rows:
+        sample = seen.setdefault((run, robot), 0)
+        seen[run, robot] += 1
+        motion.append((run, robot, sample, t - 1, t, x, y, 0.0, 1.0, 0.0, avoid, 1.0))
+        observations.append((run, robot, sample, tile, None, bit))
+    return (
+        pl.DataFrame(motion, schema=MOTION, orient="row"),
+        pl.DataFrame(observations, schema=OBSERVATIONS, orient="row"),
+    )
+
+
+def test_by_hand() -> None:
+    motion, observations = tables(
+        [
+            (0, 0, 5.0, 0.0, 0.0, 1.0, 0, 1),
+            (0, 1, 6.0, 0.5, 0.5, 0.0, 3, 0),
+            (0, 0, 9.0, 0.3, 0.4, 0.5, 3, 1),
+            (0, 1, 12.0, 0.5, 0.6, 0.5, 3, 0),
+            (2, 0, 5.0, 0.1, 0.1, None, -1, 1),
+        ]
+    )
+    first, second = walk_figures(motion, observations).to_dicts()
+    assert first["distance_m"] == pytest.approx((0.5 + 0.1) / 2)
+    assert first["spacing_s"] == 5.0
+    assert (first["avoid_per_sample_s"], first["ones"], first["samples"]) == (0.5, 0.5, 4)
+    assert first["effective_samples"] == pytest.approx(3 / (4 * (1 / 16 + 9 / 16) - 1))
+    assert second == {"run": 2, "samples": 1, "ones": 1.0} | dict.fromkeys(
+        ("avoid_per_sample_s", "distance_m", "spacing_s", "effective_samples")
+    )
+    wider = walk_figures(motion, observations, tiles=25)["effective_samples"][0]
+    assert wider == pytest.approx(24 / (25 * 10 / 16 - 1))
+    with pytest.raises(InputError, match="tile 3 was sampled"):
+        walk_figures(motion, observations, tiles=3)
+    with pytest.raises(ValueError, match="not the same rows"):
+        walk_figures(motion, observations.head(2))
+
+
+def test_no_samples_at_all() -> None:
+    empty = walk_figures(pl.DataFrame(schema=MOTION), pl.DataFrame(schema=OBSERVATIONS))
+    assert dict(empty.schema) == WALK
+    assert empty.height == 0
+
+
+def test_equal_visits_are_worth_infinitely_many_and_one_tile_nothing_known() -> None:
+    assert effective_samples(1 / 25, 25) == math.inf
+    assert effective_samples(1.0, 25) == 1.0  # always the same tile: one look
+    assert math.isnan(effective_samples(1.0, 1))
+
+
+rows = st.lists(
+    st.tuples(
+        st.integers(0, 3),
+        st.integers(0, 4),
+        st.integers(1, 50),
+        st.floats(0, 1),
+        st.floats(0, 1),
+        st.floats(0, 5, width=32),
+        st.integers(-1, 8),
+        st.integers(0, 1),
+    ),
+    max_size=60,
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(rows, st.sampled_from([9, 900, 10**6]))
+def test_as_plain_group_bys_have_it(drawn: list[tuple], tiles: int) -> None:
+    drawn = sorted(drawn, key=lambda row: (row[0], row[2], row[1]))
+    motion, observations = tables(drawn)
+    mine = walk_figures(motion, observations, tiles)
+    both = motion.with_columns(observations["tile", "observation"])
+    who = ["run", "robot"]
+    step = both.with_columns(
+        d=((pl.col("x_m") - pl.col("x_m").shift()) ** 2 + (pl.col("y_m") - pl.col("y_m").shift()) ** 2)
+        .sqrt()
+        .over(who),
+        dt=(pl.col("time_s") - pl.col("time_s").shift()).over(who),
+    )
+    theirs = step.group_by("run", maintain_order=True).agg(
+        samples=pl.len(),
+        avoid_per_sample_s=pl.col("avoid_s").cast(pl.Float64).mean(),
+        distance_m=pl.col("d").mean(),
+        spacing_s=pl.col("dt").mean(),
+        ones=pl.col("observation").cast(pl.Float64).mean(),
+    )
+    for name in theirs.columns:
+        a, b = mine[name].cast(pl.Float64).fill_null(-1), theirs[name].cast(pl.Float64).fill_null(-1)
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    on = both.filter(pl.col("tile") >= 0).group_by("run", "tile").len()
+    squares = {
+        r: float((v / v.sum()) @ (v / v.sum()))
+        for (r,), g in on.group_by("run")
+        for v in [g["len"].to_numpy()]
+    }
+    for run, effective in mine.select("run", "effective_samples").iter_rows():
+        assert (effective is None) == (run not in squares)
+        if effective is not None and math.isfinite(effective):
+            assert effective == pytest.approx((tiles - 1) / (tiles * squares[run] - 1))
+
+
+def test_independent_places_are_worth_what_they_are() -> None:
+    """1 / n_v is 1 / n on average, for few tiles and for many."""
+    random = generator(1, "places")
+    for tiles, n in ((25, 60), (400, 200)):
+        visits = random.multinomial(n, np.full(tiles, 1 / tiles), size=4000) / n
+        inverse = 1.0 / effective_samples((visits**2).sum(axis=1), tiles)
+        assert inverse.mean() * n == pytest.approx(1.0, abs=4 * inverse.std() * n / math.sqrt(4000))
+
+
+def test_the_variance_over_floors_is_as_the_equation_says() -> None:
+    """Given the visits, over 40,000 floors of exactly f N tiles; without the finite number of tiles it is not."""
+    random = generator(2, "floors")
+    visits = random.multinomial(80, random.dirichlet(np.full(25, 2.0)))
+    f, a, b = 12 / 25, 0.14, 0.2
+    floors = random.permuted(np.tile(np.r_[np.ones(12), np.zeros(13)], (40_000, 1)), axis=1)
+    ones = random.binomial(visits, np.where(floors == 1, 1 - b, a)).sum(axis=1) / 80
+    squares = float(((visits / 80) ** 2).sum())
+    q = f * (1 - b) + (1 - f) * a
+    seen = q * (1 - q) / ones.var()
+    worth = effective_samples(squares, 25)
+    assert float(effective_with_sensor(80, worth, f, a, b)) == pytest.approx(seen, rel=0.03)
+    assert abs(float(effective_with_sensor(80, 1 / squares, f, a, b)) / seen - 1) > 0.1
+
+
+def test_visits_and_runs_agree_on_the_paper(paper: Result) -> None:
+    """Two ways to the number of effective samples: one run's visits, and how the shares of runs vary."""
+    walk = walk_figures_of(paper)
+    rates = error_rates(paper.scenario.sensor)
+    fill = float(paper.runs["fill_ratio"][0])
+    of_visits = effective_with_sensor(
+        walk["samples"].to_numpy(), walk["effective_samples"].to_numpy(), fill, *rates
+    )
+    over_runs = effective_over_runs(walk["ones"].to_numpy(), level=0.99)
+    expected = 1 / np.mean(1 / of_visits)
+    assert over_runs.low < expected < over_runs.high
+    assert expected < 0.78 * walk["samples"].mean()  # neighbouring samples are alike
+    assert not over_runs.low < walk["samples"].mean() < over_runs.high
+    assert walk_figures(paper.motion, paper.observations).equals(walk)  # 25 tiles, all visited
+
+
+def test_effective_samples_over_runs_hold_the_truth() -> None:
+    random = generator(3, "shares")
+    held = [effective_over_runs(random.binomial(200, 0.4, 80) / 200) for _ in range(500)]
+    assert 0.92 <= np.mean([i.low <= 200 <= i.high for i in held]) <= 0.98
+    assert np.mean([i.low <= 300 <= i.high for i in held]) < 0.4
+    assert math.isnan(effective_over_runs([0.5]).estimate)
+
+
+def test_no_figure_depends_on_the_runs_beside_it(paper: Result) -> None:
+    whole = walk_figures(paper.motion, paper.observations)
+    for some in ([3], [0, 7, 8, 200]):
+        chosen = pl.col("run").is_in(some)
+        part = walk_figures(paper.motion.filter(chosen), paper.observations.filter(chosen))
+        assert part.equals(whole.filter(chosen))
+
+
+def test_it_costs_little(paper: Result) -> None:
+    times = []
+    for _ in range(7):
+        began = time.process_time()
+        walk_figures(paper.motion, paper.observations, 25)
+        times.append(time.process_time() - began)
+    assert min(times) / 250 < 0.2e-3  # measured: 0.026 ms a run
+
+
+def test_correlogram_by_plain_loops() -> None:
+    result = simulate(preset("paper").with_values({"run.t_end_s": 200.0}), 2, 3, energies=False)
+    frame = correlogram(result, [0.0, 0.1, 0.4, 3.0])
+    by_run = []
+    for run in range(3):
+        of_run = result.motion["run"] == run
+        x, y = (result.motion.filter(of_run)[name].to_numpy() for name in ("x_m", "y_m"))
+        o = result.observations.filter(of_run)["observation"].to_numpy().astype(float)
+        d = o - o.mean()
+        far = np.hypot(x[:, None] - x, y[:, None] - y)
+        both = np.outer(d, d)
+        upper = np.triu(np.ones_like(far, bool), 1)
+        by_run.append(
+            [
+                both[upper & (far >= a) & (far < b)].mean() / (d @ d / d.size)
+                for a, b in ((0, 0.1), (0.1, 0.4))
+            ]
+        )
+    np.testing.assert_allclose(frame["correlation"][:2], np.mean(by_run, axis=0), atol=1e-12)
+    n = result.motion.group_by("run").len()["len"].to_numpy().astype(float)
+    assert frame["pairs"].sum() == pytest.approx((n * (n - 1) / 2).mean())
+
+
+def test_near_samples_are_alike_and_far_ones_are_not() -> None:
+    result = simulate(preset("paper").with_values({"floor.source": "diagonal:0.48"}), 2, 5, energies=False)
+    tiles, bits = correlogram(result, of="tiles"), correlogram(result)
+    assert tiles["correlation"][0] > 0.8
+    assert (
+        0.3 < bits["correlation"][0] < tiles["correlation"][0] - 0.2
+    )  # the sensor's noise is alike to nothing
+    assert lag_one(result).low > 0.2
+    shuffled = Result(
+        **{
+            **result.__dict__,
+            "observations": result.observations.with_columns(pl.col("observation").shuffle(seed=1)),
+        }
+    )
+    assert abs(correlogram(shuffled)["correlation"][0]) < 0.05  # negative control
+    assert abs(lag_one(shuffled).estimate) < 0.05
+    with pytest.raises(InputError, match="increase"):
+        correlogram(result, [0.1, 0.1])
+    with pytest.raises(InputError, match="bits or tiles"):
+        correlogram(result, of="energies")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.09])
+def test_packet_loss(loss: float) -> None:
+    result = simulate(preset("paper").with_values({"network.loss": loss}), 4, 20, energies=False)
+    table = packet_loss(result)
+    addressed, heard = (float(table[name].sum()) for name in ("addressed", "heard"))
+    assert addressed > 0.97 * 4 * result.motion.height  # little is unclear
+    if loss == 0.0:
+        assert (table["packet_loss"] == 0.0).all()
+    else:
+        assert 1 - heard / addressed == pytest.approx(loss, abs=4 * math.sqrt(loss * (1 - loss) / addressed))
+
+
+def test_packet_loss_of_a_robot_alone_is_not_known() -> None:
+    alone = simulate(preset("paper").with_values({"swarm.robots": 1, "run.t_end_s": 60.0}), 4, 2)
+    assert packet_loss(alone)["packet_loss"].null_count() == 2
