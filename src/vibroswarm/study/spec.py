@@ -74,10 +74,13 @@ class Cell:
         """What is varied, in words; or the scenario's strategy where nothing is."""
         if LABEL in self.point:
             return str(self.point[LABEL])
-        words = [
-            _short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in self.point.items()
-        ]
-        return ", ".join(words) or self.scenario.strategy.name
+        return words_of(self.point) or self.scenario.strategy.name
+
+
+def words_of(point: Point) -> str:
+    """Varied values in words: ``random:0.44, soft, eta 1250``."""
+    words = (_short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in point.items())
+    return ", ".join(words)
 
 
 def _short(value: Any) -> str:

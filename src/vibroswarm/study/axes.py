@@ -1,0 +1,94 @@
+"""How the cells of a study are laid out in a picture: along a number, in series, or one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vibroswarm.study.spec import SOURCE, Cell, words_of
+
+UNITS: Final = {
+    "_ms": "ms",
+    "_mm": "mm",
+    "_m_s": "m/s",
+    "_m": "m",
+    "_s": "s",
+    "_rad": "rad",
+    "_deg": "degrees",
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each cell stands.
+
+    ``x`` is a number of each cell by its number, or None where no varied field is numeric; ``series`` its other varied
+    values in words.
+    """
+
+    field: str | None
+    label: str
+    x: dict[int, float] | None
+    series: dict[int, str]
+
+
+def layout_of(cells: Sequence[Cell]) -> Layout:
+    """The numeric field with most values along x, everything else as series."""
+    numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
+    several = {name: values for name, values in numeric.items() if len(set(values.values())) > 1}
+    if not several:
+        return Layout(None, "", None, {cell.number: cell.name for cell in cells})
+    field = max(several, key=lambda name: len(set(several[name].values())))
+    series = {
+        cell.number: words_of({k: v for k, v in cell.point.items() if k != field}) or "all" for cell in cells
+    }
+    return Layout(field, label_of(field), several[field], series)
+
+
+def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
+    """The two numeric fields with at least three values each, if there are just two."""
+    many = [
+        name
+        for name in _varied(cells)
+        if (v := _numbers(cells, name)) is not None and len(set(v.values())) > 2
+    ]
+    return (many[0], many[1]) if len(many) == 2 else None
+
+
+def number_of(cell: Cell, field: str) -> float:
+    """The value of a numeric field in a cell; the fill ratio of a floor."""
+    value = cell.point[field]
+    return float(value.rpartition(":")[2]) if field == SOURCE else float(value)
+
+
+def label_of(field: str) -> str:
+    """A field in words with its unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold (mm)"."""
+    if field == SOURCE:
+        return "fill ratio"
+    name = field.rpartition(".")[2]
+    for suffix, unit in UNITS.items():
+        if name.endswith(suffix):
+            return f"{name.removesuffix(suffix).replace('_', ' ')} ({unit})"
+    return name.replace("_", " ")
+
+
+def _varied(cells: Sequence[Cell]) -> list[str]:
+    names = dict.fromkeys(name for cell in cells for name in cell.point)
+    return [name for name in names if len({repr(cell.point.get(name)) for cell in cells}) > 1]
+
+
+def _numbers(cells: Sequence[Cell], field: str) -> dict[int, float] | None:
+    """The values of a field by cell, if all are numbers (or fills of one family of floors)."""
+    values: dict[int, Any] = {cell.number: cell.point.get(field) for cell in cells}
+    if field == SOURCE:
+        parts = {number: str(value).rpartition(":") for number, value in values.items()}
+        if len({family for family, _, _ in parts.values()}) != 1:
+            return None
+        try:
+            return {number: float(fill) for number, (_, _, fill) in parts.items()}
+        except ValueError:
+            return None
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values.values()):
+        return None
+    return {number: float(value) for number, value in values.items()}

@@ -1,0 +1,382 @@
+"""The pictures of a study: which of them say something about it, drawn from its outcome.
+
+Those of where and when robots sampled are drawn from some runs made again from the seed, and say of how many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.plots.belief import draw_belief
+from vibroswarm.plots.boxes import draw_boxes
+from vibroswarm.plots.density import draw_density
+from vibroswarm.plots.detection import draw_detection
+from vibroswarm.plots.error_bars import draw_error_bars
+from vibroswarm.plots.forest import draw_forest
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.heat import draw_heat
+from vibroswarm.plots.incidence import draw_incidence
+from vibroswarm.plots.outcomes import draw_outcomes
+from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.violins import draw_violins
+from vibroswarm.study.axes import Layout, label_of, layout_of, number_of, plane_of
+from vibroswarm.study.compare import Compared
+from vibroswarm.study.outcome import CellOutcome, Outcome
+from vibroswarm.study.spec import SOURCE
+
+MOST_ROWS: Final = 48
+"""Cells that a picture with a row for each still shows."""
+MOST_SERIES: Final = 8
+MOST_PANELS: Final = 6
+AGAIN: Final = 100
+"""Runs made again from the seed for pictures of samples."""
+TIMES: Final = 121
+
+
+@dataclass(frozen=True)
+class Named:
+    """A picture with the name of its files, its title, and what draws it."""
+
+    name: str
+    title: str
+    draw: Callable[[str], Picture]
+    """From a style to the picture."""
+
+
+def pictures_of(outcome: Outcome) -> Iterator[Named]:
+    """All pictures that fit the study, the most telling first."""
+    cells, layout = outcome.cells, layout_of([one.cell for one in outcome.cells])
+    if len(cells) <= MOST_ROWS:
+        yield Named("outcomes", "What became of the swarms", lambda s: _outcomes(cells, s))
+    for figure, title, label, percent in _FIGURES:
+        if layout.x is not None or len(cells) <= MOST_ROWS:
+            yield Named(figure, title, _bars(cells, layout, figure, label, percent))
+    yield from _planes(cells)
+    yield from _incidences(outcome, layout)
+    if len(cells) <= MOST_ROWS // 2:
+        yield Named(
+            "consensus-box", "Time of consensus, run by run", lambda s: _spread(outcome, s, draw_boxes)
+        )
+        yield Named("consensus-violin", "The same, as violins", lambda s: _spread(outcome, s, draw_violins))
+    if len(cells) > 1:
+        yield Named("front", "Time against error", lambda s: _front(cells, s))
+    yield from _forests(outcome.comparisons)
+    if layout.field == SOURCE and any(one.summary.swarm_right.n for one in cells):
+        yield Named("detection", "Which fill ratios are told", _detection(cells, layout))
+    yield from _samples(outcome)
+
+
+_FIGURES: Final = (
+    ("decision_time_s", "Decision time (restricted mean)", "decision time (s)", False),
+    ("belief_in_truth", "Belief in the truth (the paper's accuracy)", "belief in the truth", False),
+    ("robots_right", "Robots that decided rightly", "robots right", True),
+)
+
+
+def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
+    kinds = ("right", "wrong", "split", "incomplete", "agreed")
+    rows = []
+    for one in cells:
+        shares = {kind: getattr(one.summary, f"swarm_{kind}") for kind in kinds}
+        counts = {kind: _count(share.estimate, share.n) for kind, share in shares.items()}
+        limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
+        rows.append({"cell": one.cell.name, **counts, **limits})
+    return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
+
+
+def _count(share: float, n: int) -> int:
+    return 0 if share != share else round(share * n)
+
+
+def _bars(
+    cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
+) -> Callable[[str], Picture]:
+    rows = []
+    for one in cells:
+        found, number = getattr(one.summary, figure), one.cell.number
+        x = one.cell.name if layout.x is None else layout.x[number]
+        series = {} if layout.x is None else {"series": layout.series[number]}
+        interval = {"estimate": found.estimate, "low": found.low, "high": found.high}
+        rows.append({"x": x, **series, **interval, "runs": one.summary.runs})
+    frame = _frame(rows).with_columns(_finite("estimate"), _finite("low"), _finite("high"))
+    many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
+    if many:  # too many lines: one row a cell
+        frame = frame.select(
+            pl.Series("x", [one.cell.name for one in cells]), pl.all().exclude("x", "series")
+        )
+        frame = frame.head(MOST_ROWS)
+    how = "95 % interval over runs"
+
+    def draw(style: str) -> Picture:
+        return draw_error_bars(
+            frame,
+            x_label="" if many else layout.label,
+            label=label,
+            interval=how,
+            percent=percent,
+            style=style,
+        )
+
+    return draw
+
+
+def _planes(cells: Sequence[CellOutcome]) -> Iterator[Named]:
+    plane = plane_of([one.cell for one in cells])
+    if plane is None:
+        return
+    panels: dict[str, list[CellOutcome]] = {}
+    for one in cells:
+        rest = ", ".join(f"{v}" for k, v in one.cell.point.items() if k not in plane)
+        panels.setdefault(rest, []).append(one)
+    for number, (rest, part) in enumerate(list(panels.items())[:MOST_PANELS]):
+        for figure, label, best in (
+            ("decision_time_s", "decision time (s)", "low"),
+            ("swarm_right", "swarms right", "high"),
+        ):
+            name = f"heat-{figure.replace('_', '-')}" + (f"-{number + 1}" if len(panels) > 1 else "")
+            title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
+                f": {rest}" if rest else ""
+            )
+            yield Named(name, title, _heat(part, plane, figure, label, best))
+
+
+def _heat(
+    cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
+) -> Callable[[str], Picture]:
+    rows = [
+        {
+            "x": number_of(one.cell, plane[0]),
+            "y": number_of(one.cell, plane[1]),
+            "value": getattr(one.summary, figure).estimate,
+            "runs": one.summary.runs,
+        }
+        for one in cells
+    ]
+    frame = _frame(rows).with_columns(_finite("value"))
+    words = {"x_label": label_of(plane[0]), "y_label": label_of(plane[1]), "label": label, "best": best}
+    return lambda style: draw_heat(frame, **words, style=style)
+
+
+def _incidences(outcome: Outcome, layout: Layout) -> Iterator[Named]:
+    """Decisions over time: the cells of one picture differ in the series, or in all if they are few."""
+    cells = outcome.cells
+    if len(cells) <= MOST_SERIES // 2:
+        panels = {"": list(cells)}
+    elif layout.x is not None:
+        panels = {}
+        for one in cells:
+            panels.setdefault(f"{layout.label} {layout.x[one.cell.number]:g}", []).append(one)
+    else:
+        return
+    shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
+    for number, (words, part) in enumerate(shown):
+        for unit in ("robot", "swarm"):
+            name = f"incidence-{unit}s" + (f"-{number + 1}" if len(shown) > 1 else "")
+            title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
+            yield Named(name, title, _incidence(outcome, part, layout if words else None, unit))
+
+
+def _incidence(
+    outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
+) -> Callable[[str], Picture]:
+    frames, of = [], robot_incidence if unit == "robot" else swarm_incidence
+    for one in cells:
+        robots, runs = outcome.result.tables(one.cell.number)
+        if runs["truth"].null_count() == runs.height:
+            continue
+        t_end_s = one.summary.t_end_s
+        found = of(robots, runs, t_end_s, np.linspace(0.0, t_end_s, TIMES))
+        series = one.cell.name if layout is None else layout.series[one.cell.number]
+        frames.append(found.with_columns(series=pl.lit(series)))
+    count, t_end_s = min(one.summary.runs for one in cells), max(one.summary.t_end_s for one in cells)
+
+    def draw(style: str) -> Picture:
+        return draw_incidence(
+            pl.concat(frames),
+            runs=count,
+            unit="robot" if unit == "robot" else "run",
+            t_end=t_end_s,
+            style=style,
+        )
+
+    return draw
+
+
+def _spread(outcome: Outcome, style: str, draw: Callable[..., Picture]) -> Picture:
+    frames = []
+    for one in outcome.cells:
+        runs = outcome.result.tables(one.cell.number)[1]
+        frames.append(runs.select(cell=pl.lit(one.cell.name), value="consensus_time_s"))
+    t_end_s = max(one.summary.t_end_s for one in outcome.cells)
+    return draw(
+        pl.concat(frames),
+        label="time of consensus (s)",
+        t_end=t_end_s,
+        missing="without consensus",
+        style=style,
+    )
+
+
+def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
+    rows = []
+    for one in cells:
+        time, right = one.summary.decision_time_s, one.summary.swarm_right
+        rows.append(
+            {
+                "name": one.cell.name,
+                "time": time.estimate,
+                "time_low": time.low,
+                "time_high": time.high,
+                "error": 1 - right.estimate,
+                "error_low": 1 - right.high,
+                "error_high": 1 - right.low,
+                "runs": one.summary.runs,
+            }
+        )
+    numbers = ("time", "time_low", "time_high", "error", "error_low", "error_high")
+    frame = _frame(rows).with_columns(*(_finite(name) for name in numbers))
+    return draw_front(frame, error_label="share of swarms not right", percent=True, style=style)
+
+
+def _forests(compared: Sequence[Compared]) -> Iterator[Named]:
+    for figure, title, label, better in (
+        ("decision_time_s", "Decision time, run by run", "difference of decision time (s)", "low"),
+        ("right_share", "Robots right, run by run", "difference of the share of robots right", "high"),
+    ):
+        rows = [
+            {
+                "comparison": f"{one.cell.name} - {one.reference.name}",
+                "difference": one.first.difference.estimate,
+                "low": one.first.difference.low,
+                "high": one.first.difference.high,
+                "wins": one.first.wins,
+                "ties": one.first.ties,
+                "losses": one.first.losses,
+                "runs": one.first.pairs,
+            }
+            for one in compared
+            if one.first.figure == figure
+        ][:MOST_ROWS]
+        if rows:
+            frame = _frame(rows).with_columns(_finite("difference"), _finite("low"), _finite("high"))
+            yield Named(
+                f"compared-{figure.replace('_', '-')}",
+                title,
+                lambda style, frame=frame, label=label, better=better: draw_forest(  # type: ignore[misc]
+                    frame, label=label, better=better, style=style
+                ),
+            )
+
+
+def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[[str], Picture]:
+    assert layout.x is not None
+    rows = []
+    for one in cells:
+        right = one.summary.swarm_right
+        rows.append(
+            {
+                "fill_ratio": layout.x[one.cell.number],
+                "series": layout.series[one.cell.number],
+                "missed": 1 - right.estimate,
+                "low": 1 - right.high,
+                "high": 1 - right.low,
+                "runs": one.summary.runs,
+            }
+        )
+    frame = _frame(rows).with_columns(*(_finite(name) for name in ("missed", "low", "high")))
+    boundary = cells[0].cell.scenario.decision.decision_boundary
+    return lambda style: draw_detection(frame.head(400), boundary=boundary, style=style)
+
+
+def _samples(outcome: Outcome) -> Iterator[Named]:
+    """Where and when, from some runs made again: density by motion, belief by cell."""
+    groups = outcome.result.plan.groups
+    if len(groups) <= MOST_PANELS:
+        for group in groups:
+            mine = [one for one in outcome.cells if one.cell in group.cells]
+            if mine:
+                name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
+                words = f": {mine[0].cell.name}" if len(groups) > 1 else ""
+                yield Named(name, f"Where robots sampled{words}", _density(outcome, mine[0]))
+    if len(outcome.cells) <= MOST_SERIES:
+        yield Named("belief", "Belief over time", lambda style: _belief(outcome, style))
+
+
+def _density(outcome: Outcome, one: CellOutcome) -> Callable[[str], Picture]:
+    def draw(style: str) -> Picture:
+        runs = min(one.summary.runs, AGAIN)
+        result = outcome.result.result(one.cell.number, runs)
+        arena, floor = one.cell.scenario.arena, result.floor(0)
+        fixed = not one.cell.scenario.floor.drawn_by_run
+        return draw_density(
+            result.motion.select("x_m", "y_m"),
+            width_m=arena.width_m,
+            height_m=arena.height_m,
+            tiles=floor.tiles if fixed else None,
+            tile_size_m=(floor.tile_width_m, floor.tile_height_m) if fixed else None,
+            corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),
+            title=f"{runs} of {one.summary.runs} runs" if runs < one.summary.runs else "",
+            style=style,
+        )
+
+    return draw
+
+
+def _belief(outcome: Outcome, style: str) -> Picture:
+    frames, shown = [], AGAIN
+    for one in outcome.cells:
+        shown = min(one.summary.runs, AGAIN)
+        result = outcome.result.result(one.cell.number, shown)
+        robots = one.cell.scenario.swarm.robots
+        frames.append(
+            _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, one)
+        )
+    decision = outcome.cells[0].cell.scenario.decision
+    return draw_belief(
+        pl.concat(frames),
+        label=f"belief in a fill below {decision.decision_boundary:g}",
+        thresholds=(decision.credible_threshold, 1 - decision.credible_threshold),
+        boundary=None,
+        runs=shown,
+        unit="robot",
+        style=style,
+    )
+
+
+def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.DataFrame:
+    """Quantiles over robots of the belief held at each time, from the last sample before it."""
+    times = np.linspace(0.0, one.summary.t_end_s, TIMES)
+    start = one.cell.scenario.decision
+    runs = samples["run"].n_unique()
+    held = np.full((runs * robots, TIMES), np.nan)
+    keyed = samples.sort("run", "robot", "time_s")
+    row = 0
+    for _, of_robot in keyed.group_by("run", "robot", maintain_order=True):
+        index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
+        beliefs = of_robot["belief"].to_numpy()
+        held[row] = np.where(index >= 0, beliefs[np.maximum(index, 0)], np.nan)
+        row += 1
+    prior = _prior_belief(start.prior_alpha, start.prior_beta, start.decision_boundary)
+    held[np.isnan(held)] = prior
+    columns = {f"q{q:02d}": np.quantile(held, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
+    return pl.DataFrame({"time_s": times, "series": [one.cell.name] * TIMES, **columns})
+
+
+def _prior_belief(alpha: int, beta: int, boundary: float) -> float:
+    from scipy.special import betainc
+
+    return float(betainc(alpha, beta, boundary))
+
+
+def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:
+    return pl.DataFrame(list(rows), infer_schema_length=None)
+
+
+def _finite(name: str) -> pl.Expr:
+    return pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name)
