@@ -1,0 +1,293 @@
+"""Can it be decided at all? Whether the bits lean to the right side of the boundary, and what would mend it.
+
+| name | symbol | equation |
+|---|---|---|
+| fill ratio, boundary | f, x | the question: is f above x? |
+| false positive, false negative | a(theta), b(theta) | of the sensor at the threshold theta |
+| tiled share of the arena | c | places off all tiles read as still ones do |
+| share of ones expected | q | c [f (1 - b) + (1 - f) a] + (1 - c) a, at uniformly random places |
+| margin | - | q - x where f > x, x - q where f < x: above 0 is the right side |
+| threshold that mends | theta_- < theta < theta_+ | q of f and q of its mirror 2x - f both on their right sides |
+| samples needed | n | P(share of n independent bits not on q's side of x) <= error |
+
+A robot takes each bit at its word, as if no sensor erred. So when false positives and negatives do not balance at the
+boundary, floors near it lean to the wrong side, and **more samples make the wrong answer surer**. q falls as theta
+grows; a threshold that is right for f alone (some always is) may only lean all floors one way, so it has to do for the
+mirror image of f across the boundary too. Where vibrating tiles do not read higher than still ones none does.
+
+This speaks of own samples. Under soft or positive feedback robots hear beliefs and decisions in place of readings: an
+echo, which makes a lean, right or wrong, faster and surer, and cannot turn it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
+from vibroswarm.errors import InputError
+from vibroswarm.fields import Sensor
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.model import error_rates
+from vibroswarm.outcome import truth_of
+from vibroswarm.scenario import Scenario
+
+Word = Literal["decidable", "wrong side", "on the boundary", "cannot be told from the boundary"]
+
+ON = 1e-9
+"""A share so near the boundary lies on it."""
+_EXACT_UP_TO = 100_000
+_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Decidability:
+    """Whether the question can be decided from own samples; see the head of this module."""
+
+    verdict: Word
+    says: str
+    boundary: float
+    truth: int | None
+    share: float
+    """Of ones: expected, or as it was observed."""
+    margin: float | None
+    """How far on the right side; None where neither is right."""
+    fill_ratio: float | None = None
+    share_low: float | None = None
+    share_high: float | None = None
+    effective_samples: float | None = None
+    samples_needed: int | None = None
+    """Independent samples for the wanted error; None where no number does."""
+    threshold: float | None = None
+    mending_low: float | None = None
+    mending_high: float | None = None
+    """Thresholds between these two lean neither f nor its mirror to the wrong side; None: none does, or not asked."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {name: plain(value) for name, value in self.__dict__.items()}
+
+
+def decidability(scenario: Scenario, error: float = 0.05) -> Decidability:
+    """Whether a scenario's question can be decided from the samples its swarm will take.
+
+    Args:
+        error: the probability of a wrong majority that ``samples_needed`` is for.
+    """
+    floor = scenario.floor_for(0, 0)
+    arena, sensor = scenario.arena, scenario.sensor
+    fill = floor.fill_ratio_within(arena.width_m, arena.height_m)
+    boundary, tiled = scenario.decision.decision_boundary, tiled_share(floor, arena.width_m, arena.height_m)
+    truth = truth_of(fill, boundary)
+    share = expected_share(sensor, fill, tiled)
+    verdict = _side(share, boundary, truth)
+    low, high = mending_thresholds(sensor, fill, boundary, tiled) or (None, None)
+    return Decidability(
+        verdict=verdict,
+        says=_words(verdict, share, boundary, truth) + _mend(verdict, sensor.rms_threshold, low, high),
+        boundary=boundary,
+        truth=truth,
+        share=share,
+        margin=_margin(share, boundary, truth),
+        fill_ratio=fill,
+        samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
+        threshold=sensor.rms_threshold,
+        mending_low=low,
+        mending_high=high,
+    )
+
+
+def decidability_of_share(
+    share: float,
+    boundary: float,
+    truth: int | None,
+    effective_samples: float | None = None,
+    level: float = 0.95,
+    error: float = 0.05,
+) -> Decidability:
+    """The same of a measured share of ones (over tiles, say, each with its own error rates).
+
+    Args:
+        share: of ones. truth: 1 if more than the boundary vibrates, else 0; None: neither.
+        effective_samples: as many independent samples as the share rests on; None: it is exact.
+    """
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"{share!r} is no share; give a number from 0 to 1", field="share")
+    check_level(level)
+    verdict, low, high = _side(share, boundary, truth), None, None
+    says = _words(verdict, share, boundary, truth)
+    if effective_samples is not None:
+        limits = wilson_limits(share * effective_samples, effective_samples, level)
+        low, high = (float(limit) for limit in limits)
+        if truth is not None and low <= boundary <= high:
+            verdict = "cannot be told from the boundary"
+            says = (
+                f"{share:.1%} of the samples read as vibrating, {low:.1%} to {high:.1%} as the samples go: "
+                f"this cannot be told from the boundary of {boundary:.1%}."
+            )
+    return Decidability(
+        verdict=verdict,
+        says=says,
+        boundary=boundary,
+        truth=truth,
+        share=share,
+        margin=_margin(share, boundary, truth),
+        share_low=low,
+        share_high=high,
+        effective_samples=effective_samples,
+        samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
+    )
+
+
+def tiled_share(floor: Floor, width_m: float, height_m: float) -> float:
+    """Share of the arena's area that lies on tiles."""
+    rows, columns, tile_width, tile_height, left, bottom = floor.geometry
+    across = min(left + columns * tile_width, width_m) - max(left, 0.0)
+    up = min(bottom + rows * tile_height, height_m) - max(bottom, 0.0)
+    return min(max(across, 0.0) * max(up, 0.0) / (width_m * height_m), 1.0)
+
+
+def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0) -> float:
+    """q: share of samples at uniformly random places that read as vibrating."""
+    false_positive, false_negative = error_rates(sensor)
+    on_tiles = fill_ratio * (1.0 - false_negative) + (1.0 - fill_ratio) * false_positive
+    return tiled * on_tiles + (1.0 - tiled) * false_positive
+
+
+def mending_thresholds(
+    sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0
+) -> tuple[float, float] | None:
+    """(theta_-, theta_+): thresholds between them are right for the fill ratio and for its mirror; None: none is.
+
+    The mirror is 2x - f, or the nearest fill ratio that there is. On the boundary itself: the one threshold, twice,
+    at which the sensor's errors balance.
+    """
+    mirror = min(max(2.0 * boundary - fill_ratio, 0.0), 1.0)
+    lower, upper = sorted((fill_ratio, mirror))
+
+    def crossing(fill: float) -> float:
+        """The threshold at which q comes down through the boundary."""
+        return _falls_through(
+            lambda theta: expected_share(sensor.model_copy(update={"rms_threshold": theta}), fill, tiled),
+            boundary,
+        )
+
+    low, high = crossing(lower), crossing(upper)
+    right_way = crossing(1.0) > crossing(0.0)
+    return (low, high) if high >= low and right_way else None
+
+
+def _falls_through(share: Callable[[float], float], level: float) -> float:
+    low, high = 0.0, 1.0
+    if share(low) <= level:
+        return low
+    while share(high) > level:
+        high *= 2.0
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        if middle in (low, high):
+            break
+        low, high = (middle, high) if share(middle) > level else (low, middle)
+    return high
+
+
+class ObservedShare(NamedTuple):
+    """Share of ones with each tile counting alike, and as how many independent samples that is worth."""
+
+    share: float
+    standard_error: float
+    effective_samples: float
+    tiles: int
+    """Tiles that were sampled; the others are left out."""
+
+
+def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
+    """The share of ones that endless even sampling of the sampled tiles would tend to, from what was read.
+
+    The mean over tiles of each tile's share of ones, so that it does not matter where robots stood longer. Its
+    variance is the sum of p (1 - p) / n over tiles, over their number squared, with p = (ones + 1/2) / (n + 1).
+
+    Args:
+        tile: tile of each sample, -1 for none. bits: what it read; both of shape (samples,).
+    """
+    where, read = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
+    on = where >= 0
+    number = np.bincount(where[on])
+    ones, n = np.bincount(where[on], read[on])[number > 0], number[number > 0].astype(np.float64)
+    if n.size == 0:
+        return ObservedShare(math.nan, math.nan, 0.0, 0)
+    share, smooth = float((ones / n).mean()), (ones + 0.5) / (n + 1.0)
+    variance = float((smooth * (1.0 - smooth) / n).sum()) / n.size**2
+    of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
+    return ObservedShare(share, math.sqrt(variance), of_one / variance, n.size)
+
+
+def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | None:
+    """Independent samples from which on the share of ones is on its own side of the boundary but for ``error``.
+
+    Exact (binomial; a share on the boundary counts as an error) up to some 100,000, normal beyond; None on the
+    boundary. Divide by effective samples a second to have a time.
+    """
+    if not 0.0 < error < 0.5:
+        raise InputError(f"{error!r} is no error to aim at; give a share below 0.5", field="error")
+    distance = abs(share - boundary)
+    if distance < ON:
+        return None
+    z = float(stats.norm.isf(error))
+    normal = math.ceil((z * math.sqrt(share * (1.0 - share)) / distance) ** 2)
+    if normal > _EXACT_UP_TO:
+        return normal
+    n = np.arange(1, 2 * normal + 2 * math.ceil(1.0 / distance) + 50)
+    at = boundary * n
+    if share > boundary:
+        wrong = stats.binom.cdf(np.floor(at + ON), n, share)
+    else:
+        wrong = stats.binom.sf(np.ceil(at - ON) - 1, n, share)
+    over = np.flatnonzero(wrong > error)
+    return int(n[over[-1]]) + 1 if over.size else 1
+
+
+def _side(share: float, boundary: float, truth: int | None) -> Word:
+    if truth is None or abs(share - boundary) < ON:
+        return "on the boundary"
+    return "decidable" if (share > boundary) == (truth == 1) else "wrong side"
+
+
+def _margin(share: float, boundary: float, truth: int | None) -> float | None:
+    return None if truth is None else (share - boundary) * (1 if truth == 1 else -1)
+
+
+def _words(verdict: Word, share: float, boundary: float, truth: int | None) -> str:
+    if truth is None:
+        return f"The fill ratio is the boundary itself, {boundary:.1%}: neither decision is right."
+    kind = "more" if truth == 1 else "less"
+    seen = f"{share:.1%} of the samples read as vibrating"
+    if verdict == "decidable":
+        return f"{seen}, on the right side of the boundary of {boundary:.1%}: it can be decided."
+    if verdict == "wrong side":
+        return (
+            f"{seen}, but {kind} than {boundary:.1%} vibrates: more samples make the wrong answer surer, and "
+            "feedback makes it faster."
+        )
+    return f"{seen}, which is the boundary: however many samples are taken, nothing is decided but by chance."
+
+
+def _mend(verdict: Word, threshold: float, low: float | None, high: float | None) -> str:
+    if verdict == "decidable" and low is not None and high is not None and low < threshold < high:
+        return ""
+    if low is None or high is None:
+        return " No threshold mends it: vibrating tiles do not read higher than still ones."
+    if high - low < ON:
+        return f" The sensor's errors balance at a threshold of {low:.3f} (it is {threshold:g})."
+    if verdict == "decidable":
+        return (
+            f" But the mirror image of this floor across the boundary could not be: at a threshold of "
+            f"{threshold:g} all floors lean this way; between {low:.3f} and {high:.3f} both can."
+        )
+    return f" A threshold between {low:.3f} and {high:.3f} mends it (it is {threshold:g})."

@@ -1,0 +1,176 @@
+"""Whether it can be decided at all: by hand, by simulation, and what would mend it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from vibroswarm.analysis.decidability import (
+    decidability,
+    decidability_of_share,
+    expected_share,
+    mending_thresholds,
+    observed_share,
+    samples_needed,
+    tiled_share,
+)
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.model import error_rates
+from vibroswarm.presets import preset
+from vibroswarm.simulation import simulate
+
+PAPER = preset("paper")
+
+
+def at(**values: object) -> object:
+    return decidability(PAPER.with_values({name.replace("__", "."): v for name, v in values.items()}))
+
+
+def test_the_paper_can_be_decided_and_with_how_many_samples() -> None:
+    d = decidability(PAPER)
+    a, b = error_rates(PAPER.sensor)
+    assert d.verdict == "decidable"
+    assert d.share == pytest.approx(0.48 * (1 - b) + 0.52 * a)
+    assert d.margin == pytest.approx(0.5 - d.share)
+    assert d.mending_low < 1.33 < d.mending_high
+    assert d.samples_needed > 3000  # three runs of five robots: it is a hard floor
+    json.dumps(d.as_dict(), allow_nan=False)
+
+
+def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
+    d = at(sensor__rms_threshold=1.55, floor__source="random:0.52")
+    assert d.verdict == "wrong side"
+    assert d.share < 0.5
+    assert "more samples make the wrong answer surer" in d.says
+    assert "A threshold between" in d.says
+    mended = at(sensor__rms_threshold=(d.mending_low + d.mending_high) / 2, floor__source="random:0.52")
+    assert mended.verdict == "decidable"
+    # At 1.55 less than half is right, but only because everything leans that way.
+    lean = at(sensor__rms_threshold=1.55)
+    assert lean.verdict == "decidable"
+    assert "mirror image" in lean.says
+
+
+def test_no_threshold_mends_labels_that_are_swapped() -> None:
+    d = decidability(preset("text"))
+    assert (d.mending_low, d.mending_high) == (None, None)
+    assert "No threshold mends it" in d.says
+
+
+def test_on_the_boundary_neither_is_right() -> None:
+    d = at(floor__source="random:0.48", decision__decision_boundary=0.48)
+    assert (d.verdict, d.truth, d.margin, d.samples_needed) == ("on the boundary", None, None, None)
+    assert "errors balance at a threshold of 1.3" in d.says
+
+
+def test_off_the_tiles_robots_read_as_on_still_ones() -> None:
+    assert tiled_share(Floor(np.ones((2, 2)), 0.2, 0.25, 0.8, 0.0), 1.0, 1.0) == pytest.approx(0.2 * 0.5)
+    d = at(floor__source="stripe:0.48", floor__tile_width_m=0.05, floor__tile_height_m=0.05)
+    assert d.share == pytest.approx(expected_share(PAPER.sensor, 0.48, 0.25))
+    assert d.share < 0.3
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(0.1, 0.9), st.floats(0.1, 0.9), st.floats(0.01, 0.99))
+def test_inside_the_mending_range_both_sides_are_right_and_outside_one_is_not(
+    fill: float, boundary: float, place: float
+) -> None:
+    mirror = min(max(2 * boundary - fill, 0.0), 1.0)
+    if abs(fill - boundary) < 1e-3:
+        return
+    low, high = mending_thresholds(PAPER.sensor, fill, boundary)
+
+    def right(theta: float) -> list[bool]:
+        sensor = PAPER.sensor.model_copy(update={"rms_threshold": theta})
+        return [(expected_share(sensor, f) > boundary) == (f > boundary) for f in (fill, mirror)]
+
+    assert all(right(low + place * (high - low)))
+    assert not all(right(low * 0.98))
+    assert not all(right(high * 1.02))
+
+
+def test_with_measured_energies() -> None:
+    sensor = PAPER.sensor.model_copy(
+        update={
+            "model": "energies",
+            "still_energies": (0.1, 0.4, 0.8, 1.6),
+            "vibrating_energies": (0.6, 1.5, 2.0, 3.0),
+        }
+    )
+    low, high = mending_thresholds(sensor, 0.4, 0.5)
+    assert (low, high) == pytest.approx((0.8, 1.5))  # .4 reads as .45 from .8 on, .6 as .4 from 1.5 on
+
+
+def test_samples_needed_by_brute_force() -> None:
+    assert samples_needed(0.5, 0.5) is None
+    for share, boundary in ((0.7, 0.5), (0.3, 0.5), (0.02, 0.03), (0.9, 0.5)):
+        needed = samples_needed(share, boundary, 0.05)
+        n = np.arange(1, 3 * needed + 20)
+        ones = np.arange(0, n[-1] + 1)
+        wrong = np.array(
+            [
+                stats.binom.pmf(ones[: k + 1], k, share)[
+                    (ones[: k + 1] / k - boundary) * (1 if share > boundary else -1) <= 1e-12
+                ].sum()
+                for k in n
+            ]
+        )
+        assert (wrong[needed - 1 :] <= 0.05).all()
+        assert needed == 1 or wrong[needed - 2] > 0.05
+    near, nearer = samples_needed(0.501, 0.5), samples_needed(0.5001, 0.5)
+    assert near == pytest.approx((stats.norm.isf(0.05) * 0.5 / 0.001) ** 2, rel=0.01)
+    assert nearer > 90 * near
+    with pytest.raises(InputError, match="error"):
+        samples_needed(0.6, 0.5, 0.5)
+
+
+def test_a_measured_share_near_the_boundary_cannot_be_told_from_it() -> None:
+    assert decidability_of_share(0.482, 0.5, 0).verdict == "decidable"
+    assert decidability_of_share(0.506, 0.5, 0).verdict == "wrong side"
+    assert decidability_of_share(0.5, 0.5, 0).verdict == "on the boundary"
+    for share in (0.482, 0.506, 0.499):
+        d = decidability_of_share(share, 0.5, 0, effective_samples=1500)
+        assert d.verdict == "cannot be told from the boundary"
+        assert d.share_low < 0.5 < d.share_high
+    assert decidability_of_share(0.44, 0.5, 0, effective_samples=1500).verdict == "decidable"
+    with pytest.raises(InputError, match="share"):
+        decidability_of_share(48, 0.5, 0)
+
+
+def test_an_observed_share_counts_tiles_alike_and_knows_its_error() -> None:
+    random = generator(8, "tiles")
+    rates = random.beta(1.0, 1.0, 25)
+    number = (20 + 150 * rates).astype(int)
+    tile = np.repeat(np.arange(25), number)
+    found = [observed_share(tile, random.random(tile.size) < rates[tile]) for _ in range(500)]
+    shares = np.array([f.share for f in found])
+    assert shares.mean() == pytest.approx(rates.mean(), abs=0.003)
+    assert shares.std() == pytest.approx(np.mean([f.standard_error for f in found]), rel=0.12)
+    plain = np.mean([(random.random(tile.size) < rates[tile]).mean() for _ in range(100)])
+    assert abs(plain - rates.mean()) > 0.01  # uneven visits: the plain share is another thing
+    held = [
+        f.share - 1.96 * f.standard_error < rates.mean() < f.share + 1.96 * f.standard_error for f in found
+    ]
+    assert 0.92 <= np.mean(held) <= 0.98
+    none = observed_share([-1], [1])
+    assert (none.tiles, none.effective_samples) == (0, 0.0)
+
+
+def test_what_cannot_be_decided_is_decided_wrongly_by_the_swarm() -> None:
+    values = {"sensor.rms_threshold": 1.8, "floor.source": "random:0.52"}
+    scenario = PAPER.with_values(values)
+    assert decidability(scenario).verdict == "wrong side"
+    decided = simulate(scenario, 3, 20, energies=False).robots.filter(pl.col("decision") != -1)
+    assert (decided["decision"] == 0).mean() > 0.9
+    right = simulate(
+        PAPER.with_values({**values, "sensor.rms_threshold": 1.33}), 3, 20, energies=False
+    ).robots
+    assert (right.filter(pl.col("decision") != -1)["decision"] == 1).mean() > 0.6

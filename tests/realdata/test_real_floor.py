@@ -1,0 +1,78 @@
+"""At theta_E 1.33 the floor of the real robots cannot be told from the boundary, however long they sample.
+
+The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.analysis.decidability import decidability_of_share, observed_share, samples_needed
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.floor import Floor
+
+FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
+pytestmark = pytest.mark.skipif(
+    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
+)
+
+SESSIONS = ("CAL_1.csv", "CAL_2.csv", "CAL_3.csv")
+BY_SESSION = (0.482, 0.506, 0.499)
+"""Share that reads as vibrating at 1.33, each tile counting alike."""
+
+
+def samples(session: str) -> tuple[np.ndarray, np.ndarray]:
+    """Tile and energy of each sample of a session."""
+    frame = pl.read_csv(Path(FOLDER) / session, infer_schema=False)
+    rows = frame.filter(pl.col("Energy") != "None").select(
+        x=pl.col("X Meter").cast(pl.Float64),
+        y=pl.col("Y Meter").cast(pl.Float64),
+        e=pl.col("Energy").cast(pl.Float64),
+    )
+    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)))
+    inside = rows.with_columns(pl.col("x", "y").clip(1e-9, 1 - 1e-9))
+    return floor.tile_at(inside["x"].to_numpy(), inside["y"].to_numpy()), rows["e"].to_numpy()
+
+
+RATES = (0.163, 0.147)
+"""False positives and negatives of all recordings at 1.33."""
+
+
+@pytest.mark.parametrize(("session", "share"), list(zip(SESSIONS, BY_SESSION, strict=True)))
+def test_no_session_can_be_told_from_the_boundary(session: str, share: float) -> None:
+    """As its bits are worth where they were read; told tile by tile the first alone would stand a little off."""
+    tile, energy = samples(session)
+    seen = observed_share(tile, energy > 1.33)
+    assert seen.share == pytest.approx(share, abs=0.0006)
+    assert seen.tiles == 25
+    visits = np.bincount(tile) / tile.size
+    worth = float(effective_with_sensor(tile.size, effective_samples(visits @ visits, 25), 0.48, *RATES))
+    assert 0.3 * tile.size < worth < tile.size < seen.effective_samples
+    told = decidability_of_share(seen.share, 0.5, 0, worth)
+    assert told.verdict == "cannot be told from the boundary", told.says
+
+
+def test_nor_all_three_together_but_at_a_higher_threshold() -> None:
+    """Tile by tile, and with the session as the unit: sessions differ by more than their samples' noise."""
+    by_session = [samples(session) for session in SESSIONS]
+    tile, energy = (np.concatenate(parts) for parts in zip(*by_session, strict=True))
+    verdicts, over_sessions = {}, {}
+    for threshold in (1.33, 1.55):
+        seen = observed_share(tile, energy > threshold)
+        verdicts[threshold] = decidability_of_share(seen.share, 0.5, 0, seen.effective_samples)
+        over_sessions[threshold] = mean_interval(
+            [observed_share(t, e > threshold).share for t, e in by_session]
+        )
+    assert verdicts[1.33].verdict == "cannot be told from the boundary", verdicts[1.33].says
+    assert not over_sessions[1.33].excludes(0.5)
+    assert verdicts[1.55].verdict == "decidable", verdicts[1.55].says
+    assert over_sessions[1.55].high < 0.5
+    # Were the pooled share exact, independent samples of more than ten such sessions would still be needed.
+    assert samples_needed(verdicts[1.33].share, 0.5) > 10 * 1800
