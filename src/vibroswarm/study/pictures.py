@@ -126,6 +126,9 @@ def _bars(
     return draw
 
 
+_OF_PLANE: Final = (("decision_time_s", "decision time (s)", "low"), ("swarm_right", "swarms right", "high"))
+
+
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[Named]:
     plane = plane_of([one.cell for one in cells])
     if plane is None:
@@ -355,13 +358,11 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     start = one.cell.scenario.decision
     runs = samples["run"].n_unique()
     held = np.full((runs * robots, TIMES), np.nan)
-    keyed = samples.sort("run", "robot", "time_s")
-    row = 0
-    for _, of_robot in keyed.group_by("run", "robot", maintain_order=True):
+    keyed = samples.sort("run", "robot", "time_s").group_by("run", "robot", maintain_order=True)
+    for row, (_, of_robot) in enumerate(keyed):
         index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
         beliefs = of_robot["belief"].to_numpy()
         held[row] = np.where(index >= 0, beliefs[np.maximum(index, 0)], np.nan)
-        row += 1
     prior = _prior_belief(start.prior_alpha, start.prior_beta, start.decision_boundary)
     held[np.isnan(held)] = prior
     columns = {f"q{q:02d}": np.quantile(held, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}

@@ -135,9 +135,7 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
         if key in known:
             found[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
-            found |= {
-                k: v for k, v in _fields({f"{key}.{k}": v for k, v in value.items()}, name, may_have).items()
-            }
+            found |= _fields({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
         else:
             last = key.rpartition(".")[2]
             same = [k for k in known if k.rpartition(".")[2] == last]
