@@ -19,7 +19,7 @@ NARROW = 100
 
 def say_tables(outcome: Outcome) -> None:
     """Cells, comparisons and warnings, on stdout."""
-    console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 140)
+    console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 170)
     console.print(_cells(outcome))
     if len(outcome.cells) > MOST_ROWS:
         console.print(f"... and {len(outcome.cells) - MOST_ROWS} more cells, in summary.csv.")
@@ -54,7 +54,7 @@ def _cells(outcome: Outcome) -> Table:
         "decision time, s",
         "belief in truth",
     ):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     for one in outcome.cells[:MOST_ROWS]:
         s = one.summary
         shares = (s.swarm_right, s.swarm_wrong, s.swarm_split, s.swarm_incomplete, s.robots_undecided)
@@ -71,14 +71,14 @@ def _comparisons(outcome: Outcome) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("compared", overflow="fold")
     for name in ("decision time, s", "better/equal/worse", "p", "again", "robots right, points", "again"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     by_pair: dict[tuple[int, int], dict[str, Compared]] = {}
     for one in outcome.comparisons:
         by_pair.setdefault((one.cell.number, one.reference.number), {})[one.first.figure] = one
     for figures in list(by_pair.values())[:MOST_ROWS]:
         time, right = figures["decision_time_s"], figures["right_share"]
         table.add_row(
-            _plain(f"{time.cell.name} - {time.reference.name}"),
+            _plain(time.name),
             number(time.first.difference, 0, sign=True),
             f"{time.first.wins}/{time.first.ties}/{time.first.losses}",
             _p(time.first.p_holm),

@@ -1,8 +1,9 @@
 """Cells compared in pairs, run by run, and once more on a second block of seeds.
 
-Each cell is compared with the one that differs from it in one field only, whose value there is the first: strategies
-with the first strategy, robots with the first number of robots. The p-values are corrected over all comparisons of a
-study.
+Each cell is compared with the one that differs from it in one field only, whose value there is the first:
+strategies with the first strategy, at the same floor. Fields chosen from a list of words are compared (strategies,
+presets, labels); numbers only where nothing else is varied, for more of them make a curve; floors never, for they are
+the question and no answer. The p-values are corrected over all comparisons of a study.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, c
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.study.result import StudyResult, run
 from vibroswarm.study.runner import Tell
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import SOURCE, Cell, Study, words_of
 from vibroswarm.study.varied import LABEL
 
 SECOND: Final = "second-block"
@@ -40,6 +41,17 @@ class Compared:
     field: str
     first: Paired
     again: Confirmation | None
+
+    @property
+    def name(self) -> str:
+        """The two in words: ``soft - none (random:0.48)``."""
+        rest = words_of({k: v for k, v in self.cell.point.items() if k != self.field})
+        if self.field == LABEL:
+            return f"{self.cell.name} - {self.reference.name}"
+        mine, theirs = (
+            words_of({self.field: cell.point.get(self.field)}) for cell in (self.cell, self.reference)
+        )
+        return f"{mine} - {theirs}" + (f" ({rest})" if rest else "")
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
@@ -63,19 +75,22 @@ def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
     """Cells with their references, and the field in which they differ; none where too many fields have many values."""
     by_point = {_key(cell.point): cell for cell in study.cells}
     pairs = []
-    for name in [LABEL] if LABEL in study.varied else study.varied:
-        values = list(dict.fromkeys(repr(cell.point.get(name)) for cell in study.cells))
-        if len(values) > MOST_VALUES:
-            continue
-        if name == LABEL:
-            pairs += [(cell, study.cells[0], name) for cell in study.cells[1:]]
-            continue
+    for name in _compared_fields(study):
         first = study.cells[0].point.get(name)
         for cell in study.cells:
-            reference = by_point.get(_key(cell.point | {name: first}))
-            if reference is not None and reference.number != cell.number:
-                pairs.append((cell, reference, name))
+            there = study.cells[0] if name == LABEL else by_point.get(_key(cell.point | {name: first}))
+            if there is not None and there.number != cell.number:
+                pairs.append((cell, there, name))
     return pairs if len(pairs) <= MOST_PAIRS else []
+
+
+def _compared_fields(study: Study) -> list[str]:
+    if LABEL in study.varied:
+        return [LABEL]
+    values = {name: {repr(cell.point.get(name)) for cell in study.cells} for name in study.varied}
+    several = [name for name, found in values.items() if 1 < len(found) <= MOST_VALUES and name != SOURCE]
+    words = [name for name in several if isinstance(study.cells[0].point.get(name), str | bool)]
+    return words or (several if len([name for name, found in values.items() if len(found) > 1]) == 1 else [])
 
 
 def second_seed(seed: int) -> int:

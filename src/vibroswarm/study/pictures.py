@@ -64,8 +64,7 @@ def pictures_of(outcome: Outcome) -> Iterator[Named]:
             "consensus-box", "Time of consensus, run by run", lambda s: _spread(outcome, s, draw_boxes)
         )
         yield Named("consensus-violin", "The same, as violins", lambda s: _spread(outcome, s, draw_violins))
-    if len(cells) > 1:
-        yield Named("front", "Time against error", lambda s: _front(cells, s))
+    yield from _fronts(cells)
     yield from _forests(outcome.comparisons)
     if layout.field == SOURCE and any(one.summary.swarm_right.n for one in cells):
         yield Named("detection", "Which fill ratios are told", _detection(cells, layout))
@@ -198,6 +197,7 @@ def _incidence(
         series = one.cell.name if layout is None else layout.series[one.cell.number]
         frames.append(found.with_columns(series=pl.lit(series)))
     count, t_end_s = min(one.summary.runs for one in cells), max(one.summary.t_end_s for one in cells)
+    robots = min(one.cell.scenario.swarm.robots for one in cells)
 
     def draw(style: str) -> Picture:
         return draw_incidence(
@@ -224,6 +224,18 @@ def _spread(outcome: Outcome, style: str, draw: Callable[..., Picture]) -> Pictu
         missing="without consensus",
         style=style,
     )
+
+
+def _fronts(cells: Sequence[CellOutcome]) -> Iterator[Named]:
+    """One for each floor: floors are no choice."""
+    floors: dict[str, list[CellOutcome]] = {}
+    for one in cells:
+        floors.setdefault(str(one.cell.point.get(SOURCE, "")), []).append(one)
+    for number, (floor, part) in enumerate(list(floors.items())[:MOST_PANELS]):
+        if len(part) > 1:
+            name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
+            title = "Time against error" + (f": {floor}" if floor else "")
+            yield Named(name, title, lambda style, part=part: _front(part, style))  # type: ignore[misc]
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -254,7 +266,7 @@ def _forests(compared: Sequence[Compared]) -> Iterator[Named]:
     ):
         rows = [
             {
-                "comparison": f"{one.cell.name} - {one.reference.name}",
+                "comparison": one.name,
                 "difference": one.first.difference.estimate,
                 "low": one.first.difference.low,
                 "high": one.first.difference.high,

@@ -1,0 +1,61 @@
+"""How cells are laid out in pictures: numbers along x, words in series, units in labels."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibroswarm.presets import preset
+from vibroswarm.study.axes import label_of, layout_of, number_of, plane_of
+from vibroswarm.study.spec import Study
+
+PAPER = preset("paper")
+
+
+def test_the_numeric_field_with_most_values_lies_along_x() -> None:
+    study = Study.of(
+        PAPER, 1, swarm__robots=[5, 6, 7], strategy__name=["none", "soft"], strategy__eta=[0.0, 1.0]
+    )
+    layout = layout_of(study.cells)
+    assert (layout.field, layout.label) == ("swarm.robots", "robots")
+    assert layout.x is not None
+    assert [layout.x[n] for n in (0, 4, 8)] == [5.0, 6.0, 7.0]
+    assert [layout.series[n] for n in range(4)] == [
+        "none, eta 0",
+        "none, eta 1",
+        "soft, eta 0",
+        "soft, eta 1",
+    ]
+
+
+def test_fills_of_one_family_are_numbers_and_of_several_are_words() -> None:
+    one = Study.of(PAPER, 1, floor__source=["random:0.44", "random:0.48"])
+    layout = layout_of(one.cells)
+    assert (layout.label, layout.x, layout.series) == ("fill ratio", {0: 0.44, 1: 0.48}, {0: "all", 1: "all"})
+    assert number_of(one.cells[1], "floor.source") == 0.48
+    several = Study.of(PAPER, 1, floor__source=["random:0.48", "stripe:0.48"])
+    assert layout_of(several.cells).x is None
+
+
+def test_words_alone_have_no_x() -> None:
+    layout = layout_of(Study.of(PAPER, 1, strategy__name=["none", "soft"]).cells)
+    assert (layout.x, layout.series) == (None, {0: "none", 1: "soft"})
+
+
+def test_two_numbers_with_three_values_each_make_a_plane() -> None:
+    grid = {"strategy__eta": [0.0, 1.0, 2.0], "strategy__kappa": [1.0, 2.0, 3.0]}
+    assert plane_of(Study.of(PAPER, 1, **grid).cells) == ("strategy.eta", "strategy.kappa")
+    assert plane_of(Study.of(PAPER, 1, **grid, swarm__robots=[1, 2, 3]).cells) is None
+    assert plane_of(Study.of(PAPER, 1, swarm__robots=[1, 2, 3]).cells) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("walk.avoidance_threshold_mm", "avoidance threshold (mm)"),
+        ("robot.full_speed_m_s", "full speed (m/s)"),
+        ("sample.sample_interval_ms", "sample interval (ms)"),
+        ("strategy.eta", "eta"),
+    ],
+)
+def test_labels_have_units(field: str, words: str) -> None:
+    assert label_of(field) == words

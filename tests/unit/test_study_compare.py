@@ -1,0 +1,107 @@
+"""Which cells of a study are compared, with what, and what a second block of seeds adds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.presets import preset
+from vibroswarm.study.compare import comparison_table, comparisons, pairs_of, second_block, second_seed
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import Study
+
+SHORT = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 60})
+
+
+def names(study: Study) -> list[str]:
+    return [f"{cell.name} | {reference.name} | {field}" for cell, reference, field in pairs_of(study)]
+
+
+def test_strategies_are_compared_with_the_first_on_the_same_floor() -> None:
+    study = Study.of(
+        SHORT, 1, floor__source=["random:0.44", "random:0.48"], strategy__name=["none", "positive", "soft"]
+    )
+    assert names(study) == [
+        "random:0.44, positive | random:0.44, none | strategy.name",
+        "random:0.44, soft | random:0.44, none | strategy.name",
+        "random:0.48, positive | random:0.48, none | strategy.name",
+        "random:0.48, soft | random:0.48, none | strategy.name",
+    ]
+
+
+def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
+    assert names(Study.of(SHORT, 1, swarm__robots=[5, 6])) == ["robots 6 | robots 5 | swarm.robots"]
+    assert names(Study.of(SHORT, 1, swarm__robots=[5, 6], strategy__eta=[0.0, 1.0])) == []
+    assert names(Study.of(SHORT, 1, swarm__robots=list(range(1, 11)))) == []
+
+
+def test_floors_are_never_compared_and_one_cell_has_nothing_to_be_compared_with() -> None:
+    assert names(Study.of(SHORT, 1, floor__source=["random:0.44", "random:0.48"])) == []
+    assert names(Study.of(SHORT, 1)) == []
+
+
+def test_labels_are_compared_with_the_first() -> None:
+    vary = {"list": [{"label": "P0", "walk.leg_min_ms": 500.0}, {"label": "P*", "walk.leg_min_ms": 900.0}]}
+    assert names(Study(vary=vary, runs=1)) == ["P* | P0 | label"]
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, StudyResult]:
+    study = Study.of(SHORT, 60, strategy__name=["none", "soft"], decision__gate=["total", "own"])
+    result = study.run(tmp_path_factory.mktemp("study") / "store")
+    return result, second_block(result)
+
+
+def test_the_second_block_is_of_other_seeds_and_lies_in_the_study(
+    compared: tuple[StudyResult, StudyResult],
+) -> None:
+    result, again = compared
+    assert again.study.seed == second_seed(result.study.seed) != result.study.seed
+    assert Path(again.store.folder).parent == Path(result.store.folder)
+    assert not again.runs(0)["fill_ratio"].is_empty()
+    assert not result.runs(0).equals(again.runs(0))
+    assert [cell.scenario for cell in again.study.cells] == [cell.scenario for cell in result.study.cells]
+
+
+def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, StudyResult]) -> None:
+    result, again = compared
+    found = comparisons(result, again)
+    assert len(found) == 4 * 5  # four pairs, five figures
+    one = next(c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s")
+    capped = pl.col("decision_time_s").fill_null(200.0).mean()
+    by_run = [
+        result.robots(number).group_by("run", maintain_order=True).agg(capped)["decision_time_s"]
+        for number in (one.cell.number, one.reference.number)
+    ]
+    assert one.first.difference.estimate == pytest.approx((by_run[0] - by_run[1]).mean())
+    assert one.first.pairs == 60
+    assert one.again is not None
+    assert one.again.second.pairs == 60
+    assert one.first.wins + one.first.ties + one.first.losses == 60
+
+
+def test_p_values_are_corrected_over_all_comparisons(compared: tuple[StudyResult, StudyResult]) -> None:
+    found = comparisons(*compared)
+    known = [c.first for c in found if c.first.p_value == c.first.p_value]
+    smallest = min(known, key=lambda paired: paired.p_value)
+    assert smallest.p_holm == pytest.approx(min(1.0, len(known) * smallest.p_value))
+    assert all(paired.p_holm >= paired.p_value for paired in known)
+
+
+def test_the_table_has_a_row_a_comparison_and_plain_columns(
+    compared: tuple[StudyResult, StudyResult],
+) -> None:
+    table = comparison_table(comparisons(*compared))
+    assert table.height == 20
+    assert {
+        "name",
+        "figure",
+        "difference",
+        "difference_low",
+        "p_holm",
+        "again_difference",
+        "confirmed",
+    } <= set(table.columns)
+    assert not any(dtype.is_nested() for dtype in table.dtypes)
