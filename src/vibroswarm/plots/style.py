@@ -1,0 +1,130 @@
+"""Sizes for where a picture is to stand: a journal's column, a page of two columns, a slide.
+
+Pictures are Figure objects; pyplot is never used. matplotlib reads its settings from one place for the whole
+process, so they are set under one lock and put back: pictures may be drawn from any thread.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.plots.palette import INK, LINE, PAPER
+
+
+@dataclass(frozen=True)
+class Style:
+    """Sizes in inches, type and lines in points."""
+
+    name: str
+    width_in: float
+    height_in: float
+    """Of a picture with two numeric axes; one with a row for each cell grows, except on a slide."""
+    font_pt: float
+    small_pt: float
+    line_pt: float
+    marker_pt: float
+    row_in: float
+    """Height of one row, where there is room."""
+    least_row_in: float
+    tallest_in: float
+    """Rows shrink to ``least_row_in`` to stay within this; beyond, the picture grows past it."""
+    dots_per_inch: int
+
+    @property
+    def fixed_height(self) -> bool:
+        """Whether a picture keeps its height as long as its rows can be read in it."""
+        return self.tallest_in == self.height_in
+
+
+STYLES: Final = {
+    "column": Style("column", 3.5, 2.5, 8, 7, 1.1, 3.6, 0.22, 0.115, 9.0, 300),
+    "page": Style("page", 7.2, 3.8, 9, 8, 1.2, 4.5, 0.24, 0.125, 9.4, 300),
+    "slide": Style("slide", 13.333, 7.5, 20, 16, 2.6, 10, 0.55, 0.2, 7.5, 150),
+}
+"""``column`` is 89 mm wide with type of 8 pt, ``page`` 183 mm with 9 pt, ``slide`` is 16:9 with 20 pt."""
+
+_LOCK: Final = threading.RLock()
+
+
+def style_named(name: str) -> Style:
+    """The style of this name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name not in STYLES:
+        known = ", ".join(STYLES)
+        raise InputError(f"'{name}' is not one of {known}{nearest(name, STYLES)}", field="style")
+    return STYLES[name]
+
+
+@contextmanager
+def settings(style: Style | None = None) -> Iterator[None]:
+    """matplotlib's own defaults, then this style's, for as long as the block lasts; one thread at a time.
+
+    Letters that the font lacks are no matter for a warning: in SVG and HTML the reader's fonts have them.
+    """
+    from matplotlib import style as styles
+
+    with _LOCK, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r"Glyph \d+")
+        with styles.context(["default", _parameters(style or STYLES["page"])]):
+            yield
+
+
+def _parameters(style: Style) -> dict[str, Any]:
+    thin = style.line_pt * 0.6
+    return {
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],  # the first comes with matplotlib
+        "font.size": style.font_pt,
+        "axes.titlesize": style.font_pt,
+        "axes.labelsize": style.font_pt,
+        "xtick.labelsize": style.small_pt,
+        "ytick.labelsize": style.small_pt,
+        "legend.fontsize": style.small_pt,
+        "legend.frameon": False,
+        "legend.handlelength": 2.2,
+        "text.parse_math": False,  # a name may hold a dollar
+        "text.color": INK,
+        "axes.labelcolor": INK,
+        "axes.edgecolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.facecolor": PAPER,
+        "figure.facecolor": PAPER,
+        "savefig.facecolor": PAPER,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": thin,
+        "xtick.major.width": thin,
+        "ytick.major.width": thin,
+        "xtick.minor.width": thin / 2,
+        "ytick.minor.width": thin / 2,
+        "xtick.major.size": style.font_pt * 0.4,
+        "ytick.major.size": style.font_pt * 0.4,
+        "grid.color": LINE,
+        "grid.linewidth": thin,
+        "axes.axisbelow": True,
+        "axes.unicode_minus": True,
+        "lines.linewidth": style.line_pt,
+        "lines.markersize": style.marker_pt,
+        "patch.linewidth": thin,
+        "hatch.linewidth": thin,
+        "hatch.color": INK,
+        "axes.labelpad": style.font_pt * 0.4,
+        "axes.titlepad": style.font_pt * 0.6,
+        "svg.fonttype": "none",  # letters stay text: they can be found, read aloud and scaled
+        "svg.hashsalt": "vibroswarm",
+        "pdf.fonttype": 42,  # TrueType, as journals ask
+        "ps.fonttype": 42,
+        "path.simplify": True,
+        "figure.constrained_layout.h_pad": style.font_pt * 0.4 / 72,
+        "figure.constrained_layout.w_pad": style.font_pt * 0.4 / 72,
+    }
