@@ -1,0 +1,185 @@
+"""Error-bar pictures: estimates with their intervals, along a number or cell by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots.canvas import (
+    few_ticks,
+    legend_below,
+    legend_lines,
+    log_x,
+    percent_axis,
+    plain_axes,
+    rows_of,
+)
+from vibroswarm.plots.frames import check_bounds, check_once, run_counts, tidy, with_series
+from vibroswarm.plots.palette import FAINT, PAPER, look
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import Style, style_named
+from vibroswarm.plots.words import of_runs
+
+COLUMNS = ("x", "series", "estimate", "low", "high")
+
+
+@drawn
+def draw_error_bars(
+    frame: pl.DataFrame,
+    *,
+    x_label: str = "",
+    label: str = "decision time (s)",
+    interval: str = "95 % interval",
+    log: bool = False,
+    percent: bool = False,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
+
+    Args:
+        frame: one row a mark: ``x`` (number or text), ``estimate, low, high`` (null: none), where there are
+            several ``series`` (text), and where known ``runs``.
+        x_label: of a numeric x, with its unit.
+        label: of the estimate, with its unit.
+        interval: what low and high are, such as "95 % Wilson interval".
+        log: whether a numeric x is drawn logarithmically.
+        percent: whether estimates are shares, written in percent.
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``x, series, estimate, low, high, runs``.
+
+    Raises:
+        InputError: the frame is not as asked.
+    """
+    sizes = style_named(style)
+    frame, series = checked_estimates(frame)
+    named = series if len(series) > 1 else []
+    if frame.schema["x"].is_numeric():
+        figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)
+        few_ticks(axes.xaxis, sizes)
+        nudge = _nudge(frame, len(series), log)
+        for index, name in enumerate(series):
+            part = frame.filter(pl.col("series") == name).sort("x")
+            shift = (index - (len(series) - 1) / 2) * nudge
+            draw_estimates(axes, sizes, part, index, shift=shift, log=log)
+        if log:
+            log_x(axes, frame["x"].to_list())
+        if percent:
+            percent_axis(axes.yaxis)
+        where = x_label or "x"
+    else:
+        figure = _rows(sizes, frame, series, label, percent, title)
+        where = "row"
+    legend_below(figure, sizes, [series_handle(sizes, index) for index in range(len(named))], named)
+    missing = frame["estimate"].null_count()
+    runs = run_counts(frame)
+    caption = f"{label} by {where}: estimate and {interval}" + (f" over {of_runs(runs)}." if runs else ".")
+    if missing:
+        caption += f" {missing} of {frame.height} have no value."
+    return Picture(figure, frame.select(*COLUMNS, "runs"), caption)
+
+
+def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
+    """A frame of x, estimate, low, high and series, and the series' names.
+
+    Raises:
+        InputError: the frame is not as asked.
+    """
+    numeric = "x" in frame.columns and frame.schema["x"].is_numeric()
+    frame = tidy(
+        frame,
+        numbers=(*(("x",) if numeric else ()), "estimate", "low", "high"),
+        texts=() if numeric else ("x",),
+        optional_numbers=("runs",),
+        complete=("x",) if numeric else (),
+    )
+    frame, series = with_series(frame)
+    check_once(frame, ["x", "series"])
+    check_bounds(frame, "low", "estimate", "high")
+    return frame, series
+
+
+def draw_estimates(
+    axes: Any, style: Style, part: pl.DataFrame, index: int, *, shift: float = 0.0, log: bool = False
+) -> None:
+    """One series of x, estimate, low, high along a numeric x: a line that a missing value breaks, marks, bars.
+
+    Raises:
+        InputError: x is not positive on a logarithmic axis.
+    """
+    if log and part["x"].min() <= 0:  # type: ignore[operator]
+        raise InputError("a logarithmic axis holds no number at or below 0", field="x")
+    looks = look(index)
+    x = (part["x"] * 10**shift if log else part["x"] + shift).to_numpy()
+    line = style.line_pt
+    axes.plot(
+        x, part["estimate"].to_numpy(), color=looks.colour, linestyle=looks.line, linewidth=line,
+        marker=looks.marker, markersize=style.marker_pt, markeredgewidth=line * 0.8, zorder=3,
+        markerfacecolor=PAPER if looks.hollow else looks.colour,
+    )  # fmt: skip
+    bars = part.select("estimate", "low", "high").with_columns(x=pl.Series(x)).drop_nulls()
+    axes.vlines(bars["x"], bars["low"], bars["high"], color=looks.colour, linewidth=line, zorder=2.5)
+    axes.plot(
+        [*bars["x"], *bars["x"]], [*bars["low"], *bars["high"]], ls="", marker="_", color=looks.colour,
+        markersize=style.marker_pt, markeredgewidth=line * 0.8, zorder=2.5,
+    )  # fmt: skip
+
+
+def series_handle(style: Style, index: int) -> Any:
+    """The sign of a series in a legend: line and mark."""
+    from matplotlib.lines import Line2D
+
+    looks = look(index)
+    return Line2D(
+        [], [], color=looks.colour, linestyle=looks.line, marker=looks.marker, markersize=style.marker_pt,
+        markerfacecolor=PAPER if looks.hollow else looks.colour, linewidth=style.line_pt,
+    )  # fmt: skip
+
+
+def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
+    """By how much series at the same x are set apart, in x or in decades."""
+    places = frame["x"].unique().sort()
+    if log:
+        places = places.filter(places > 0).log(10)
+    if series < 2 or places.len() < 2:
+        return 0.0
+    gap, span = float(places.diff().min()), float(places[-1] - places[0])  # type: ignore[arg-type]
+    return min(0.6 * gap / series, 0.012 * span)
+
+
+def _rows(
+    style: Style, frame: pl.DataFrame, series: Sequence[str], label: str, percent: bool, title: str
+) -> Any:
+    names = frame["x"].unique(maintain_order=True).to_list()
+    row_of = {name: row for row, name in enumerate(names)}
+    named = list(series) if len(series) > 1 else []
+    rows = rows_of(style, names, label, series=len(series), title=title, furniture=legend_lines(style, named))
+    axes = rows.axes
+    for values in frame.to_dicts():
+        index = series.index(values["series"])
+        y, looks = rows.place(row_of[values["x"]], index, len(series)), look(index)
+        if values["estimate"] is None:
+            axes.annotate(
+                "no value", (0.02, y), xycoords=("axes fraction", "data"), va="center",
+                fontsize=rows.font_pt, color=FAINT,
+            )  # fmt: skip
+            continue
+        if values["low"] is not None and values["high"] is not None:
+            axes.plot(
+                [values["low"], values["high"]], [y, y], color=looks.colour, linewidth=rows.line_pt,
+                marker="|", markersize=style.marker_pt, zorder=2,
+            )  # fmt: skip
+        axes.plot(
+            values["estimate"], y, ls="", marker=looks.marker, markersize=style.marker_pt,
+            markeredgecolor=looks.colour, markerfacecolor=PAPER if looks.hollow else looks.colour, zorder=3,
+        )  # fmt: skip
+    if percent:
+        percent_axis(axes.xaxis)
+    axes.margins(x=0.05)
+    return rows.figure

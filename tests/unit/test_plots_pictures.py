@@ -1,0 +1,602 @@
+"""Each picture draws the numbers that it gives, drops none in silence, and no word in it hides another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots import (
+    Picture,
+    draw_belief,
+    draw_boxes,
+    draw_density,
+    draw_detection,
+    draw_error_bars,
+    draw_forest,
+    draw_front,
+    draw_heat,
+    draw_incidence,
+    draw_outcomes,
+    draw_violins,
+)
+from vibroswarm.plots.front import on_front
+from vibroswarm.plots.per_run import Group, quantile
+from vibroswarm.plots.picture import picture_bytes
+from vibroswarm.plots.style import STYLES, settings
+
+LONG = [
+    "walk.avoidance_threshold_mm = 55",
+    "/very/long/folder/of results/of/a/study/with $a_name$/floor.png",
+    "<script>alert(1)</script>",
+    "strategy.name = soft, decision.credible_threshold = 0.975",
+]
+FORTY = [f"walk.avoidance_threshold_mm = {index}" for index in range(40)]
+
+
+def runs(
+    cells: list[str], count: int = 60, series: list[str] | None = None, undecided: float = 0.2
+) -> pl.DataFrame:
+    rng = np.random.default_rng(1)
+    rows = []
+    for cell in cells:
+        for name in series or [""]:
+            values = np.clip(rng.gamma(3, 150, count), 0, 1199)
+            lost = rng.random(count) < undecided
+            rows += [
+                {"cell": cell, "series": name, "value": None if gone else value}
+                for value, gone in zip(values.tolist(), lost, strict=True)
+            ]
+    return pl.DataFrame(rows, schema={"cell": pl.String, "series": pl.String, "value": pl.Float64})
+
+
+def estimates(xs: list[Any], series: list[str], breadth: float = 30.0) -> pl.DataFrame:
+    rng = np.random.default_rng(2)
+    rows = [
+        {"x": x, "series": name, "estimate": 400 + 100 * rng.random(), "runs": 1000}
+        for x in xs
+        for name in series
+    ]
+    return pl.DataFrame(rows).with_columns(
+        low=pl.col("estimate") - breadth, high=pl.col("estimate") + breadth
+    )
+
+
+def counts(cells: list[str]) -> pl.DataFrame:
+    drawn = np.random.default_rng(3).multinomial(200, [0.5, 0.2, 0.1, 0.15, 0.05], len(cells))
+    kinds = ("right", "wrong", "split", "incomplete", "agreed")
+    return pl.DataFrame(
+        {"cell": cells, **{kind: drawn[:, at] for at, kind in enumerate(kinds)}}
+    ).with_columns(right_low=pl.col("right") / 200 - 0.06, right_high=pl.col("right") / 200 + 0.06)
+
+
+def differences(names: list[str]) -> pl.DataFrame:
+    rng = np.random.default_rng(4)
+    middle = rng.normal(0, 30, len(names))
+    return pl.DataFrame(
+        {
+            "comparison": names, "difference": middle, "low": middle - 20, "high": middle + 20,
+            "wins": 610, "ties": 20, "losses": 370, "runs": 1000,
+        }
+    )  # fmt: skip
+
+
+def curves(series: list[str], rows: int = 200) -> pl.DataFrame:
+    time = np.linspace(0, 1200, rows)
+    return pl.concat(
+        pl.DataFrame({"time_s": time, "series": name})
+        .with_columns(right=0.7 * (1 - (-pl.col("time_s") / (300 + 50 * at)).exp()), wrong=pl.col("time_s") / 6000)
+        .with_columns(
+            right_low=pl.col("right") * 0.9, right_high=pl.col("right") * 1.05,
+            wrong_low=pl.col("wrong") * 0.8, wrong_high=pl.col("wrong") * 1.2,
+        )
+        for at, name in enumerate(series)
+    )  # fmt: skip
+
+
+def beliefs(series: list[str], rows: int = 200) -> pl.DataFrame:
+    time = np.linspace(0, 1200, rows)
+    middle = 0.5 + 0.4 * (1 - np.exp(-time / 300))
+    quantiles = {
+        "q05": middle * 0.3,
+        "q25": middle * 0.8,
+        "q50": middle,
+        "q75": middle + 0.05,
+        "q95": middle + 0.09,
+    }
+    return pl.concat(pl.DataFrame({"time_s": time, **quantiles, "series": name}) for name in series)
+
+
+def grid(xs: list[Any], ys: list[Any]) -> pl.DataFrame:
+    rows = [
+        {"x": x, "y": y, "value": 900.0 - 7 * i + 11 * j, "runs": 100}
+        for i, x in enumerate(xs)
+        for j, y in enumerate(ys)
+    ]
+    return pl.DataFrame(rows)
+
+
+def choices(count: int) -> pl.DataFrame:
+    rng = np.random.default_rng(5)
+    time = rng.gamma(4, 150, count)
+    error = np.clip(150 / time * rng.gamma(5, 0.3, count), 0, 1)
+    return pl.DataFrame(
+        {
+            "name": [f"{LONG[at % 4]} {at}" for at in range(count)], "time": time, "error": error,
+            "time_low": time - 30, "time_high": time + 30, "error_low": error - 0.04, "error_high": error + 0.04,
+            "runs": 1000,
+        }
+    )  # fmt: skip
+
+
+def misses(series: list[str]) -> pl.DataFrame:
+    return pl.concat(
+        pl.DataFrame(
+            {"fill_ratio": [0.01, 0.02, 0.05, 0.1], "series": name, "missed": [0.8, 0.5 - 0.1 * at, 0.1, 0.0]}
+        )
+        for at, name in enumerate(series)
+    ).with_columns(
+        low=(pl.col("missed") - 0.05).clip(0), high=(pl.col("missed") + 0.05).clip(0, 1), runs=1000
+    )
+
+
+def places(count: int) -> pl.DataFrame:
+    rng = np.random.default_rng(6)
+    return pl.DataFrame({"x_m": rng.beta(1.3, 1.3, count), "y_m": rng.beta(1.3, 1.3, count)})
+
+
+TILES = np.array([[1, 0, 0], [0, 1, 1], [0, 0, 1]], dtype=np.uint8)
+
+PICTURES: dict[str, Callable[[str], Picture]] = {
+    "boxes": lambda style: draw_boxes(runs(["none", "soft"]), t_end=1200, style=style),
+    "boxes, long names": lambda style: draw_boxes(runs(LONG, 9, LONG[:3]), t_end=1200, title=LONG[1], style=style),
+    "boxes, forty": lambda style: draw_boxes(runs(FORTY, 9, ["a", "b"]), t_end=1200, style=style),
+    "boxes, one run": lambda style: draw_boxes(runs(["one"], 1, undecided=0), t_end=1200, style=style),
+    "boxes, all undecided": lambda style: draw_boxes(runs(["one", "two"], undecided=1), t_end=1200, style=style),
+    "boxes, no end": lambda style: draw_boxes(runs(["one", "two"], undecided=1), style=style),
+    "boxes, no spread": lambda style: draw_boxes(
+        runs(["a", "b"]).with_columns(value=pl.lit(7.0)), t_end=1200, style=style
+    ),
+    "violins": lambda style: draw_violins(runs(["none", "soft"]), t_end=1200, style=style),
+    "violins, long names": lambda style: draw_violins(runs(LONG, 9, LONG[:3]), t_end=1200, style=style),
+    "violins, one run": lambda style: draw_violins(runs(["one"], 1, undecided=0), t_end=1200, style=style),
+    "violins, all undecided": lambda style: draw_violins(runs(["one"], undecided=1), t_end=1200, style=style),
+    "outcomes": lambda style: draw_outcomes(counts(["none", "soft"]), style=style),
+    "outcomes, long names": lambda style: draw_outcomes(counts(LONG), title=LONG[3], unit="robot", style=style),
+    "outcomes, forty": lambda style: draw_outcomes(counts(FORTY), style=style),
+    "outcomes, none": lambda style: draw_outcomes(pl.DataFrame({"cell": ["a"], "right": [0]}), style=style),
+    "forest": lambda style: draw_forest(differences(["a", "b"]), better="low", style=style),
+    "forest, long names": lambda style: draw_forest(differences(LONG), better="high", title="x", style=style),
+    "forest, forty": lambda style: draw_forest(differences(FORTY), style=style),
+    "forest, no value": lambda style: draw_forest(
+        differences(["a"]).with_columns(pl.lit(None, pl.Float64).alias(n) for n in ("difference", "low", "high")),
+        style=style,
+    ),
+    "bars": lambda style: draw_error_bars(estimates([0.1, 0.2, 0.4], ["none", "soft"]), x_label="eta", style=style),
+    "bars, log": lambda style: draw_error_bars(
+        estimates([1000, 2000, 5000, 12_000], list("abcdefgh")), log=True, x_label=LONG[0], label=LONG[3], style=style
+    ),
+    "bars, long names": lambda style: draw_error_bars(estimates(LONG, LONG), label=LONG[3], style=style),
+    "bars, forty": lambda style: draw_error_bars(estimates(FORTY, ["a", "b", "c"]), style=style),
+    "bars, one without width": lambda style: draw_error_bars(estimates([5], [""], 0.0), title="t", style=style),
+    "incidence": lambda style: draw_incidence(curves(["soft"]), runs=1000, style=style),
+    "incidence, long names": lambda style: draw_incidence(curves(LONG), title=LONG[1], style=style),
+    "incidence, nobody": lambda style: draw_incidence(
+        pl.DataFrame({"time_s": [0.0], "right": [0.0], "wrong": [0.0]}), t_end=1200, style=style
+    ),
+    "belief": lambda style: draw_belief(beliefs([""]), runs=1000, style=style),
+    "belief, long names": lambda style: draw_belief(beliefs(LONG), label=LONG[3], title="x", style=style),
+    "belief, one time": lambda style: draw_belief(beliefs([""], 1), style=style),
+    "heat": lambda style: draw_heat(grid([40, 55, 70], [1000, 3778]), best="low", best_within=8, style=style),
+    "heat, long names": lambda style: draw_heat(
+        grid(LONG, LONG), x_label=LONG[1], y_label=LONG[3], label=LONG[3], best="high", title=LONG[1], style=style
+    ),
+    "heat, forty": lambda style: draw_heat(grid(list(range(40)), FORTY), style=style),
+    "heat, forty names": lambda style: draw_heat(grid(FORTY, list(range(40))), style=style),
+    "heat, one": lambda style: draw_heat(grid([1], [1]), best="low", style=style),
+    "heat, nothing": lambda style: draw_heat(
+        grid([1, 2], [1]).with_columns(value=pl.lit(None, pl.Float64)), best="low", style=style
+    ),
+    "density": lambda style: draw_density(places(5000), tiles=TILES, style=style),
+    "density, wide": lambda style: draw_density(
+        places(900).with_columns(pl.col("x_m") * 3), width_m=3, title="wide", highest=1.1, style=style
+    ),
+    "density, one": lambda style: draw_density(places(1), tiles=TILES, bins=4, style=style),
+    "front": lambda style: draw_front(choices(25), percent=True, style=style),
+    "front, one": lambda style: draw_front(choices(1), style=style),
+    "front, thousands": lambda style: draw_front(choices(5000), style=style),
+    "detection": lambda style: draw_detection(misses(["600 s", "1200 s"]), boundary=0.03, tolerated=0.05, style=style),
+    "detection, log": lambda style: draw_detection(misses(LONG), log=True, title="x", style=style),
+}  # fmt: skip
+
+
+def texts_of(figure: Figure) -> list[tuple[str, Any]]:
+    """The words that are really drawn, and their boxes in pixels; none for slanted ones."""
+    found: dict[int, Text] = {}
+    draw = Text.draw
+
+    def noted(text: Text, renderer: Any) -> None:
+        if text.get_visible() and text.get_text().strip():
+            found[id(text)] = text
+        draw(text, renderer)
+
+    with settings(), mock.patch.object(Text, "draw", noted):
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        renderer = canvas.get_renderer()
+    return [
+        (text.get_text(), None if text.get_rotation() % 90 else Text.get_window_extent(text, renderer))
+        for text in found.values()
+    ]
+
+
+def faults_of(figure: Figure) -> list[str]:
+    """Words over other words, and words that the picture's edge cuts. Slanted words are left out."""
+    texts = [(words, box) for words, box in texts_of(figure) if box is not None]
+    frame, faults = figure.bbox, []
+    for words, box in texts:
+        if box.x0 < frame.x0 - 1 or box.y0 < frame.y0 - 1 or box.x1 > frame.x1 + 1 or box.y1 > frame.y1 + 1:
+            faults.append(f"{words!r} is cut")
+    for (first, one), (second, two) in combinations(texts, 2):
+        wide = min(one.x1, two.x1) - max(one.x0, two.x0)
+        high = min(one.y1, two.y1) - max(one.y0, two.y0)
+        if wide > 1 and high > 0.2 * min(one.height, two.height):
+            faults.append(f"{first!r} and {second!r} overlap")
+    return faults
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("name", PICTURES)
+def test_no_word_hides_another_or_is_cut(name, style):
+    picture = PICTURES[name](style)
+    assert picture.style == style
+    assert faults_of(picture.figure) == []
+    assert picture.figure.get_figwidth() == STYLES[style].width_in
+    assert len(picture.caption) > 20
+    assert picture.numbers.height > 0
+
+
+def test_the_check_for_hidden_words_finds_them():
+    with settings():
+        figure = Figure(figsize=(3, 2))
+        axes = figure.add_subplot()
+        axes.text(0.5, 0.5, "one thing")
+        axes.text(0.52, 0.52, "another")
+        axes.set_ylabel("cut " * 30)
+    faults = " ".join(faults_of(figure))
+    assert "'one thing' and 'another' overlap" in faults
+    assert "is cut" in faults
+
+
+@pytest.mark.parametrize("name", [name for name in PICTURES if "," not in name])
+def test_the_same_frame_gives_the_same_bytes(name):
+    for kind in ("svg", "pdf", "png"):
+        one, two = (picture_bytes(PICTURES[name]("column").figure, kind, dots_per_inch=60) for _ in range(2))
+        assert one == two
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_pictures_stay_small(name):
+    assert len(PICTURES[name]("page").svg()) < 1_600_000
+
+
+# What is drawn is what the numbers say.
+
+
+def lines_of(picture: Picture, panel: int = 0) -> list[np.ndarray]:
+    return [np.asarray(line.get_xydata()) for line in picture.figure.axes[panel].lines]
+
+
+def holds(lines: list[np.ndarray], points: Any) -> bool:
+    wanted = np.asarray(points, dtype=float)
+    return any(line.shape == wanted.shape and np.allclose(line, wanted, equal_nan=True) for line in lines)
+
+
+def test_boxes_stand_at_their_quantiles():
+    frame = runs(["a", "b"], 101, undecided=0)
+    picture = draw_boxes(frame, t_end=1200)
+    boxes = [
+        patch
+        for patch in picture.figure.axes[0].patches
+        if isinstance(patch, Rectangle) and patch.zorder == 2
+    ]
+    assert len(boxes) == picture.numbers.height == 2
+    for row, box in zip(picture.numbers.to_dicts(), boxes, strict=True):
+        values = frame.filter(pl.col("cell") == row["cell"])["value"].to_numpy()
+        assert [row[name] for name in ("q05", "q25", "median", "q75", "q95")] == pytest.approx(
+            np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
+        )
+        assert (box.get_x(), box.get_x() + box.get_width()) == pytest.approx((row["q25"], row["q75"]))
+        assert any(np.allclose(line[:, 0], row["median"]) for line in lines_of(picture))
+
+
+def group_of(values: list[float], runs: int) -> Group:
+    return Group("", "", 0, 0, np.array(values), runs)
+
+
+def test_undecided_runs_count_as_later_than_the_end():
+    assert quantile(group_of([1, 2, 3], 5), 0.5, censored=True) == 3
+    assert (
+        quantile(group_of([1, 2, 3], 6), 0.5, censored=True) is None
+    )  # between the third and an undecided one
+    assert quantile(group_of([1, 2, 3], 5), 0.5, censored=False) == 2
+    assert quantile(group_of([], 4), 0.5, censored=True) is None
+    assert quantile(group_of([], 0), 0.5, censored=True) is None
+
+
+def test_undecided_runs_are_never_dropped_in_silence():
+    frame = runs(["some", "all"], 40, undecided=0.5).with_columns(
+        value=pl.when(pl.col("cell") == "all").then(None).otherwise(pl.col("value"))
+    )
+    lost = frame["value"].null_count()
+    for draw in (draw_boxes, draw_violins):
+        for t_end in (None, 1200.0):
+            picture = draw(frame, t_end=t_end)
+            told = [words for words, _ in texts_of(picture.figure)]
+            assert {"undecided", "100 %"} <= set(told)
+            assert f"{lost} of 80 are undecided" in picture.caption
+            by_cell = picture.numbers.group_by("cell", maintain_order=True).first()
+            assert by_cell["undecided"].sum() == lost
+            assert by_cell["runs"].to_list() == [40, 40]
+    box = draw_boxes(frame, t_end=1200).numbers.row(1, named=True)
+    assert box["median"] is None
+
+
+def test_a_value_behind_the_end_is_refused():
+    with pytest.raises(InputError, match="later than the end at 100"):
+        draw_boxes(runs(["a"]), t_end=100)
+
+
+def test_few_runs_are_drawn_one_by_one():
+    picture = draw_boxes(runs(["a"], 3, undecided=0), t_end=1200)
+    assert picture.numbers["mark"].to_list() == ["run"] * 3
+    assert holds(lines_of(picture), [(value, 0) for value in picture.numbers["value"]])
+
+
+def test_a_violins_area_is_the_share_decided():
+    frame = runs(["a"], 4000, undecided=0.3)
+    picture = draw_violins(frame, t_end=1200)
+    value, density = (picture.numbers[name].to_numpy() for name in ("value", "density"))
+    decided = 1 - frame["value"].null_count() / frame.height
+    assert np.trapezoid(density, value) == pytest.approx(decided, abs=0.01)
+    outline = picture.figure.axes[0].collections[0].get_paths()[0].vertices
+    assert np.ptp(outline[:, 0]) == pytest.approx(np.ptp(value))
+    peak = value[np.argmax(density)]
+    assert outline[np.argmax(outline[:, 1]), 0] == pytest.approx(peak)
+
+
+def test_outcome_bars_are_the_shares_and_fill_the_row():
+    frame = counts(["a", "b", "c"])
+    picture = draw_outcomes(frame)
+    bars = picture.figure.axes[0].patches
+    drawn = sorted((round(bar.get_y() + bar.get_height() / 2), bar.get_x(), bar.get_width()) for bar in bars)
+    at = 0
+    for row, values in enumerate(picture.numbers.to_dicts()):
+        left = 0.0
+        for kind in ("right", "wrong", "split", "incomplete", "agreed"):
+            if values[kind]:
+                assert drawn[at] == pytest.approx((row, left, values[kind]))
+                left, at = left + values[kind], at + 1
+        assert left == pytest.approx(1)
+    assert at == len(drawn)
+    assert picture.numbers["right"].to_list() == [count / 200 for count in frame["right"]]
+    assert picture.numbers["runs"].to_list() == [200] * 3
+
+
+def test_error_bars_are_where_the_frame_says():
+    frame = estimates([3, 1, 2], ["only"]).with_columns(
+        estimate=pl.when(pl.col("x") == 2).then(None).otherwise(pl.col("estimate"))
+    )
+    picture = draw_error_bars(frame)
+    ordered = frame.sort("x")
+    lines = lines_of(picture)
+    assert holds(lines, np.column_stack([ordered["x"], ordered["estimate"].fill_null(np.nan)]))
+    bars = picture.figure.axes[0].collections[0].get_segments()
+    known = ordered.drop_nulls("estimate")
+    assert np.allclose(
+        bars, [[(x, low), (x, high)] for x, low, high in known.select("x", "low", "high").iter_rows()]
+    )
+    assert "1 of 3 have no value" in picture.caption
+    assert "1000 runs each" in picture.caption
+    assert picture.numbers["estimate"].to_list() == frame["estimate"].to_list()
+
+
+def test_names_without_a_value_say_so():
+    frame = estimates(["a", "b"], [""]).with_columns(
+        estimate=pl.when(pl.col("x") == "a").then(float("nan")).otherwise(pl.col("estimate"))
+    )
+    assert "no value" in [words for words, _ in texts_of(draw_error_bars(frame).figure)]
+
+
+def test_incidence_rises_and_falls_as_told():
+    frame = curves(["soft"], 30)
+    picture = draw_incidence(frame, runs=500, t_end=1300)
+    for kind, sign in (("right", 1), ("wrong", -1)):
+        heights = sign * frame[kind].to_numpy()
+        points = np.column_stack([[*frame["time_s"], 1300.0], [*heights, heights[-1]]])
+        assert holds(lines_of(picture), points)
+    rest = 1 - frame["right"][-1] - frame["wrong"][-1]
+    assert f"Undecided at 1300 s: soft {100 * rest:.0f} %" in picture.caption
+    assert "500 runs" in picture.caption
+
+
+def test_long_curves_are_thinned_and_say_so():
+    frame = curves(["soft"], 100_000)
+    picture = draw_incidence(frame)
+    assert picture.numbers.height == 1000
+    assert picture.numbers["time_s"][0] == 0
+    assert picture.numbers["time_s"][-1] == 1200
+    assert "Drawn at 1000 of the times" in picture.caption
+    assert len(picture.svg()) < 300_000
+    belief = draw_belief(beliefs([""], 100_000))
+    assert belief.numbers.height == 1000
+    assert len(belief.svg()) < 400_000
+
+
+@pytest.mark.parametrize(
+    ("change", "wrong"),
+    [
+        ({"right": [0.2, 0.1]}, "falls with time"),
+        ({"right": [0.2, 0.9]}, "at most 1"),
+        ({"right": [0.2, None]}, "missing number"),
+        ({"right": ["a", "b"]}, "holds String, not numbers"),
+    ],
+)
+def test_shares_that_cannot_be_are_refused(change, wrong):
+    frame = pl.DataFrame({"time_s": [0.0, 1.0], "right": [0.1, 0.2], "wrong": [0.1, 0.2]} | change)
+    with pytest.raises(InputError, match=wrong):
+        draw_incidence(frame)
+
+
+def test_belief_draws_its_quantiles():
+    frame = beliefs([""], 50)
+    picture = draw_belief(frame, thresholds=(0.95, 0.05))
+    assert holds(lines_of(picture), frame.select("time_s", "q50").to_numpy())
+    levels = {line[0, 1] for line in lines_of(picture) if len(line) == 2 and line[0, 1] == line[1, 1]}
+    assert levels == {0.95, 0.05, 0.5}
+    bands = [band.get_paths()[0].vertices for band in picture.figure.axes[0].collections]
+    for band, (low, high) in zip(bands, (("q05", "q95"), ("q25", "q75")), strict=True):
+        assert band[:, 1].min() == pytest.approx(frame[low].min())
+        assert band[:, 1].max() == pytest.approx(frame[high].max())
+    assert "bands: 5 % to 95 % and 25 % to 75 % of the runs" in picture.caption
+    with pytest.raises(InputError, match="no partner at 75 %"):
+        draw_belief(frame.drop("q75"))
+    with pytest.raises(InputError, match="out of order"):
+        draw_belief(frame.with_columns(q05=pl.lit(0.99)))
+
+
+def mesh_of(picture: Picture) -> QuadMesh:
+    (mesh,) = [part for part in picture.figure.axes[0].collections if isinstance(part, QuadMesh)]
+    return mesh
+
+
+def test_heat_puts_each_value_at_its_place_and_finds_the_best():
+    frame = grid([70, 40, 55], [1, 2]).filter(~((pl.col("x") == 55) & (pl.col("y") == 2)))
+    picture = draw_heat(frame, best="low", best_within=8.0)
+    cells = mesh_of(picture).get_array().reshape(2, 3)
+    for x, y, value in frame.select("x", "y", "value").iter_rows():
+        assert cells[[1, 2].index(y), [40, 55, 70].index(x)] == value
+    assert cells.mask.sum() == 1
+    assert picture.numbers.filter("best").select("x", "y").rows() == [(40, 1), (55, 1)]
+    assert "Hatched: 1 of 6 cells have no value" in picture.caption
+    told = [words for words, _ in texts_of(picture.figure)]
+    assert {"900", "893", "886", "911", "904"} <= set(told)
+
+
+def test_heat_leaves_numbers_out_where_they_do_not_fit():
+    told = [words for words, _ in texts_of(draw_heat(grid(list(range(40)), list(range(40)))).figure)]
+    assert "886" not in told
+
+
+def test_density_is_in_units_of_even_sampling():
+    even = pl.DataFrame(
+        [(x + 0.5, y + 0.5) for x in range(4) for y in range(2)], schema=["x_m", "y_m"], orient="row"
+    )
+    picture = draw_density(even, width_m=4, height_m=2, bins=4)
+    assert picture.numbers["density"].to_list() == [1.0] * 8
+    picture = draw_density(places(3000), bins=10)
+    numbers = picture.numbers
+    assert numbers["density"].mean() == pytest.approx(1)
+    assert numbers["count"].sum() == 3000
+    drawn = mesh_of(picture).get_array().reshape(10, 10)
+    for row in numbers.sample(20, seed=1).to_dicts():
+        assert drawn[round(row["y_low_m"] * 10), round(row["x_low_m"] * 10)] == pytest.approx(row["density"])
+    counted = numbers.with_columns(
+        x_m=(pl.col("x_low_m") + pl.col("x_high_m")) / 2, y_m=(pl.col("y_low_m") + pl.col("y_high_m")) / 2
+    )
+    assert draw_density(counted, bins=10).numbers.equals(numbers)
+    with pytest.raises(InputError, match="outside the arena of 1 m x 1 m"):
+        draw_density(places(9).with_columns(pl.col("x_m") + 1))
+
+
+def test_the_front_is_what_nothing_beats():
+    time, error = np.array([1.0, 2, 2, 3, 3, 1]), np.array([0.5, 0.2, 0.3, 0.2, 0.1, 0.5])
+    assert on_front(time, error).tolist() == [True, True, False, False, True, True]
+    frame = choices(30)
+    picture = draw_front(frame)
+    for row in picture.numbers.to_dicts():
+        beaten = frame.filter(
+            (pl.col("time") <= row["time"]) & (pl.col("error") <= row["error"])
+            & ((pl.col("time") < row["time"]) | (pl.col("error") < row["error"]))
+        )  # fmt: skip
+        assert row["front"] == beaten.is_empty()
+    front = picture.numbers.filter("front").sort("number")
+    assert front["number"].to_list() == list(range(1, front.height + 1))
+    assert holds(lines_of(picture), front.select("time", "error").to_numpy())
+    assert (
+        "2 without a value"
+        in draw_front(
+            frame.with_columns(time=pl.when(pl.int_range(30) < 2).then(None).otherwise(pl.col("time")))
+        ).caption
+    )
+
+
+def test_detection_draws_each_curve():
+    frame = misses(["600 s", "1200 s"])
+    picture = draw_detection(frame, boundary=0.03, tolerated=0.05)
+    for name in ("600 s", "1200 s"):
+        assert holds(
+            lines_of(picture),
+            frame.filter(pl.col("series") == name).select("fill_ratio", "missed").to_numpy(),
+        )
+    assert "5 % tolerated" in picture.caption
+    assert "decision boundary 0.03" in picture.caption
+    with pytest.raises(InputError, match="missed: holds a number outside 0 to 1"):
+        draw_detection(frame.with_columns(missed=pl.lit(1.5)))
+
+
+def test_forest_rows_are_the_differences():
+    frame = differences(["a", "b", "c"])
+    picture = draw_forest(frame)
+    lines = lines_of(picture)
+    for row, values in enumerate(frame.to_dicts()):
+        assert holds(lines, [(values["low"], row), (values["high"], row)])
+        assert holds(lines, [(values["difference"], row)])
+    assert [words for words, _ in texts_of(picture.figure)].count("610 / 20 / 370") == 3
+    assert picture.numbers.select(frame.columns).equals(frame.cast({pl.Int32: pl.Float64}), null_equal=True)
+
+
+@pytest.mark.parametrize(
+    ("frame", "wrong"),
+    [
+        (
+            pl.DataFrame({"x": [1], "estimat": [1.0], "low": [0.0], "high": [2.0]}),
+            "estimate: .*did you mean 'estimat'",
+        ),
+        (pl.DataFrame({"x": [1], "estimate": [3.0], "low": [0.0], "high": [2.0]}), "3.0 does not lie in"),
+        (
+            pl.DataFrame({"x": [1, 1], "estimate": [1.0] * 2, "low": [0.0] * 2, "high": [2.0] * 2}),
+            "two rows have x 1",
+        ),
+        (pl.DataFrame({"x": [1], "estimate": [float("inf")], "low": [0.0], "high": [2.0]}), "infinite"),
+        (
+            pl.DataFrame(
+                {"x": [None], "estimate": [1.0], "low": [0.0], "high": [2.0]},
+                schema_overrides={"x": pl.Float64},
+            ),
+            "x: holds a missing",
+        ),
+        (
+            pl.DataFrame(
+                schema={"x": pl.Float64, "estimate": pl.Float64, "low": pl.Float64, "high": pl.Float64}
+            ),
+            "no rows",
+        ),
+    ],
+)
+def test_frames_that_are_not_as_asked_are_refused(frame, wrong):
+    with pytest.raises(InputError, match=wrong):
+        draw_error_bars(frame)
+    with pytest.raises(InputError, match="at or below 0"):
+        draw_error_bars(estimates([0, 1], [""]), log=True)

@@ -1,0 +1,275 @@
+"""Pictures are legible in grey and to the colour-blind, and are written whole and the same each time."""
+
+from __future__ import annotations
+
+import re
+import threading
+from itertools import combinations
+
+import matplotlib as mpl
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots import draw_boxes, draw_error_bars
+from vibroswarm.plots.palette import NAMES, OUTCOME_HATCHES, OUTCOMES, PAPER, SERIES, SERIES_UP_TO, look
+from vibroswarm.plots.picture import FORMATS, picture_bytes, themed_svg, write_picture
+from vibroswarm.plots.style import STYLES, settings, style_named
+from vibroswarm.plots.words import fitted, fitted_names, number, plain, share, width_pt
+
+# Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
+SEEN = {
+    "all colours": np.eye(3),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+}
+TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
+)
+WHITE = TO_XYZ.sum(axis=1)
+
+
+def linear(colour: str) -> np.ndarray:
+    coded = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+
+
+def lab(colour: str, seen: str = "all colours") -> np.ndarray:
+    t = TO_XYZ @ np.clip(SEEN[seen] @ linear(colour), 0, 1) / WHITE
+    f = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def nearest_pair(colours, seen: str) -> float:
+    return min(float(np.linalg.norm(lab(a, seen) - lab(b, seen))) for a, b in combinations(colours, 2))
+
+
+def nearest_greys(colours) -> float:
+    return min(abs(float(lab(a)[0] - lab(b)[0])) for a, b in combinations(colours, 2))
+
+
+@pytest.mark.parametrize("seen", SEEN)
+def test_series_are_told_apart_whatever_colours_one_sees(seen):
+    assert nearest_pair(SERIES, seen) > 34
+    assert nearest_pair(OUTCOMES.values(), seen) > 15
+
+
+def test_a_red_and_a_green_of_one_lightness_would_not_pass():
+    red, green = "#c0392b", "#5a7d00"
+    assert nearest_pair((red, green), "all colours") > 60
+    assert nearest_pair((red, green), "deuteranopia") < 34
+    assert nearest_greys((red, green)) < 9
+
+
+def test_series_and_outcomes_are_told_apart_in_grey():
+    assert nearest_greys(SERIES) > 9
+    assert nearest_greys(OUTCOMES.values()) > 9
+
+
+def test_series_stand_out_from_paper():
+    paper = linear(PAPER) @ TO_XYZ[1]
+    for colour in SERIES:
+        assert (paper + 0.05) / (linear(colour) @ TO_XYZ[1] + 0.05) > 1.7, colour
+
+
+def test_series_differ_in_shape_too():
+    looks = [look(index) for index in range(SERIES_UP_TO)]
+    assert len({one.marker for one in looks}) == len({one.hatch for one in looks}) == SERIES_UP_TO
+    assert len({one.line for one in looks[: len(SERIES)]}) == len(SERIES)
+    assert len(set(OUTCOME_HATCHES.values())) == len(OUTCOMES)
+
+
+def test_colours_have_one_name_each():
+    assert len(set(NAMES.values())) == len(NAMES)
+    assert all(re.fullmatch(r"#[0-9a-f]{6}", colour) for colour in NAMES.values())
+
+
+def test_styles_have_the_sizes_that_they_say():
+    assert STYLES["column"].width_in == 3.5
+    assert STYLES["column"].font_pt == 8
+    assert STYLES["page"].width_in == 7.2
+    assert STYLES["slide"].width_in / STYLES["slide"].height_in == pytest.approx(16 / 9, abs=0.001)
+    with pytest.raises(InputError, match="did you mean 'column'"):
+        style_named("colum")
+
+
+FRAME = pl.DataFrame({"x": [1, 2], "estimate": [3.0, 4.0], "low": [2.5, 3.5], "high": [3.5, 4.5]})
+
+
+def test_pictures_are_written_with_their_numbers_and_repeat(tmp_path):
+    kept = {}
+    for name in ("one v1.2", "two"):
+        picture = draw_error_bars(FRAME, label="a $label$ & <b>")
+        written = picture.write(tmp_path / name)
+        assert [path.name for path in written] == [f"{name}.{kind}" for kind in (*FORMATS, "csv")]
+        kept[name] = [path.read_bytes() for path in written]
+    assert kept["one v1.2"] == kept["two"]
+    svg, pdf, png, csv = kept["two"]
+    assert svg.startswith(b"<?xml")
+    assert b"a $label$ &amp; &lt;b&gt;</text>" in svg  # text is text, and no mathematics
+    assert pdf.startswith(b"%PDF")
+    assert b"/FontFile2" in pdf or b"/Type42" in pdf or b"CIDFontType2" in pdf
+    assert not re.search(rb"CreationDate|Matplotlib|20\d\d-\d\d", svg + pdf + png)
+    assert png.startswith(b"\x89PNG")
+    assert pl.read_csv(csv).equals(
+        picture.numbers.with_columns(
+            pl.col("x").cast(pl.Int64), runs=pl.lit(None, pl.String), series=pl.lit("")
+        ).cast({"x": pl.Float64}),
+        null_equal=True,
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        f"{name}.{kind}" for name in kept for kind in (*FORMATS, "csv")
+    )
+
+
+def test_writing_says_what_is_wrong(tmp_path):
+    picture = draw_error_bars(FRAME)
+    with pytest.raises(InputError, match="'gif' is no format of a picture; svg, pdf, png"):
+        picture.write(tmp_path / "x", formats=("gif",))
+    with pytest.raises(InputError, match="cannot write"):
+        picture.write(tmp_path / "nowhere" / "x")
+    assert list(tmp_path.iterdir()) == []
+    only = write_picture(picture.figure, picture.numbers, tmp_path / "x", formats=())
+    assert [path.name for path in only] == ["x.csv"]
+
+
+def test_dots_follow_the_style(tmp_path):
+    from PIL import Image
+
+    for style, across in (("column", 1050), ("page", 2160), ("slide", 2000)):
+        draw_error_bars(FRAME, style=style).write(tmp_path / style, formats=("png",))
+        with Image.open(tmp_path / f"{style}.png") as image:
+            assert abs(image.width - across) <= 1
+
+
+def test_settings_of_others_are_neither_used_nor_changed():
+    with mpl.rc_context({"font.size": 30, "svg.fonttype": "path", "axes.facecolor": "red"}):
+        before = dict(mpl.rcParams)
+        there = picture_bytes(draw_error_bars(FRAME).figure, "svg")
+        assert dict(mpl.rcParams) == before
+    assert there == picture_bytes(draw_error_bars(FRAME).figure, "svg")
+
+
+def test_pictures_may_be_drawn_from_threads():
+    made: list[bytes] = []
+    styles = ["column", "slide", "page"] * 3
+
+    def draw(style: str) -> None:
+        made.append(style.encode() + picture_bytes(draw_error_bars(FRAME, style=style).figure, "svg"))
+
+    threads = [threading.Thread(target=draw, args=(style,)) for style in styles]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == len(styles)
+    assert len(set(made)) == 3
+
+
+def test_themed_svg_names_its_colours_and_leaves_words_alone():
+    words = f'style="fill: {SERIES[0]}" {SERIES[0]}'
+    svg = themed_svg(draw_error_bars(FRAME, label=words).figure)
+    assert f"stroke: var(--fig-series-0, {SERIES[0]})" in svg
+    assert f">{words}</text>" in svg
+    left = set(re.findall(r"#[0-9a-f]{6}", re.sub(r"var\([^)]*\)|>[^<]*<|\"#\w+\"|url\([^)]*\)", "", svg)))
+    assert not left & set(NAMES.values())
+
+
+def test_very_many_marks_become_an_image():
+    with settings():
+        figure = Figure()
+        axes = figure.add_subplot()
+        rng = np.random.default_rng(1)
+        axes.scatter(*rng.random((2, 20_000)), s=rng.random(20_000))
+    assert len(picture_bytes(figure, "svg")) > 2_000_000
+    svg = themed_svg(figure)
+    assert len(svg) < 700_000
+    assert "data:image/png;base64," in svg
+    assert len(picture_bytes(figure, "svg")) > 2_000_000  # the figure is as it was
+
+
+NAMES_LONG = [
+    "walk.avoidance_threshold_mm = 55",
+    "/very/long/folder/of/results/with/a name/floor.png",
+    "word" * 40,
+    "strategy.name = soft, decision.credible_threshold = 0.975",
+]
+
+
+@pytest.mark.parametrize("lines", [1, 2, 3])
+@pytest.mark.parametrize("name", NAMES_LONG)
+def test_names_are_made_to_fit(name, lines):
+    short = fitted(name, 8, 90, lines)
+    parts = short.split("\n")
+    assert len(parts) <= lines
+    assert all(width_pt(part, 8) <= 90 for part in parts)
+    assert short[0] == name[0]
+    assert parts[-1][-1] == name[-1]
+
+
+def test_names_that_fit_are_left():
+    assert fitted("soft", 8, 90) == "soft"
+    assert fitted("", 8, 90) == ""
+
+
+def test_different_names_never_look_alike():
+    names = [f"a/very/long/path/{index:04}/with/the/same/end.png" for index in range(40)]
+    assert len(set(fitted_names(names, 8, 60))) == 40
+    assert fitted_names(["same", "same"], 8, 60) == ["same", "same"]
+
+
+def test_words_hold_nothing_that_a_format_could_not():
+    assert plain("a\x00b\nc\u2028d\udcffe") == "a b c d?e"
+    for odd in ("\x00\x01\n", "\udcff", "日本語 🙂", "\ufffe"):
+        svg = themed_svg(draw_error_bars(FRAME, label=f"x {odd}", title=odd).figure)
+        svg.encode("utf-8")
+        import xml.etree.ElementTree as ElementTree
+
+        ElementTree.fromstring(svg)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.0, "0"),
+        (-0.0, "0"),
+        (None, "–"),
+        (float("nan"), "–"),
+        (1234.5, "1234"),
+        (-2.5, "−2.5"),
+        (1e-9, "1e−09"),
+        (2.5e7, "2.50e+07"),
+        (0.12345, "0.123"),
+    ],
+)
+def test_numbers_are_said_short(value, said):
+    assert number(value) == said
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "said"),
+    [
+        (0, 10, "0 %"),
+        (10, 10, "100 %"),
+        (1, 100_000, "< 0.1 %"),
+        (99_999, 100_000, "> 99.9 %"),
+        (1, 3, "33 %"),
+        (1, 200, "0.5 %"),
+        (199, 200, "99.5 %"),
+        (0, 0, "–"),
+    ],
+)
+def test_shares_never_round_some_to_none(part, whole, said):
+    assert share(part, whole) == said
+
+
+def test_more_series_than_marks_are_refused():
+    frame = pl.DataFrame({"cell": ["a"] * 13, "series": [str(i) for i in range(13)], "value": [1.0] * 13})
+    with pytest.raises(InputError, match="13 series cannot be told apart; at most 12"):
+        draw_boxes(frame)
