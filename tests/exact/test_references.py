@@ -1,0 +1,256 @@
+"""Pooled counting and what could be known: against plain loops and enumeration, and their errors as they should be."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import stats
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.known import (
+    could_be_known,
+    log_count_weights,
+    log_prior,
+    log_ratios,
+    posterior_of_counts,
+    sides_of,
+    tiles_inside,
+)
+from vibroswarm.analysis.pooled import belief_threshold, evidence, first_passages, pooled_counting
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.presets import preset
+from vibroswarm.result import Result
+from vibroswarm.simulation import simulate
+
+
+@pytest.fixture(scope="module")
+def paper() -> Result:
+    return simulate(preset("paper"), 21, 200)
+
+
+def test_first_passages_as_a_plain_loop_has_them(paper: Result) -> None:
+    passages = first_passages(paper, [0, 7], "count", np.array([0.5, 3.0, 11.5, 5000.0]))
+    for r, run in enumerate((0, 7)):
+        of_run = paper.motion["run"] == run
+        bits = paper.observations.filter(of_run)["observation"].to_list()
+        times = paper.motion.filter(of_run)["time_s"].to_list()
+        for k, h in enumerate(passages.thresholds):
+            x, found = 0.0, (-1, math.inf)
+            for bit, t in zip(bits, times, strict=True):
+                x += bit - 0.5
+                if abs(x) >= h:
+                    found = (int(x > 0), t)
+                    break
+            assert (passages.decision[r, k], passages.time_s[r, k]) == found
+
+
+def test_evidence_by_belief_is_that_of_the_robots(paper: Result) -> None:
+    bits = paper.observations["observation"][:300].to_numpy()
+    ones = np.cumsum(bits)
+    belief = stats.beta.cdf(0.5, 1 + ones, 1 + np.arange(1, 301) - ones)
+    np.testing.assert_allclose(evidence(bits, paper, "belief"), np.log((1 - belief) / belief), atol=1e-9)
+    assert np.isfinite(evidence(np.ones(9000, np.uint8), paper, "belief")).all()
+    assert belief_threshold(0.95) == pytest.approx(math.log(19))
+
+
+@pytest.mark.parametrize("rule", ["count", "belief"])
+@pytest.mark.parametrize("u", [0.0, 1.0])
+def test_pooled_counting_has_the_strategys_error_and_is_judged_on_other_runs(
+    paper: Result, rule: str, u: float
+) -> None:
+    found = pooled_counting(paper, rule, u)  # type: ignore[arg-type]
+    assert (found.runs_tuned, found.runs_judged) == (100, 100)
+    assert found.tuned_error <= found.strategy_tuned_error + 0.01
+    if u == 0.0:
+        assert found.tuned_error > found.strategy_tuned_error - 0.03  # and not for nothing
+    assert not found.error_difference.excludes(0.0)
+    assert found.time_difference_s.estimate == pytest.approx(
+        found.strategy_time_s.estimate - found.time_s.estimate
+    )
+    assert found.strategy_wrong.estimate + u * found.strategy_undecided.estimate == pytest.approx(
+        found.strategy_error.estimate
+    )
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_pooled_counting_judges_nothing_that_it_was_tuned_on(paper: Result) -> None:
+    """With the bits of the tuning half turned round, the judged half is judged at another threshold only."""
+    even = paper.observations["run"] % 2 == 0
+    turned = paper.observations.with_columns(
+        observation=pl.when(even)
+        .then(1 - pl.col("observation"))
+        .otherwise(pl.col("observation"))
+        .cast(pl.UInt8)
+    )
+    found = pooled_counting(replace(paper, observations=turned))
+    as_it_was = pooled_counting(paper)
+    assert found.threshold > as_it_was.threshold  # what was right is wrong there
+    judged = list(range(1, 200, 2))
+    passages = first_passages(paper, judged, "count", np.array([found.threshold]))
+    assert found.undecided.estimate == (passages.decision == -1).mean() > as_it_was.undecided.estimate
+
+
+def test_pooled_counting_refuses(paper: Result) -> None:
+    with pytest.raises(InputError, match="rule"):
+        pooled_counting(paper, "vote")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="undecided_counts"):
+        pooled_counting(paper, undecided_counts=2.0)
+    with pytest.raises(InputError, match="at least 4 runs"):
+        pooled_counting(
+            simulate(preset("paper").with_values({"floor.source": "stripe:0.48", "run.t_end_s": 60.0}), 1, 3)
+        )
+    early = paper.runs.with_columns(stopped_early=pl.lit(True))
+    with pytest.raises(InputError, match="stopped early"):
+        pooled_counting(replace(paper, runs=early))
+
+
+def by_enumeration(ratios: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """P(k) by going through all 2^N floors."""
+    tiles = ratios.size
+    posterior = np.zeros(tiles + 1)
+    for floor in itertools.product([0, 1], repeat=tiles):
+        k = sum(floor)
+        posterior[k] += weights[k] / math.comb(tiles, k) * math.exp(float(np.dot(floor, ratios)))
+    return posterior / posterior.sum()
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    arrays(float, 7, elements=st.floats(-8, 8)),
+    st.sampled_from(["tiles", "counts", [0, 0, 1, 5, 0, 3, 0, 0]]),
+)
+def test_the_posterior_is_that_of_all_floors(ratios: np.ndarray, prior: object) -> None:
+    of_prior = log_prior(prior, 7)  # type: ignore[arg-type]
+    mine = posterior_of_counts(ratios[None, :], of_prior)[0]
+    np.testing.assert_allclose(mine, by_enumeration(ratios, np.exp(of_prior)), atol=1e-12)
+
+
+def test_with_the_tiles_prior_it_is_scipys_poisson_binomial() -> None:
+    ratios = generator(1, "ratios").normal(0, 3, (1, 60))
+    theirs = stats.poisson_binom(1 / (1 + np.exp(-ratios[0]))).pmf(np.arange(61))
+    np.testing.assert_allclose(posterior_of_counts(ratios, log_prior("tiles", 60))[0], theirs, atol=1e-12)
+
+
+def test_many_well_known_tiles_do_not_underflow() -> None:
+    ratios = np.where(np.arange(1600) < 850, 400.0, -400.0)[None, :]
+    posterior = posterior_of_counts(ratios, log_prior("counts", 1600))[0]
+    assert posterior[850] == pytest.approx(1.0)
+    two = np.zeros(1601)
+    two[[600, 1000]] = 1.0  # the prior rules out what the samples say
+    unlikely = posterior_of_counts(np.full((1, 1600), 0.4), log_prior(two, 1600))[0]
+    assert unlikely[[600, 1000]].sum() == pytest.approx(1.0)
+    assert np.isfinite(log_count_weights(ratios)).all()
+    above, under = sides_of(ratios, log_prior("tiles", 1600), 0.5)
+    assert (above[0], under[0]) == (pytest.approx(1.0), pytest.approx(0.0))
+
+
+def test_without_samples_the_posterior_is_the_prior() -> None:
+    for prior in ("tiles", "counts"):
+        flat = posterior_of_counts(np.zeros((1, 9)), log_prior(prior, 9))[0]
+        np.testing.assert_allclose(flat, np.exp(log_prior(prior, 9)))
+    above, under = sides_of(np.zeros((1, 4)), log_prior("counts", 4), 0.5)
+    assert (above[0], under[0]) == pytest.approx((0.4, 0.4))  # 2 of 4 lie on neither side
+
+
+def test_priors_that_are_none() -> None:
+    for prior, says in (
+        ("flat", "tiles, counts, mirror"),
+        ([1.0, 2.0], "from 0 to 4"),
+        ([0.0] * 5, "from 0 to 4"),
+    ):
+        with pytest.raises(InputError, match=says):
+            log_prior(prior, 4)
+
+
+def test_what_could_be_known_is_wrong_about_as_often_as_alpha_says(paper: Result) -> None:
+    """Floors of 12 and of 13 of 25, equally often, under the prior that says so: errors of at most alpha."""
+    other = simulate(preset("paper").with_values({"floor.source": "random:0.52"}), 22, 200)
+    found = [could_be_known(result, "mirror", alpha=0.2) for result in (paper, other)]
+    wrong = sum(round(k.wrong.estimate * k.wrong.n) for k in found)
+    n = sum(k.wrong.n for k in found)
+    assert n > 390
+    assert stats.binom.sf(wrong - 1, n, 0.2) > 0.01
+    assert stats.binom.sf(wrong - 1, n, 0.05) < 0.01  # nor is it all too modest
+    # Negative control: a prior that takes floors so near the boundary for rare boasts.
+    boast = [could_be_known(result, "counts", alpha=0.2).wrong for result in (paper, other)]
+    assert all(wrong_share.low > 0.2 for wrong_share in boast), boast
+
+
+def test_places_energies_and_priors_tell_more(paper: Result) -> None:
+    bits, counts = could_be_known(paper), could_be_known(paper, "counts")
+    energies, mirror = could_be_known(paper, energies=True), could_be_known(paper, "mirror")
+    assert energies.time_s.high < bits.time_s.low
+    assert mirror.time_s.high < 887 / 2  # the swarm's own time
+    # Priors that take floors so near the boundary for rare believe sooner than they should.
+    assert mirror.time_s.low > bits.time_s.high
+    assert mirror.wrong.low < 0.05 < counts.wrong.low
+    assert bits.wrong.estimate > mirror.wrong.estimate
+    for known in (bits, counts, energies, mirror):
+        share = known.over_time["known"]
+        assert (share.diff().drop_nulls() >= 0).all()
+        assert share[-1] == known.known.estimate
+        assert known.over_time["wrong"][-1] <= share[-1]
+        json.dumps(known.as_dict(), allow_nan=False)
+    assert bits.over_time["belief_in_truth"][0] == pytest.approx(0.5, abs=1e-9)
+    assert bits.over_time["belief_in_truth"][-1] > 0.9
+
+
+def test_a_known_run_by_hand(paper: Result) -> None:
+    """Run 5 at 300 s: ratios summed up tile by tile, and floors counted by the polynomial."""
+    of_run = (paper.motion["run"] == 5) & (paper.motion["time_s"] <= 300.0)
+    ratios, tiles = log_ratios(paper)[of_run.to_numpy()], paper.observations.filter(of_run)["tile"].to_numpy()
+    polynomial = np.ones(1)
+    for t in range(25):
+        p = 1 / (1 + math.exp(-ratios[tiles == t].sum()))
+        polynomial = np.convolve(polynomial, [1 - p, p])
+    truth = paper.runs["truth"][5]
+    right = polynomial[13:].sum() if truth == 1 else polynomial[:13].sum()
+    alone = could_be_known(
+        replace(paper, runs=paper.runs.filter(pl.col("run") == 5)), times_s=[0.0, 299.0, 300.0]
+    )
+    assert alone.runs["belief_in_truth"][0] == pytest.approx(right)
+
+
+def test_cut_tiles_and_places_without_a_tile() -> None:
+    floor = Floor(np.ones((3, 3)), 0.5, 0.5, 0.25, -0.75)
+    assert tiles_inside(floor, 1.0, 1.0).tolist() == [0, 1, 3, 4]
+    with pytest.raises(InputError, match="no tile"):
+        tiles_inside(Floor(np.ones((1, 1)), 0.5, 0.5, 2.0, 0.0), 1.0, 1.0)
+    values = {
+        "floor.tile_width_m": 0.15,
+        "floor.tile_height_m": 0.15,
+        "floor.left_m": 0.4,
+        "run.t_end_s": 200.0,
+    }
+    known = could_be_known(simulate(preset("paper").with_values(values), 1, 4))
+    assert known.runs["truth"].len() == 4
+
+
+def test_a_sensor_without_errors_settles_a_tile_at_once() -> None:
+    values = {"sensor.still_location": -50.0, "sensor.vibrating_location": 50.0}
+    perfect = simulate(preset("paper").with_values(values), 3, 20)
+    known = could_be_known(perfect, alpha=0.01)
+    assert (known.known.estimate, known.wrong.estimate) == (1.0, 0.0)
+    assert known.time_s.estimate < could_be_known(simulate(preset("paper"), 3, 20), alpha=0.01).time_s.low
+    with pytest.raises(InputError, match="energies"):
+        could_be_known(simulate(preset("paper"), 1, 1, energies=False), energies=True)
+    with pytest.raises(InputError, match="alpha"):
+        could_be_known(perfect, alpha=0.6)
+
+
+def test_it_is_fast_enough(paper: Result) -> None:
+    began = time.process_time()
+    could_be_known(paper)
+    pooled_counting(paper)
+    assert (time.process_time() - began) / 200 < 0.03  # measured: 0.002 s a run
