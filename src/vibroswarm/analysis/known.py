@@ -19,7 +19,7 @@
 Who knows the places, the sensor's errors and this prior can know no more from these samples: no rule on them stops
 sooner with a posterior error of alpha. Only this is called a bound, and always with its prior. Where floors are not as
 the prior has them it is off its alpha, and ``wrong`` shows by how much: with floors near the boundary ``tiles`` and
-``counts`` believe too soon (``counts`` above all), since few of their floors are as near; ``mirror`` is what is fair to such a study.
+above all ``counts`` believe too soon, since few of their floors are as near; ``mirror`` is fair to such a study.
 
 e_k comes from the Poisson-binomial recursion with p_t = L_t / (1 + L_t), since prod (1 - p_t + p_t z) is
 sum e_k z^k over prod (1 + L_t).

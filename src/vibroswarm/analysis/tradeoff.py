@@ -1,0 +1,114 @@
+"""Time against error over the credible threshold p_c and the least number of observations O_c, by replay.
+
+A swarm that waits longer errs less: one pair of time and error says little, the curve over the two settings of the
+decision says what a strategy can do. Motion and observations are made once and serve every point, so the points are
+paired: they share the luck of their runs, and differ less surely than their intervals apart suggest, more surely than
+their intervals overlapping does (``paired.compare`` tells).
+
+| name | equation |
+|---|---|
+| time | restricted mean decision time, s |
+| error | share of robots wrong + u (share undecided) |
+| Pareto front | points that no other point beats in one of time and error without losing in the other |
+
+The front is that of the estimates: the best of many points owes some of it to luck, and is smaller on fresh seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
+from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.analysis.swarm import summary
+from vibroswarm.batches import in_batches
+from vibroswarm.errors import InputError
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import replay
+
+
+def time_error_curve(
+    scenario: Scenario,
+    seed: int,
+    runs: int | Sequence[int],
+    credible_thresholds: Sequence[float],
+    min_observations: Sequence[int],
+    *,
+    undecided_counts: float = 0.0,
+    level: float = 0.95,
+    batch: int = 200,
+    workers: int = 1,
+) -> pl.DataFrame:
+    """The curve: one row for each pair of p_c and O_c, in the order given.
+
+    Args:
+        scenario: all else; it is run to t_end, whatever its ``run.stop``. seed, runs: as ``simulate`` has them.
+        undecided_counts: u of the module's head, in [0, 1]. batch, workers: as ``in_batches`` has them.
+    Returns: credible_threshold, min_observations, error, error_low, error_high, all of ``swarm.summary`` as
+        columns, and pareto. Tables of all robots are kept meanwhile, some 100 bytes a robot and point.
+    Raises:
+        InputError: no settings, u outside [0, 1], or a setting that the scenario refuses.
+    """
+    settings = list(product(credible_thresholds, min_observations))
+    if not settings:
+        raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
+    if not 0.0 <= undecided_counts <= 1.0:
+        raise InputError(f"{undecided_counts!r} is no share; from 0 to 1", field="undecided_counts")
+    base = scenario.with_values({"run.stop": "t_end"})
+    points = [
+        base.with_values({"decision.credible_threshold": p_c, "decision.min_observations": o_c})
+        for p_c, o_c in settings
+    ]
+    robots: list[list[pl.DataFrame]] = [[] for _ in points]
+    of_runs: list[list[pl.DataFrame]] = [[] for _ in points]
+    for result in in_batches(base, seed, runs, batch=batch, workers=workers):
+        for k, point in enumerate(points):
+            again = replay(result, point)
+            robots[k].append(again.robots)
+            of_runs[k].append(again.runs)
+    rows = [
+        _point(pl.concat(robots[k]), pl.concat(of_runs[k]), base.run.t_end_s, undecided_counts, level)
+        for k in range(len(points))
+    ]
+    table = pl.DataFrame(
+        [
+            {"credible_threshold": float(p_c), "min_observations": int(o_c), **row}
+            for (p_c, o_c), row in zip(settings, rows, strict=True)
+        ],
+        infer_schema_length=None,
+    )
+    times, errors = (
+        table[name].cast(pl.Float64).fill_null(math.nan) for name in ("decision_time_s", "error")
+    )
+    return table.with_columns(pareto=pl.Series(pareto_front(times.to_numpy(), errors.to_numpy())))
+
+
+def _point(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, undecided_counts: float, level: float
+) -> dict[str, float | int | None]:
+    table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
+    if undecided_counts in (0.0, 1.0):
+        count = table["wrong"] + table["undecided"] * int(undecided_counts)
+        error = cluster_share(count.to_numpy(), table["robots"].to_numpy(), level)
+    else:
+        error = bootstrap_mean(table["wrong_share"] + undecided_counts * table["undecided_share"], level)
+    limits = dict(zip(("error", "error_low", "error_high"), map(plain, error[:3]), strict=True))
+    return limits | summary(robots, runs, t_end_s, level).as_row()
+
+
+def pareto_front(times: ArrayLike, errors: ArrayLike) -> NDArray[np.bool_]:
+    """Which points no other beats: none is as good in both and better in one. Those with a figure missing are not.
+
+    Args:
+        times, errors: (points,); less is better.
+    """
+    both = np.column_stack([np.asarray(times, dtype=np.float64), np.asarray(errors, dtype=np.float64)])
+    as_good = (both[:, None, :] <= both[None, :, :]).all(axis=2)
+    better = (both[:, None, :] < both[None, :, :]).any(axis=2)
+    return np.asarray(~(as_good & better).any(axis=0) & ~np.isnan(both).any(axis=1))

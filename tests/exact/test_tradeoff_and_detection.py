@@ -1,0 +1,160 @@
+"""Time against error by replay, and how long for a wanted error: by hand, against simulating anew, and on seeds."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.detection import detection_curve, needed
+from vibroswarm.analysis.intervals import generator, wilson
+from vibroswarm.analysis.swarm import summary
+from vibroswarm.analysis.tradeoff import pareto_front, time_error_curve
+from vibroswarm.errors import InputError
+from vibroswarm.presets import preset
+from vibroswarm.result import ROBOTS, RUNS
+from vibroswarm.simulation import simulate
+
+SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
+
+
+@pytest.fixture(scope="module")
+def curve() -> pl.DataFrame:
+    return time_error_curve(SHORT, 5, 60, [0.8, 0.95], [20, 150, 10_000], batch=25)
+
+
+def test_each_point_is_what_simulating_it_gives(curve: pl.DataFrame) -> None:
+    assert curve.select("credible_threshold", "min_observations").rows()[1] == (0.8, 150)
+    setting = {"decision.credible_threshold": 0.8, "decision.min_observations": 150}
+    anew = simulate(SHORT.with_values(setting), 5, 60, energies=False)
+    row = summary(anew.robots, anew.runs, 300.0).as_row()
+    assert curve.select(list(row)).row(1, named=True) == row
+    assert curve["error"][1] == row["robots_wrong"]
+
+
+def test_who_waits_errs_less_and_who_never_decides_errs_never(curve: pl.DataFrame) -> None:
+    soon, later, never = curve.head(3).iter_rows(named=True)
+    assert soon["decision_time_s"] < later["decision_time_s"] < never["decision_time_s"] == 300.0
+    assert soon["error"] > later["error"]
+    assert soon["error_low"] > 0.0
+    assert (never["error"], never["robots_undecided"]) == (0.0, 1.0)
+    on_front = curve.filter("pareto").sort("decision_time_s")
+    assert curve["decision_time_s"].min() == on_front["decision_time_s"][0]
+    assert (on_front["error"].diff().drop_nulls() < 0).all()
+    counted = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=1.0)
+    assert counted["error"][0] == 1.0
+    half = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=0.5)
+    assert half["error"][0] == 0.5
+
+
+def test_wrong_wishes_of_a_curve() -> None:
+    with pytest.raises(InputError, match="at least one"):
+        time_error_curve(SHORT, 5, 2, [], [10])
+    with pytest.raises(InputError, match="undecided_counts"):
+        time_error_curve(SHORT, 5, 2, [0.9], [10], undecided_counts=-1.0)
+    with pytest.raises(InputError, match="credible_threshold"):
+        time_error_curve(SHORT, 5, 2, [1.5], [10])
+
+
+def test_pareto_by_hand() -> None:
+    front = pareto_front([1, 2, 3, 3, 1, np.nan], [0.5, 0.2, 0.2, 0.1, 0.5, 0.0])
+    assert front.tolist() == [True, True, False, True, True, False]
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30))
+def test_pareto_as_said(points: list[tuple[int, int]]) -> None:
+    front = pareto_front(*zip(*points, strict=True))
+    assert front.any()
+    for (t, e), on in zip(points, front, strict=True):
+        beaten = any((a <= t and b < e) or (a < t and b <= e) for a, b in points)
+        assert on == (not beaten)
+
+
+def cell(times: list[float | None], robots: int = 2, fill: float = 0.4) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Runs whose robots all decide right at the run's time, or never."""
+    of_runs, of_robots = [], []
+    for run, t in enumerate(times):
+        outcome = "incomplete" if t is None else "right"
+        right = 0 if t is None else robots
+        of_runs.append((run, outcome, t, fill, 0, right, 0, robots - right, 100.0, False))
+        decision = -1 if t is None else 0
+        of_robots += [(run, i, decision, t, None, 0.5, 0.5, 1, 1, 1, 1, 1) for i in range(robots)]
+    return (
+        pl.DataFrame(of_robots, schema=ROBOTS, orient="row"),
+        pl.DataFrame(of_runs, schema=RUNS, orient="row"),
+    )
+
+
+def test_detection_by_hand() -> None:
+    curve = detection_curve([cell([10.0, 20.0, None, 30.0])], 100.0, [15.0, 100.0])
+    assert curve["missed"].to_list() == [0.75, 0.25]
+    assert curve["robots_missed"].to_list() == [0.75, 0.25]
+    assert curve["missed_high"][0] == pytest.approx(wilson(3, 4).high)
+    assert curve["missed_low"][0] == pytest.approx(wilson(3, 4).low)
+    assert curve.select("fill_ratio", "robots", "runs").row(0) == (0.4, 2, 4)
+    assert detection_curve([cell([1.0])], 100.0)["horizon_s"].to_list() == pytest.approx(
+        [100 * k / 6 for k in range(1, 7)]
+    )
+
+
+def test_needed_by_hand() -> None:
+    """Of 100 runs at least 95 have to be right for an upper limit below 0.12: that of 5 in 100 is 0.112."""
+    times: list[float | None] = [float(t) for t in range(1, 101)]
+    assert wilson(5, 100).high < 0.12 < wilson(6, 100).high
+    few, more = cell(times), cell([t / 2 for t in times], robots=4)  # type: ignore[operator]
+    none = cell([None] * 100, robots=1)
+    frame = needed([more, few, none], 100.0, 0.12)
+    assert frame["robots"].to_list() == [1, 2, 4]
+    assert frame["needed_s"].to_list() == [None, 95.0, 47.5]
+    assert frame["fewest"].to_list() == [False, True, False]
+    assert frame["missed"].to_list() == pytest.approx([1.0, 0.0, 0.0])
+    robots = needed([few], 100.0, 0.12, of="robots")
+    assert 94.0 < robots["needed_s"][0] < 97.0
+    assert needed([cell([1.0] * 70)], 100.0, 0.05)["needed_s"].to_list() == [
+        None
+    ]  # too few runs say too little
+    assert needed([cell([1.0] * 80)], 100.0, 0.05)["needed_s"].to_list() == [1.0]
+
+
+def test_on_the_boundary_nothing_can_be_missed() -> None:
+    robots, runs = cell([1.0, 2.0], fill=0.5)
+    on = (
+        robots,
+        runs.with_columns(
+            truth=pl.lit(None, dtype=pl.Int8), consensus=pl.lit("agreed").cast(RUNS["consensus"])
+        ),
+    )
+    assert detection_curve([on], 100.0)["missed"].null_count() == 6
+    for of in ("swarm", "robots"):
+        assert needed([on], 100.0, 0.5, of=of)["needed_s"].to_list() == [None]  # type: ignore[arg-type]
+
+
+def test_what_is_said_to_be_enough_is_enough() -> None:
+    """Runs of known miss: the time said to do misses more than wanted in few studies; by the estimate in half."""
+    random = generator(6, "needed")
+    wanted, too_soon, by_estimate = 0.1, 0, 0
+    for _ in range(200):
+        times = random.exponential(20.0, 150)  # the miss at t is exp(-t / 20)
+        found = needed([cell([float(t) if t < 100 else None for t in times], robots=1)], 100.0, wanted)[
+            "needed_s"
+        ][0]
+        too_soon += found is not None and np.exp(-found / 20.0) > wanted
+        by_estimate += np.exp(-np.quantile(times, 1 - wanted) / 20.0) > wanted
+    assert too_soon / 200 <= 0.05
+    assert by_estimate / 200 > 0.3  # the negative control
+
+
+def test_wrong_wishes_of_detection() -> None:
+    one = cell([1.0])
+    for call in (lambda: needed([], 100.0, 0.1), lambda: detection_curve([], 100.0)):
+        with pytest.raises(InputError, match="at least one cell"):
+            call()
+    with pytest.raises(InputError, match="error"):
+        needed([one], 100.0, 5.0)
+    with pytest.raises(InputError, match="swarm or robots"):
+        needed([one], 100.0, 0.5, of="floor")  # type: ignore[arg-type]
+    robots, runs = cell([1.0, 2.0])
+    with pytest.raises(InputError, match="one number of robots"):
+        detection_curve([(robots.head(3), runs)], 100.0)
