@@ -70,6 +70,12 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
     check_outcome_options(arguments)
     share = None if arguments.shard is None else Share.from_words(arguments.shard)
     workers = None if arguments.workers is None else whole_number(arguments.workers, "--workers")
+    if share is not None and study.until is not None:
+        raise InputError(
+            "goes with a number of runs, not with --until: shares know nothing of each other", field="--shard"
+        )
+    if share is not None and arguments.batch is not None:
+        raise InputError("is a batch of any share; say one of the two", field="--batch")
     if (share or arguments.batch) and arguments.out is None:
         raise InputError("needs --out DIR, where its runs are kept", field="--shard" if share else "--batch")
     if arguments.batch is not None:
@@ -132,9 +138,10 @@ def say_plan(study: Study, out: Path | None, share: Share | None) -> None:
     )
     words = f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; {shared}"
     print(words, file=sys.stderr)
-    store = Store.open(out) if out is not None and (out / "study.json").is_file() else Store(Path(), study)
-    if store.study.hash != study.hash:
-        return  # the run itself says what is wrong
+    store = None if out is None else Store.existing(out, study)
+    store = Store(Path(), study) if store is None else store
+    for words in store.damaged:
+        print(f"damaged, and made again: {words}", file=sys.stderr)
     say_compiling()
     left = expected(store, plan)
     if left.runs == 0:

@@ -6,24 +6,31 @@ one process, which is replaced. What a worker does is ``work.do``; no result dep
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.errors import InputError, RunError, nearest
+from vibroswarm.simulation import versions
 from vibroswarm.study.work import Cancelled, Done, Work, do
 
 NAMES: Final = ("threads", "processes")
 CONNECT_S: Final = 10.0
 """How long a scheduler may take to answer."""
+CLOSE_S: Final = 5.0
+WITHOUT_WORKERS_S: Final = 30.0
+"""How long a cluster may be without any worker."""
+GO_ON: Final = "what is done is kept; say the same again to go on from here"
 
 
 class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
@@ -45,6 +52,9 @@ class Workers:
         if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
             return self.executor.submit(do, work, self.cancel.is_set)
         return self.executor.submit(do, work)
+
+    def check(self) -> None:
+        """Raise RunError where nobody is left who could do a batch; asked when none came back for a while."""
 
 
 @contextmanager
@@ -117,6 +127,7 @@ class OneEach(Executor):
                 pool.shutdown(wait=wait, cancel_futures=True)
 
     def _in_process(self, function: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+        _hold_off_ctrl_c()
         pool = getattr(self._own, "pool", None)
         if pool is None:
             pool = self._own.pool = ProcessPoolExecutor(1, self._context, _begin_process, (self.cancel,))
@@ -130,14 +141,28 @@ class OneEach(Executor):
             raise WorkerDied("the process that did it died (out of memory, killed, or crashed)") from None
 
 
+def _hold_off_ctrl_c() -> None:
+    """In a thread that starts processes: these take over what is held off, and are not hit while they begin."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
 _cancel: Any = None
 
 
 def _begin_process(cancel: Any) -> None:
-    """In a new process: Ctrl-C is for the one that started it."""
+    """In a new process: Ctrl-C is for the one that started it; and when that is gone, so is this."""
     global _cancel
     _cancel = cancel
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _do_in_process(work: Work) -> Done:
@@ -158,32 +183,68 @@ def _processes(count: int) -> Iterator[Workers]:
         pool.shutdown(cancel_futures=True)
 
 
+@dataclass(frozen=True)
+class _DaskWorkers(Workers):
+    """Workers of a cluster may come and go; when none is left for a while, the study stops."""
+
+    client: Any = None
+    seen: list[float] = field(default_factory=list)
+    """When there was last a worker."""
+
+    def check(self) -> None:
+        try:
+            if self.client.nthreads():
+                self.seen[:] = [time.monotonic()]
+        except Exception as error:  # whatever a client says that is closed or cut off
+            raise RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}") from error
+        if time.monotonic() - self.seen[0] > WITHOUT_WORKERS_S:
+            raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
+
+
 def _dask(address: str) -> Iterator[Workers]:
     """The workers of a Dask cluster that is there; they need the same version of vibroswarm."""
     try:
         import distributed
     except ImportError:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
+    for name in ("distributed.client", "distributed.core", "distributed.comm"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what they tell is told by us, once
     connect: Any = distributed.Client
     try:
         if address.endswith(".json"):
             if not Path(address).is_file():
                 raise InputError(f"there is no scheduler file '{address}'", field="executor")
-            client: Any = connect(scheduler_file=address, timeout=CONNECT_S)
+            client: Any = connect(scheduler_file=address, timeout=CONNECT_S, set_as_default=False)
         else:
-            client = connect(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S)
-    except (OSError, TimeoutError, ValueError) as error:
+            client = connect(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S, set_as_default=False)
+    except InputError:
+        raise
+    except Exception as error:  # an address or a file may be wrong in many ways
         told = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor") from None
     try:
         threads = client.nthreads()
         if not threads:
-            raise RunError(f"the Dask scheduler at '{address}' has no workers")
-        pool = client.get_executor(pure=False)
-        yield Workers(pool, max(sum(threads.values()), 1), f"{len(threads)} Dask workers")
-        pool.shutdown(wait=False)
+            raise RunError(
+                f"the Dask scheduler at '{address}' has no workers; start some, and say the same again"
+            )
+        _check_dask_versions(client)
+        pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
+        yield _DaskWorkers(
+            pool, count, f"{len(threads)} Dask workers", client=client, seen=[time.monotonic()]
+        )
     finally:
-        client.close()
+        client.close(timeout=CLOSE_S)
+
+
+def _check_dask_versions(client: Any) -> None:
+    """Refuse workers that have no vibroswarm; other versions are found batch by batch."""
+    for worker, found in client.run(versions, on_error="return").items():
+        if isinstance(found, Exception):
+            raise InputError(
+                f"worker {worker} cannot import vibroswarm ({type(found).__name__}: {found}); install the same version",
+                field="executor",
+            )
 
 
 __all__ = ["Cancelled", "OneEach", "WorkerDied", "Workers", "workers_for"]

@@ -14,6 +14,8 @@ TRIED_GROUPS: Final = 3
 FEW: Final = 2
 MORE: Final = 22
 """Trial batches of two sizes tell what a batch costs from what a run costs."""
+LONG_S: Final = 1.0
+"""Where a few runs take longer than this, nothing else matters, and no more are tried."""
 
 
 class Expected(NamedTuple):
@@ -33,18 +35,20 @@ def expected(store: Store, plan: Plan) -> Expected:
         return Expected(0, 0.0, 0)
     count = {number: sum(last - first for _, first, last in blocks) for number, blocks in left.items()}
     tried = chosen[:: max(len(chosen) // TRIED_GROUPS, 1)][:TRIED_GROUPS]
-    a_run, a_batch = 0.0, 0.0
+    a_run, a_batch, count_tried = 0.0, 0.0, 0
     for group in tried:
         _time_s(plan, group, FEW)  # tables and kernels are loaded
-        few_s, more_s = _time_s(plan, group, FEW), _time_s(plan, group, MORE)
-        slope = max(more_s - few_s, 0.0) / (MORE - FEW)
+        few_s = _time_s(plan, group, FEW)
+        long = few_s > LONG_S
+        count_tried += 2 * FEW + (0 if long else MORE)
+        slope = few_s / FEW if long else max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
         a_run += slope / group.run_s / len(tried)
         a_batch += max(few_s - FEW * slope, 0.0) / group.inferences / len(tried)
     core_s = sum(
         a_run * count[group.number] * group.run_s + a_batch * len(left[group.number]) * group.inferences
         for group in chosen
     )
-    return Expected(sum(count.values()), core_s, len(tried) * (2 * FEW + MORE))
+    return Expected(sum(count.values()), core_s, count_tried)
 
 
 def _time_s(plan: Plan, group: Group, runs: int) -> float:

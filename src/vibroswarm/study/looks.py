@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, wilson
@@ -12,13 +13,35 @@ from vibroswarm.study.precision import Precision
 from vibroswarm.study.store import Store
 
 
-def unsettled(store: Store, group: Group, precision: Precision, look: int) -> bool:
-    """Whether some cell of the group needs more runs after look 0, 1, ..."""
-    runs = list(precision.looks())[look]
-    level = precision.level_at(look)
-    rows = store.scan(group.number, runs)
-    if rows is None:
-        return True
+class Settled(NamedTuple):
+    """A group that needs no more runs, or has the most that it may have."""
+
+    look: int
+    runs: int
+    level: float
+    """Of the interval that was looked at: the interval to be told."""
+    reached: bool
+
+
+def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
+    """At which look a group is known well enough in all its cells; None where it needs runs that are not there.
+
+    It depends on the first runs only, never on what else is there: so a study that was killed, or that others went on
+    with, stops where one would that was left alone.
+    """
+    there, look, runs = store.runs(group.number), 0, 0
+    for look, runs in enumerate(precision.looks()):
+        if runs > there:
+            return None
+        if _known(store, group, precision, look, runs):
+            return Settled(look, runs, precision.level_at(look), True)
+    return Settled(look, runs, precision.level_at(look), False)
+
+
+def _known(store: Store, group: Group, precision: Precision, look: int, runs: int) -> bool:
+    """Whether the interval of each cell of the group is narrow enough."""
+    rows, level = store.scan(group.number, runs), precision.level_at(look)
+    assert rows is not None
     for same in (same for observed in group.observed for same in observed):
         found = figure_of(
             rows.filter(pl.col("cell") == same[0].number),
@@ -27,8 +50,8 @@ def unsettled(store: Store, group: Group, precision: Precision, look: int) -> bo
             level,
         )
         if not precision.reached(found.estimate, found.low, found.high):
-            return True
-    return False
+            return False
+    return True
 
 
 def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> Interval:
@@ -51,20 +74,16 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
         "wrong": (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1),
         "undecided": pl.col("decision") == -1,
     }[figure]
-    means = (
-        rows.group_by("run")
-        .agg(of_robot.cast(pl.Float64).mean().alias("value"))
-        .sort("run")
-        .collect()["value"]
-    )
-    return mean_interval(means.drop_nulls().to_numpy(), level)
+    values = rows.select("run", "robot", value=of_robot.cast(pl.Float64)).sort("run", "robot").collect()
+    robots = values["robot"].n_unique()
+    # Summed robot by robot, so that the last bit does not depend on how the store is cut into shards.
+    table = values["value"].to_numpy().reshape(-1, max(robots, 1))
+    known = np.isfinite(table)
+    count, total = known.sum(axis=1), np.where(known, table, 0.0).sum(axis=1)
+    return mean_interval(total[count > 0] / count[count > 0], level)
 
 
-def settled_runs(store: Store, groups: Iterable[Group], precision: Precision) -> dict[int, int]:
-    """With how many runs each group was settled, or had the most."""
-    looks = list(precision.looks())
-    found = {}
-    for group in groups:
-        there = store.runs(group.number)
-        found[group.number] = max((runs for runs in looks if runs <= there), default=there)
-    return found
+def runs_that_count(store: Store, group: Group, precision: Precision) -> int:
+    """With how many runs a group was settled; of one that is not, those of the last look that is whole."""
+    found, there = settled(store, group, precision), store.runs(group.number)
+    return found.runs if found else max((runs for runs in precision.looks() if runs <= there), default=there)

@@ -23,17 +23,20 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
     for store in stores[1:]:
         if store.study.hash != stores[0].study.hash:
             raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
+    for store in stores:
+        if store.study.until is not None:
+            raise InputError("runs until a precision; such a study has no shares", field=str(store.folder))
     runs = max((store.study.runs or 0 for store in stores), default=0)
-    if stores[0].study.until is not None:
-        raise InputError("runs until a precision; such a study has no shares", field=str(shares[0]))
+    together = Store(Path(out), stores[0].study, shards=[s for store in stores for s in store.shards])
+    together.check_alike()
     joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
+    there = {shard.name for shard in joined.shards}
     for store in stores:
         for shard in store.shards:
+            if shard.name in there:
+                continue
             for path in [*shard.files.values(), store.folder / SHARDS / f"{shard.name}.json"]:
-                to = joined.folder / SHARDS / path.name
-                if to.exists() and to.stat().st_size == path.stat().st_size:
-                    continue
-                with whole_file(to) as part:
+                with whole_file(joined.folder / SHARDS / path.name) as part:
                     shutil.copyfile(path, part)
     joined.refresh()
     joined.check_alike()

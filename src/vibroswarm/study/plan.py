@@ -19,6 +19,8 @@ from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.study.spec import Cell, Study
 
+Texts = tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
+
 Range = tuple[int, int]
 """First run, and one past the last."""
 
@@ -49,6 +51,14 @@ class Group:
     def inferences(self) -> int:
         """How often a strategy is replayed for one run."""
         return sum(len(observed) for observed in self.observed)
+
+    @cached_property
+    def texts(self) -> Texts:
+        """``observed`` in plain values: each scenario as TOML, and the numbers of its cells."""
+        return tuple(
+            tuple((same[0].scenario.to_toml(), tuple(cell.number for cell in same)) for same in inferences)
+            for inferences in self.observed
+        )
 
     @cached_property
     def block(self) -> int:

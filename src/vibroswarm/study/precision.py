@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from typing import Any, Final
 
 from vibroswarm.errors import InputError, nearest
@@ -53,10 +55,8 @@ class Precision:
         """From ``"2%"``, and what else is given."""
         share = math.nan
         if isinstance(text, str) and text.strip().endswith("%"):
-            try:
-                share = float(text.strip()[:-1]) / 100.0
-            except ValueError:
-                share = math.nan
+            with suppress(InvalidOperation):  # 21.9 hundredths are 0.219
+                share = float(Decimal(text.strip()[:-1]) / 100)
         if not 0 < share < 1:
             raise InputError(
                 f"{text!r} is no precision; write it with a per cent sign, such as 2%", field="until"
@@ -67,7 +67,9 @@ class Precision:
 
     def as_values(self) -> dict[str, Any]:
         """As a study's file has it."""
-        return {"until": f"{100 * self.half_width:.12g}%", "figure": self.figure, "max_runs": self.max_runs}
+        per_cent = f"{100 * Decimal(repr(self.half_width)):f}"
+        short = per_cent.rstrip("0").rstrip(".") if "." in per_cent else per_cent
+        return {"until": f"{short}%", "figure": self.figure, "max_runs": self.max_runs}
 
     def looks(self) -> Iterator[int]:
         """100, 200, 400, ... and at last ``max_runs``."""

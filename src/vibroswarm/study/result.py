@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
+import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
@@ -15,8 +18,8 @@ import polars as pl
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.simulation import simulate
-from vibroswarm.study.looks import settled_runs
-from vibroswarm.study.plan import Plan, plan_of
+from vibroswarm.study.looks import Settled, runs_that_count, settled
+from vibroswarm.study.plan import Group, Plan, plan_of
 from vibroswarm.study.runner import Share, Tell, run_study
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.store import Store
@@ -27,6 +30,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+class _Passing:
+    """A folder that goes with the last result that is in it."""
+
+    def __init__(self) -> None:
+        self.folder = Path(mkdtemp(prefix="vibroswarm-"))
+        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+
 @dataclass(frozen=True)
 class StudyResult:
     """A study and its store. Tables hold ``cell`` and the varied fields, by dotted names, before their columns."""
@@ -35,7 +46,7 @@ class StudyResult:
     store: Store
     selected: tuple[int, ...]
     """Numbers of the cells."""
-    _kept: TemporaryDirectory[str] | None = field(default=None, repr=False)
+    _kept: _Passing | None = field(default=None, repr=False)
 
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
@@ -43,7 +54,7 @@ class StudyResult:
         store = Store.open(folder)
         return cls(store.study, store, tuple(cell.number for cell in store.study.cells))
 
-    @property
+    @cached_property
     def plan(self) -> Plan:
         """Which cells share what."""
         return plan_of(self.study)
@@ -51,10 +62,9 @@ class StudyResult:
     @property
     def cells(self) -> pl.DataFrame:
         """One row a cell: number, what is varied, name, hash of the scenario, group, runs wanted and there."""
-        of_group = {cell.number: group for group in self.plan.groups for cell in group.cells}
         rows = []
         for cell in self._cells():
-            group = of_group[cell.number]
+            group = self._group_of[cell.number]
             wanted = self.runs_of(cell.number)
             there = self._there(group.number, wanted)
             rows.append((cell.number, cell.name, cell.scenario.hash, group.number, wanted, there))
@@ -95,8 +105,24 @@ class StudyResult:
         if self.study.runs is not None:
             return self.study.runs
         assert self.study.until is not None
-        group = next(g for g in self.plan.groups for c in g.cells if c.number == cell)
-        return settled_runs(self.store, [group], self.study.until)[group.number]
+        group = self._group_of[cell]
+        if group.number not in self._runs:
+            self._runs[group.number] = runs_that_count(self.store, group, self.study.until)
+        return self._runs[group.number]
+
+    def settled(self, cell: int) -> Settled | None:
+        """Of a study until a precision: at which look the cell was settled, and at which level its figure is told."""
+        until = self.study.until
+        return None if until is None else settled(self.store, self._group_of[cell], until)
+
+    @cached_property
+    def _group_of(self) -> dict[int, Group]:
+        return {cell.number: group for group in self.plan.groups for cell in group.cells}
+
+    @cached_property
+    def _runs(self) -> dict[int, int]:
+        """Runs that count, by group, as they were worked out."""
+        return {}
 
     def rows(self, *cells: int) -> pl.LazyFrame:
         """One row a cell, run and robot, with the columns of the run beside the robot's; sorted by these.
@@ -257,7 +283,7 @@ def run(
     tell: Tell | None = None,
 ) -> StudyResult:
     """Run a study and give its result; see ``runner.run_study``. Without a folder it lasts as long as the result."""
-    kept = TemporaryDirectory(prefix="vibroswarm-") if folder is None else None
-    where = Path(kept.name) / "study" if kept is not None else Path(folder or "")
+    kept = _Passing() if folder is None else None
+    where = kept.folder / "study" if kept is not None else Path(folder or "")
     store = run_study(study, where, executor=executor, workers=workers, share=share, mixed=mixed, tell=tell)
     return StudyResult(study, store, tuple(cell.number for cell in study.cells), kept)

@@ -8,14 +8,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from vibroswarm.compiled import is_cached
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.simulation import versions
-from vibroswarm.study.executors import Workers, workers_for
-from vibroswarm.study.looks import unsettled
+from vibroswarm.study.executors import GO_ON, Workers, workers_for
+from vibroswarm.study.looks import settled
 from vibroswarm.study.plan import Group, Plan, plan_of
-from vibroswarm.study.spec import Study
+from vibroswarm.study.precision import Precision
+from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.store import Store
-from vibroswarm.study.work import Cancelled, Done, Work, work_of
+from vibroswarm.study.work import Cancelled, Done, Work, do, work_of
 
 TRIES: Final = 2
 
@@ -67,7 +69,7 @@ def run_study(
         share: only this share of the blocks. mixed: also go on where other versions began.
         tell: called as batches come back.
     Raises:
-        InputError: another study is there, or a scenario cannot be simulated.
+        InputError: another study is there, nobody answers at ``executor``, or a worker has other versions.
         RunError: the disk is full, the cluster is gone, or batches failed twice; what was done is kept.
     """
     if share is not None and study.until is not None:
@@ -75,47 +77,67 @@ def run_study(
             "goes with a number of runs, not with a precision: shares know nothing of each other",
             field="--shard",
         )
-    store, plan = Store.open_or_create(folder, study), plan_of(study)
-    if not mixed:
-        store.check_versions()
-    if not _all_there(store, plan, share):
-        with workers_for(executor, workers) as crew:
-            runner = _Runner(store, crew, mixed, tell or (lambda told: None))
+    plan, there = plan_of(study), Store.existing(folder, study)
+    if there is None or not _all_there(there, plan, share):
+        if there is not None and not mixed:
+            there.check_versions()
+        with workers_for(executor, workers) as crew:  # before the folder is made: they may not be there
+            there = Store.open_or_create(folder, study)
+            if not isinstance(executor, str) or executor != "threads":
+                _compile_first(study, plan)
+            runner = _Runner(there, crew, mixed, tell or (lambda told: None))
             if study.until is None:
                 runner.do([(group, study.runs or 0) for group in plan.groups], share)
             else:
-                for look, runs in enumerate(study.until.looks()):
-                    groups = (
-                        [g for g in plan.groups if unsettled(store, g, study.until, look - 1)]
-                        if look
-                        else plan.groups
-                    )
-                    runner.do([(group, runs) for group in groups], None)
+                _until_settled(runner, plan, study.until)
+    store = Store.open_or_create(folder, study) if there is None else there
+    with suppress(
+        InputError, RunError
+    ):  # a number of runs that is there already, in a folder that is only read
+        store.write_head()
     failures = store.failures
     if failures:
         raise RunError(_told_failures(failures, store))
     return store
 
 
+def _until_settled(runner: _Runner, plan: Plan, precision: Precision) -> None:
+    """Look by look; a group that is settled gets no more runs. After a failure there is nothing to look at."""
+    left = list(plan.groups)
+    for runs in precision.looks():
+        runner.do([(group, runs) for group in left], None)
+        if runner.failed:
+            return
+        left = [group for group in left if settled(runner.store, group, precision) is None]
+
+
+def _compile_first(study: Study, plan: Plan) -> None:
+    """Compile here what several processes would each compile for themselves; nothing where it is kept already."""
+    if not is_cached():
+        do(work_of(study, plan.groups[0], 0, 1))
+
+
 def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
     """Do one batch here and now, ``GROUP:FIRST-LAST`` as failures are told; what goes wrong is raised as it is."""
     group, _, runs = batch.partition(":")
     first, _, last = runs.partition("-")
-    if not (group.isdecimal() and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
+    if not (
+        group.isdecimal() and first.isdecimal() and last.isdecimal() and int(first) < int(last) <= MOST_RUNS
+    ):
         raise InputError(f"'{batch}' is no batch; GROUP:FIRST-LAST, such as 0:200-400", field="--batch")
     groups = plan_of(study).groups
     if int(group) >= len(groups):
         raise InputError(f"there is no group {group}; the study has {len(groups)}, from 0", field="--batch")
-    from vibroswarm.study.work import do
-
     store = Store.open_or_create(folder, study)
     store.add(do(work_of(study, groups[int(group)], int(first), int(last))))
     return store
 
 
 def _all_there(store: Store, plan: Plan, share: Share | None) -> bool:
-    runs = store.study.runs
-    return runs is not None and not any(_works(store, [(g, runs) for g in plan.groups], share))
+    runs, until = store.study.runs, store.study.until
+    if until is not None:
+        return all(settled(store, group, until) is not None for group in plan.groups)
+    return not any(_works(store, [(group, runs or 0) for group in plan.groups], share))
 
 
 def _works(store: Store, wanted: Sequence[tuple[Group, int]], share: Share | None) -> Iterator[Work]:
@@ -130,21 +152,24 @@ class _Runner:
 
     def __init__(self, store: Store, crew: Workers, mixed: bool, tell: Tell) -> None:
         self.store, self.crew, self.mixed, self.tell = store, crew, mixed, tell
-        self.failed = 0
+        self.done = self.wanted = self.failed = 0
 
     def do(self, wanted: Sequence[tuple[Group, int]], share: Share | None) -> None:
         """Do what is missing of the runs wanted."""
         works = list(_works(self.store, wanted, share))
-        self.done, self.wanted = 0, sum(work.last - work.first for work in works)
-        self.tell(Told(0, self.wanted, self.failed))
+        self.wanted += sum(work.last - work.first for work in works)
+        self.tell(Told(self.done, self.wanted, self.failed))
         waiting = [(work, 1) for work in reversed(works)]
         under_way: dict[Future[Done], tuple[Work, int]] = {}
         try:
             while waiting or under_way:
                 while waiting and len(under_way) < 2 * self.crew.count + 1:
                     work, tries = waiting.pop()
-                    under_way[self.crew.submit(work)] = work, tries
-                for future in wait(under_way, timeout=1.0, return_when=FIRST_COMPLETED).done:
+                    under_way[self._submit(work)] = work, tries
+                finished = wait(under_way, timeout=1.0, return_when=FIRST_COMPLETED).done
+                if not finished:
+                    self.crew.check()
+                for future in finished:
                     work, tries = under_way.pop(future)
                     if not self._keep(future, work, tries):
                         waiting.append((work, tries + 1))
@@ -153,6 +178,12 @@ class _Runner:
             self._keep_what_is_done(under_way)
             raise
 
+    def _submit(self, work: Work) -> Future[Done]:
+        try:
+            return self.crew.submit(work)
+        except Exception as error:  # whatever an executor says when it is closed or cut off
+            raise _gone(error) from error
+
     def _keep(self, future: Future[Done], work: Work, tries: int) -> bool:
         """Keep a batch that came back; false: it is to be done again."""
         try:
@@ -160,10 +191,10 @@ class _Runner:
         except (InputError, RunError):
             raise
         except (BrokenExecutor, CancelledError) as error:
-            raise RunError(
-                f"the workers are gone ({type(error).__name__}: {error}); say the same again to go on from here"
-            ) from error
-        except Exception as error:
+            raise _gone(error) from error
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # a panic of polars is no Exception
             if tries < TRIES:
                 return False
             self.store.add_failure(work, f"{type(error).__name__}: {error}")
@@ -185,6 +216,11 @@ class _Runner:
             if not future.cancel() and future.done():
                 with suppress(Exception):
                     self.store.add(future.result())
+
+
+def _gone(error: BaseException) -> RunError:
+    why = f"{type(error).__name__}: {error}".rstrip(": ")
+    return RunError(f"the workers are gone ({why}); {GO_ON}")
 
 
 def _told_failures(failures: Sequence[dict[str, object]], store: Store) -> str:

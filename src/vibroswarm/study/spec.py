@@ -17,6 +17,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +31,7 @@ from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
 from vibroswarm.scenario import Scenario, read_text
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, points_of
+from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of
 
 if TYPE_CHECKING:
     from vibroswarm.study.result import StudyResult
@@ -92,7 +93,7 @@ class Study:
     """Many runs of scenarios that differ in some fields.
 
     Args:
-        base: sections of a scenario, as in its file (may name a ``preset``); ``Study.of`` takes a ``Scenario``.
+        base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
         vary: blocks of varied fields, see ``varied``; empty: one cell.
         runs: runs a cell; ``None`` with ``until``.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
@@ -105,7 +106,7 @@ class Study:
         InputError: naming what is wrong, and what would be right.
     """
 
-    base: Mapping[str, Any] = field(default_factory=dict)
+    base: Mapping[str, Any] | Scenario = field(default_factory=dict)
     vary: Mapping[str, Any] = field(default_factory=dict)
     runs: int | None = 100
     until: Precision | None = None
@@ -117,6 +118,10 @@ class Study:
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.base, Scenario):
+            object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
+        if not isinstance(self.base, Mapping):
+            raise InputError("is a scenario, or its sections by name", field="base")
         if (self.runs is None) == (self.until is None):
             raise InputError("say how many runs, or until which precision: one of the two", field="runs")
         for name, value, low, high in (
@@ -136,8 +141,8 @@ class Study:
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
         """A study of a scenario; a dot in a varied field is two underscores: ``strategy__name=["none", "soft"]``."""
-        vary = {name.replace("__", "."): list(values) for name, values in grid.items()}
-        return cls(scenario.model_dump(exclude_none=True), {"grid": vary} if vary else {}, runs, seed=seed)
+        vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
+        return cls(scenario, {"grid": vary} if vary else {}, runs, seed=seed)
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "study", folder: Path | None = None) -> Study:
@@ -196,18 +201,16 @@ class Study:
     def to_toml(self) -> str:
         """The study as TOML; ``from_toml`` gives back one with the same cells, runs and seed.
 
-        Floors from files are written out, so that the text stands alone.
+        The text stands alone: floors from files are written out, and all fields of the scenario.
         """
-        import tomli_w
-
         values: dict[str, Any] = {"format": FORMAT, "seed": self.seed}
         values |= {"name": self.name} if self.name else {}
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
         values |= {"motion": self.motion} if self.motion != "event" else {}
         values |= {"keep": list(self.keep)} if self.keep else {}
         floors = {name: list(rows) for name, rows in self._named_floors.items()}
-        values |= {"scenario": dict(self.base)} | ({"floors": floors} if floors else {})
-        return tomli_w.dumps(values | dict(self.vary))
+        values |= {"scenario": self._whole_base} | ({"floors": floors} if floors else {})
+        return as_toml(values | dict(self.vary))
 
     def with_runs(self, runs: int) -> Study:
         """The same cells with another number of runs."""
@@ -240,7 +243,7 @@ class Study:
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
         """The floors that the study names and that are no pattern: its own, and those of files."""
         found = {name: tuple(rows) for name, rows in self.floors.items()}
-        of_base = self.base.get("floor", {})
+        of_base = self._sections.get("floor", {})
         of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
         for name in [of_base.get("source"), *(point.get(SOURCE) for point in self._points)]:
             if isinstance(name, str) and name not in found and not is_random(name) and family(name) is None:
@@ -251,12 +254,25 @@ class Study:
                 found[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
         return found
 
+    @property
+    def _sections(self) -> Mapping[str, Any]:
+        assert not isinstance(self.base, Scenario)
+        return self.base
+
+    @cached_property
+    def _whole_base(self) -> dict[str, Any]:
+        """All fields of the scenario, so that a later version with other defaults reads the same."""
+        if not any(PRESET in point for point in self._points):
+            with suppress(InputError):  # a base may be wrong alone and right in each cell
+                return self._scenario({}).model_dump(exclude_none=True)
+        return dict(self._sections)
+
     @cached_property
     def _points(self) -> list[Point]:
         return points_of(self.vary)
 
     def _scenario(self, point: Point) -> Scenario:
-        base = copy_of(self.base)
+        base = copy_of(self._sections)
         if PRESET in point:
             base[PRESET] = point[PRESET]
         values = {k: v for k, v in point.items() if k not in (PRESET, LABEL)}
@@ -272,6 +288,24 @@ class Study:
                 raise
             told = ", ".join(f"{k} = {_short(v)}" for k, v in point.items())
             raise InputError(f"{error} (in the cell with {told})") from None
+
+
+def as_toml(values: Mapping[str, Any]) -> str:
+    """A study's values as TOML, block by block: their order is that of the cells, and none may move to the head."""
+    import tomli_w
+
+    parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
+    for name in (name for name in values if name in BLOCKS):
+        if name == "list":
+            parts += [f"[[{name}]]\n{tomli_w.dumps(flat(entry))}" for entry in values[name]]
+        else:
+            parts.append(tomli_w.dumps({name: values[name]}))
+    return "\n".join(parts)
+
+
+def plain_value(value: Any) -> Any:
+    """A number of numpy's as one of Python's."""
+    return value.item() if hasattr(value, "item") and hasattr(value, "dtype") else value
 
 
 def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:

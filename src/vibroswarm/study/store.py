@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,12 +25,14 @@ import polars as pl
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
+from vibroswarm.scenario import read_text
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Range, missing
-from vibroswarm.study.spec import FORMAT, Study
+from vibroswarm.study.spec import FORMAT, Study, as_toml
 from vibroswarm.study.work import Done, Work
 
 MARKER: Final = "study.toml"
+HEAD: Final = "study.json"
 SHARDS: Final = "shards"
 FAILURES: Final = "failures"
 
@@ -53,10 +57,42 @@ class Store:
     folder: Path
     study: Study
     shards: list[Shard] = field(default_factory=list)
-    damaged: list[str] = field(default_factory=list)
-    """Shards that are there but cannot be used, in words."""
+    hash: str = ""
+    """By which the shards know their study: that of the version which made the folder."""
+    broken: dict[str, str] = field(default_factory=dict)
+    """Shards that are there but cannot be used, and why."""
     left_over: int = 0
     """Files of writers that were killed."""
+
+    def __post_init__(self) -> None:
+        self.hash = self.hash or self.study.hash
+
+    @property
+    def damaged(self) -> list[str]:
+        """Shards that are there but cannot be used, in words."""
+        return [f"{name}.json: {why}" for name, why in self.broken.items()]
+
+    @classmethod
+    def existing(cls, folder: str | Path, study: Study) -> Store | None:
+        """The store of this study that is there, or None where a new one can be made; nothing is written.
+
+        Raises:
+            InputError: something else is there, or another study, or one of a newer format.
+        """
+        folder = Path(folder)
+        try:
+            if (folder / HEAD).exists():
+                store = cls.open(folder)
+                if store.study.hash != study.hash:
+                    raise InputError(_differences(store.study, study), field=str(folder))
+                store.study = study
+                return store
+            # A writer that was killed at its beginning, or one that begins just now, is no obstacle.
+            if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
+                raise InputError("is there and no study; give the name of a new folder", field=str(folder))
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}", field=str(folder)) from None
+        return None
 
     @classmethod
     def open_or_create(cls, folder: str | Path, study: Study) -> Store:
@@ -67,21 +103,14 @@ class Store:
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
-        if (folder / MARKER).is_file():
-            store = cls.open(folder)
-            if store.study.hash != study.hash:
-                raise InputError(_differences(store.study, study), field=str(folder))
-            store.study = study
-            store._write_head()
-            return store
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError("is there and no study; give the name of a new folder", field=str(folder))
-        store = cls(folder, study)
-        try:
-            (folder / SHARDS).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", field=str(folder)) from None
-        store._write_head()
+        store = cls.existing(folder, study)
+        if store is None:
+            try:
+                (folder / SHARDS).mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"cannot be made: {error.strerror}", field=str(folder)) from None
+            store = cls(folder, study)
+        store.write_head()
         return store
 
     @classmethod
@@ -93,31 +122,34 @@ class Store:
         """
         folder = Path(folder)
         try:
-            about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+            about = json.loads((folder / HEAD).read_text(encoding="utf-8"))
             version, told = int(about["format"]), str(about["hash"])
         except OSError as error:
             raise InputError(
-                f"is no study of vibroswarm ({error.strerror}: study.json)", field=str(folder)
+                f"is no study of vibroswarm ({error.strerror}: {HEAD})", field=str(folder)
             ) from None
         except (ValueError, KeyError, TypeError):
-            raise InputError("study.json is damaged", field=str(folder)) from None
+            raise InputError(f"{HEAD} is damaged", field=str(folder)) from None
         if version > FORMAT:
             raise InputError(
                 f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm",
                 field=str(folder),
             )
-        store = cls(folder, Study.read(folder / MARKER))
-        if store.study.hash != told:
+        text = read_text(folder / MARKER, "a study")
+        study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
+        # A later version may know more fields and so give the same study another hash; its text is the same.
+        if study.hash != told and _fingerprint(text) != about.get("text"):
             raise InputError(
-                f"study.toml is not the study that the folder was made for (hash {told}); put it back",
+                f"{MARKER} is not the study that the folder was made for (hash {told}); put it back",
                 field=str(folder),
             )
+        store = cls(folder, study, hash=told)
         store.refresh()
         return store
 
     def refresh(self) -> None:
         """Look at what is there."""
-        self.shards, self.damaged, self.left_over = [], [], 0
+        self.shards, self.broken, self.left_over = [], {}, 0
         described = set()
         for path in sorted((self.folder / SHARDS).glob("*")):
             if path.name.startswith("."):
@@ -126,7 +158,7 @@ class Store:
                 try:
                     shard = self._read(path)
                 except ValueError as error:
-                    self.damaged.append(f"{path.name}: {error}")
+                    self.broken[path.stem] = str(error)
                 else:
                     self.shards.append(shard)
                     described |= set(shard.files.values())
@@ -147,7 +179,7 @@ class Store:
         }
         about = {
             "format": FORMAT,
-            "study": done.work.study,
+            "study": self.hash,
             "group": done.work.group,
             "first": done.work.first,
             "last": done.work.last,
@@ -160,11 +192,15 @@ class Store:
             "versions": done.versions,
         }
         shards = self.folder / SHARDS
-        for table, data in done.files.items():
-            with whole_file(shards / paths[table]) as part:
-                part.write_bytes(data)
-        with whole_file(shards / f"{name}.json") as part:
-            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        try:
+            for table, data in done.files.items():
+                with whole_file(shards / paths[table]) as part:
+                    part.write_bytes(data)
+            with whole_file(shards / f"{name}.json") as part:
+                part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        except InputError as error:  # the folder could be written a moment ago
+            raise RunError(str(error)) from error
+        self.broken.pop(name, None)
         files = {table: shards / path for table, path in paths.items()}
         work = done.work
         self.shards.append(Shard(name, work.group, work.first, work.last, done.rows, files, done.versions))
@@ -182,13 +218,13 @@ class Store:
 
     @property
     def failures(self) -> list[dict[str, Any]]:
-        """Batches that failed and have not been done since."""
+        """Batches that failed and have not been done since, whole or in other pieces."""
         found = []
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
-            try:
-                found.append(dict(json.loads(path.read_text(encoding="utf-8"))))
-            except (OSError, ValueError):
-                continue
+            with suppress(OSError, ValueError, KeyError, TypeError):
+                one = dict(json.loads(path.read_text(encoding="utf-8")))
+                if missing((int(one["first"]), int(one["last"])), self.ranges(int(one["group"]))):
+                    found.append(one)
         return found
 
     def ranges(self, group: int) -> list[Range]:
@@ -267,7 +303,7 @@ class Store:
             told, files = about["files"], {}
             if int(about["format"]) > FORMAT:
                 raise ValueError(f"is of format {about['format']}; update vibroswarm")
-            if about["study"] != self.study.hash:
+            if about["study"] != self.hash:
                 raise ValueError("is of another study")
             for name, what in told.items():
                 if Path(name).name != name:
@@ -282,20 +318,50 @@ class Store:
     def _failure(self, work: Work) -> Path:
         return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
 
-    def _write_head(self) -> None:
-        about = {"format": FORMAT, "hash": self.study.hash, "versions": versions()}
+    def write_head(self) -> None:
+        """``study.toml``, written again where the number of runs changed; then ``study.json``, written once."""
+        text = self.study.to_toml()
+        if self.hash != self.study.hash:
+            text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
+        about = {"format": FORMAT, "hash": self.hash, "text": _fingerprint(text), "versions": versions()}
+        marker, head = self.folder / MARKER, self.folder / HEAD
         try:
-            for name, text in (
-                (MARKER, self.study.to_toml()),
-                ("study.json", json.dumps(about, indent=1) + "\n"),
-            ):
-                path = self.folder / name
-                if not path.is_file() or (name == MARKER and path.read_text(encoding="utf-8") != text):
-                    with whole_file(path) as part:
-                        part.write_text(text, encoding="utf-8")
+            if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
+                with whole_file(marker) as part:
+                    part.write_text(text, encoding="utf-8")
+            if not head.is_file():
+                with whole_file(head) as part:
+                    part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+
+
+NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs")
+"""Keys of a study that may change while its folder stays."""
+
+
+def _fingerprint(text: str) -> str:
+    """A hash of what a study's text says of its cells and seed; it does not depend on how a version reads it."""
+    values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
+    return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
+
+
+def _with_runs_of(old: str, new: str) -> str:
+    """The study of ``old`` with the name and the number of runs of ``new``."""
+    kept = {k: v for k, v in tomllib.loads(old).items() if k == "format" or k not in NOT_OF_THE_CELLS}
+    changed = {k: v for k, v in tomllib.loads(new).items() if k in NOT_OF_THE_CELLS and k != "format"}
+    return as_toml(kept | changed)
+
+
+def _is_of(path: Path, study: Study) -> bool:
+    """Whether this belongs to a store of the study of which no batch is done yet; a user's study.toml does not."""
+    if path.name == MARKER:
+        try:
+            return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
+        except ValueError:
+            return False
+    return (path.name == SHARDS and path.is_dir()) or path.name.startswith((f".{MARKER}.", f".{HEAD}."))
 
 
 def _stem(path: Path) -> str:

@@ -31,6 +31,8 @@ LABEL: Final = "label"
 PRESET: Final = "preset"
 LARGEST: Final = 100_000
 """Cells that a study may have."""
+LARGEST_NUMBER: Final = 1e150
+"""Ends of a range; their quotient is still a number."""
 
 
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
@@ -111,6 +113,11 @@ def _spread(block: Any, name: str, draw: Any) -> list[Point]:
     fields = _fields({k: v for k, v in block.items() if k not in ("points", "seed")}, name)
     if not fields:
         raise InputError("is empty; name at least one field", field=name)
+    for field, given in fields.items():
+        if isinstance(given, Mapping) and "steps" in given:
+            raise InputError(
+                "is of a grid or zip; here 'points' says how many", field=f"{name}.{field}.steps"
+            )
     unit = draw(seed, len(fields), count)
     return [
         {
@@ -144,6 +151,11 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
     return found
 
 
+def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry of a ``list``, its fields by dotted names."""
+    return _fields(entry, "list", may_have=(LABEL,))
+
+
 def _values(given: Any, name: str) -> list[Any]:
     """The values that a list or a range stands for."""
     if isinstance(given, Mapping):
@@ -168,7 +180,7 @@ def _at(given: Any, u: float, name: str) -> Any:
             raise InputError("is empty; give at least one value", field=name)
         return given[min(int(u * len(given)), len(given) - 1)]
     low, high, scale, whole = _bounds(given, name)
-    if whole and not isinstance(given.get("steps"), int):
+    if whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
     if u in (0.0, 1.0):  # the ends as they are written
         return _rounded((low, high)[int(u)], whole)
@@ -199,8 +211,8 @@ def _bounds(given: Any, name: str) -> tuple[float, float, str, bool]:
 
 
 def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{value!r} is no number", field=name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
+        raise InputError(f"{value!r} is no number of this world", field=name)
     return value
 
 
@@ -213,5 +225,7 @@ def _is_whole_field(name: str) -> bool:
     from vibroswarm.scenario import Scenario
 
     section, field = name.split(".")[-2:]
+    if section not in Scenario.model_fields:  # a preset
+        return False
     info = Scenario.model_fields[section].annotation.model_fields[field]  # type: ignore[union-attr]
     return info.annotation is int

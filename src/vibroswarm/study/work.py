@@ -24,7 +24,7 @@ from vibroswarm.observation.model import OBSERVATIONS, observe
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import floors_of, result_of, simulate, versions
-from vibroswarm.study.plan import Group
+from vibroswarm.study.plan import Group, Texts
 from vibroswarm.study.spec import Study
 
 WALK: Final = {name: kind for name, kind in OF_WALK.items() if name not in ("run", "samples")}
@@ -46,7 +46,7 @@ SAMPLES: Final[dict[str, Any]] = {
 }
 """One row a cell and sample, kept on request."""
 
-ROWS_AT_A_TIME: Final = 400_000
+ROWS_AT_A_TIME: Final = 200_000
 """Samples that are in memory at a time, roughly."""
 
 
@@ -66,7 +66,7 @@ class Work:
 
     study: str
     group: int
-    observed: tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
+    observed: Texts
     first: int
     last: int
     seed: int
@@ -91,18 +91,14 @@ class Done:
 
 def work_of(study: Study, group: Group, first: int, last: int) -> Work:
     """The batch of these runs of a group."""
-    observed = tuple(
-        tuple((same[0].scenario.to_toml(), tuple(cell.number for cell in same)) for same in inferences)
-        for inferences in group.observed
-    )
-    return Work(study.hash, group.number, observed, first, last, study.seed, study.motion, study.keep)
+    return Work(study.hash, group.number, group.texts, first, last, study.seed, study.motion, study.keep)
 
 
 def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
     """Do a batch; a part of its runs at a time, so that memory does not grow with it.
 
     Raises:
-        Cancelled: ``cancelled`` said so between two parts.
+        Cancelled: ``cancelled`` said so between two steps.
     """
     first = _scenario(work.observed[0][0][0])
     a_run = max(
@@ -111,9 +107,7 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
     step = max(int(ROWS_AT_A_TIME / a_run), 1)
     parts: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
     for low in range(work.first, work.last, step):
-        if cancelled():
-            raise Cancelled
-        for name, frames in _part(work, range(low, min(low + step, work.last))).items():
+        for name, frames in _part(work, range(low, min(low + step, work.last)), cancelled).items():
             parts[name] += frames
     orders = {"robots": ["cell", "run", "robot"], "samples": ["cell", "run", "time_s", "robot"]}
     tables = {
@@ -123,10 +117,14 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
     return Done(work, files, tables["robots"].height, versions())
 
 
-def _part(work: Work, runs: range) -> dict[str, list[pl.DataFrame]]:
+def _part(work: Work, runs: range, cancelled: Callable[[], bool]) -> dict[str, list[pl.DataFrame]]:
     """The rows of some runs, table by table, cell by cell."""
     frames: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
+    if cancelled():
+        raise Cancelled
     for cells, result, walk in _results(work, runs):
+        if cancelled():
+            raise Cancelled
         of_run = result.runs.join(walk, on="run", how="left", maintain_order="left").drop("run", "samples")
         each = np.repeat(np.arange(result.runs.height), result.scenario.swarm.robots)
         rows = pl.concat([result.robots, of_run[each]], how="horizontal")

@@ -1,0 +1,93 @@
+"""The plan of a study: what is shared, how runs are cut into blocks, shares, and what is missing."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.errors import InputError
+from vibroswarm.presets import preset
+from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
+from vibroswarm.study.runner import Share
+from vibroswarm.study.spec import Study
+
+RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).map(tuple), max_size=8)
+
+
+def group_of(number: int, t_end_s: float, robots: int) -> Group:
+    scenario = preset("paper").with_values({"run.t_end_s": t_end_s, "swarm.robots": robots})
+    return Group(number, plan_of(Study(scenario)).groups[0].observed)
+
+
+GROUPS = [group_of(k, *size) for k, size in enumerate([(60.0, 2), (1200.0, 5), (8000.0, 100)])]
+
+
+@given(st.sampled_from(GROUPS), st.integers(0, 20_000), st.integers(0, 20_000), st.integers(1, 20))
+@settings(max_examples=100, deadline=None)
+def test_blocks_and_shares_cover_each_run_once(group, low, high, of):
+    low, high = sorted((low, high))
+    shares = [Share(k + 1, of) for k in range(of)]
+    covered = []
+    for number, first, last in group.blocks(low, high):
+        covered += range(first, last)
+        assert sum(share.has(group, number) for share in shares) == 1
+    assert covered == list(range(low, high))
+
+
+@given(st.sampled_from(GROUPS), st.integers(1, 3000), st.integers(1, 20_000))
+@settings(max_examples=60, deadline=None)
+def test_bounds_do_not_depend_on_how_many_runs_are_asked_for(group, runs, more):
+    some = list(group.blocks(0, runs))
+    all_of_them = list(group.blocks(0, runs + more))
+    assert all_of_them[: len(some) - 1] == some[:-1]
+    assert all_of_them[len(some) - 1][:2] == some[-1][:2]
+
+
+def test_blocks_grow_so_that_a_long_study_has_few_files():
+    blocks = list(GROUPS[1].blocks(0, 1_000_000))
+    sizes = [last - first for _, first, last in blocks]
+    assert sizes[:BLOCKS_OF_A_SIZE] == [GROUPS[1].block] * BLOCKS_OF_A_SIZE
+    assert sizes[:-1] == sorted(sizes[:-1])
+    assert len(blocks) < 2000
+
+
+@given(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted), RANGES)
+@settings(max_examples=200, deadline=None)
+def test_what_is_missing_is_what_is_wanted_and_not_there(wanted, there):
+    gaps = missing(tuple(wanted), there)
+    in_gaps = [run for first, last in gaps for run in range(first, last)]
+    have = {run for first, last in there for run in range(first, last)}
+    assert in_gaps == [run for run in range(*wanted) if run not in have]
+
+
+def test_cells_share_motion_and_observations():
+    grid = {
+        "swarm.robots": [5, 6],
+        "floor.source": ["random:0.44", "random:0.48"],
+        "strategy.name": ["none", "soft"],
+        "strategy.eta": [1.0, 2.0],
+    }
+    plan = plan_of(Study(vary={"grid": grid}))
+    assert len(plan.groups) == 2
+    assert plan.observations == 4
+    assert plan.inferences == 12, "eta is nothing to robots that do not use soft feedback"
+    assert sorted(c.number for g in plan.groups for c in g.cells) == list(range(16))
+    for group in plan.groups:
+        assert len({cell.scenario.swarm.robots for cell in group.cells}) == 1
+
+
+def test_runs_that_end_when_all_have_decided_share_nothing():
+    base = {"run": {"stop": "all_decided"}}
+    plan = plan_of(Study(base, {"grid": {"strategy.name": ["none", "positive"]}}))
+    assert [len(group.cells) for group in plan.groups] == [1, 1]
+
+
+@pytest.mark.parametrize("text", ["5/4", "0/4", "1/0", "3", "a/b", "-1/4", "1/4/2", "", "1.5/4"])
+def test_what_is_no_share_is_said(text: str) -> None:
+    with pytest.raises(InputError, match="is no share; such as 3/16"):
+        Share.from_words(text)
+
+
+def test_a_share_from_words():
+    assert Share.from_words("3/16") == (3, 16)

@@ -1,0 +1,339 @@
+"""The store: append-only, whole, checked, safe with several writers."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.simulation import versions
+from vibroswarm.study.merge import merge
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import FORMAT, Study
+from vibroswarm.study.store import SHARDS, Store
+from vibroswarm.study.work import Done, Work, do, work_of
+
+STUDY = Study(
+    {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30
+)
+GOLDEN = Path(__file__).parents[1] / "golden" / "store-format-1"
+
+
+def add(store: Store, first: int, last: int) -> None:
+    store.add(do(work_of(store.study, plan_of(store.study).groups[0], first, last)))
+
+
+def made_up(store: Store, first: int, last: int, writer: int = 0) -> None:
+    """A batch of made-up rows: run numbers, and who wrote them."""
+    schema = {"cell": pl.UInt32, "run": pl.UInt32, "robot": pl.UInt16, "writer": pl.UInt8}
+    frame = pl.DataFrame({"cell": 0, "run": range(first, last), "robot": 0, "writer": writer}, schema=schema)
+    data = io.BytesIO()
+    frame.write_parquet(data)
+    work = Work(store.study.hash, 0, (), first, last, 1, "event", ())
+    store.add(Done(work, {"robots": data.getvalue()}, frame.height, versions()))
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    store = Store.open_or_create(tmp_path_factory.mktemp("store") / "a", STUDY)
+    add(store, 0, 20)
+    add(store, 20, 30)
+    return store.folder
+
+
+@pytest.fixture
+def copy(filled: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(filled, tmp_path / "a copy"))
+
+
+def test_what_was_added_is_found_again(filled: Path) -> None:
+    store = Store.open(filled)
+    assert sorted(store.ranges(0)) == [(0, 20), (20, 30)]
+    assert store.damaged == []
+    assert store.left_over == 0
+    assert store.missing(plan_of(STUDY).groups[0], 30) == []
+    assert store.runs(0) == 30
+    rows = StudyResult.open(filled).rows().collect()
+    assert rows.select("cell", "run", "robot").rows() == [
+        (c, r, k) for c in (0, 1) for r in range(30) for k in (0, 1)
+    ]
+
+
+def test_a_batch_that_is_done_twice_is_the_same_file(copy: Path) -> None:
+    before = {p.name: p.read_bytes() for p in (copy / SHARDS).iterdir()}
+    add(Store.open(copy), 0, 20)
+    assert {p.name: p.read_bytes() for p in (copy / SHARDS).iterdir()} == before
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 30)).map(sorted), min_size=1, max_size=8),
+       st.integers(1, 40))  # fmt: skip
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_scan_gives_each_run_once_whatever_overlaps(tmp_path_factory, ranges, runs):
+    store = Store.open_or_create(tmp_path_factory.mktemp("scan") / "s", STUDY)
+    for writer, (first, last) in enumerate(ranges):
+        if first < last:
+            made_up(store, first, last, writer)
+    store.refresh()
+    assert store.damaged == []
+    there = sorted({run for first, last in ranges for run in range(first, last) if run < runs})
+    found = store.scan(0, runs)
+    assert (found.collect()["run"].sort().to_list() if found is not None else []) == there
+
+
+def one_of(folder: Path, pattern: str) -> Path:
+    return sorted((folder / SHARDS).glob(pattern))[0]
+
+
+HARM = [
+    "cut",
+    "emptied",
+    "changed",
+    "gone",
+    "about cut",
+    "about is a list",
+    "newer",
+    "of another study",
+    "elsewhere",
+]
+
+
+@pytest.mark.parametrize("harm", HARM)
+def test_a_damaged_shard_is_found_and_said_and_made_again(harm: str, copy: Path, filled: Path) -> None:
+    shard, about = one_of(copy, "*.parquet"), one_of(copy, "*.json")
+    told = json.loads(about.read_text())
+    if harm == "cut":
+        shard.write_bytes(shard.read_bytes()[:-100])
+    elif harm == "emptied":
+        shard.write_bytes(b"")
+    elif harm == "changed":
+        data = bytearray(shard.read_bytes())
+        data[50] ^= 1
+        shard.write_bytes(data)
+    elif harm == "gone":
+        shard.unlink()
+    elif harm == "about cut":
+        about.write_text(about.read_text()[:50])
+    elif harm == "about is a list":
+        about.write_text("[]")
+    elif harm == "newer":
+        about.write_text(json.dumps(told | {"format": FORMAT + 1}))
+    elif harm == "of another study":
+        about.write_text(json.dumps(told | {"study": "0" * 16}))
+    else:
+        ((name, what),) = told["files"].items()
+        about.write_text(json.dumps(told | {"files": {f"../{name}": what}}))
+    store = Store.open(copy)
+    assert len(store.damaged) == 1
+    assert about.name in store.damaged[0]
+    assert len(store.shards) == 1
+    again = STUDY.run(copy, workers=1)
+    assert again.store.damaged == []
+    assert_frame_equal(again.rows().collect(), StudyResult.open(filled).rows().collect())
+    assert Store.open(copy).damaged == []
+
+
+def test_files_of_writers_that_were_killed_do_not_count(copy: Path) -> None:
+    (copy / SHARDS / ".abc.parquet.x1.parquet").write_bytes(b"half")
+    (copy / SHARDS / "0123.parquet").write_bytes(b"whole, but not described")
+    (copy / ".study.toml.x.toml").write_bytes(b"")
+    store = Store.open(copy)
+    assert (store.left_over, len(store.shards), store.damaged) == (2, 2, [])
+
+
+@pytest.mark.parametrize(
+    "left", [(), ("shards",), ("shards", "study.toml"), ("shards", ".study.toml.k3.toml")]
+)
+def test_a_writer_killed_at_its_beginning_is_no_obstacle(left: tuple[str, ...], tmp_path: Path) -> None:
+    whole = Store.open_or_create(tmp_path / "whole", STUDY.with_runs(7)).folder
+    folder = tmp_path / "begun"
+    folder.mkdir()
+    for name in left:
+        if name == "shards":
+            (folder / name).mkdir()
+        else:
+            shutil.copy(whole / "study.toml", folder / name)
+    assert Store.existing(folder, STUDY) is None
+    assert Store.open_or_create(folder, STUDY).study.runs == 30
+    assert Store.open(folder).study.runs == 30
+
+
+def test_a_study_file_of_the_user_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text("runs = 30\n# mine\n")
+    with pytest.raises(InputError, match="is there and no study"):
+        Store.open_or_create(tmp_path, STUDY)
+    assert (tmp_path / "study.toml").read_text() == "runs = 30\n# mine\n"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("ten years")
+    for folder in (tmp_path, tmp_path / "thesis.tex"):
+        with pytest.raises(InputError, match="is there and no study"):
+            Store.open_or_create(folder, STUDY)
+    with pytest.raises(InputError, match="cannot be made"):
+        Store.open_or_create(tmp_path / "thesis.tex" / "deeper", STUDY)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_another_study_is_refused_and_told_apart(filled: Path) -> None:
+    base, vary = STUDY.base, STUDY.vary
+    for other, words in {
+        "seed is 1 there and 2 here": Study(base, vary, seed=2),
+        "it has 2 cells there and 1 here": Study(base),
+        "strategy.name of cell 1 is 'soft' there and 'positive' here":
+            Study(base, {"grid": {"strategy.name": ["none", "positive"]}}),
+        "keep": Study(base, vary, keep=("samples",)),
+    }.items():  # fmt: skip
+        with pytest.raises(InputError, match=other):
+            Store.open_or_create(filled, words)
+
+
+def test_more_runs_and_a_title_are_the_same_study(copy: Path) -> None:
+    store = Store.open_or_create(copy, Study(STUDY.base, STUDY.vary, 50, name="longer"))
+    assert len(store.shards) == 2
+    assert (Store.open(copy).study.runs, Store.open(copy).study.name) == (50, "longer")
+
+
+def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
+    head, marker = copy / "study.json", copy / "study.toml"
+    about, text = json.loads(head.read_text()), marker.read_text()
+    head.write_text(json.dumps(about | {"format": FORMAT + 1}))
+    with pytest.raises(InputError, match="update vibroswarm"):
+        Store.open(copy)
+    head.write_text("{")
+    with pytest.raises(InputError, match="is damaged"):
+        Store.open(copy)
+    head.write_text(json.dumps(about))
+    marker.write_text(text.replace("seed = 1", "seed = 2"))
+    with pytest.raises(InputError, match="put it back"):
+        Store.open(copy)
+    marker.unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        Store.open(copy)
+    head.unlink()
+    with pytest.raises(InputError, match="is no study of vibroswarm"):
+        Store.open(copy)
+
+
+def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: Path) -> None:
+    """A later version may know more fields; the hash then differs though the study is the same."""
+    old = "f" * 16
+    for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
+        path.write_text(path.read_text().replace(STUDY.hash, old))
+    store = Store.open(copy)
+    assert (store.hash, len(store.shards), store.damaged) == (old, 2, [])
+    more = STUDY.with_runs(40).run(copy, workers=1)
+    assert more.store.damaged == []
+    assert more.runs().height == 80
+    again = Store.open(copy)
+    assert (again.hash, again.study.runs, again.damaged) == (old, 40, [])
+    marker = copy / "study.toml"
+    marker.write_text(marker.read_text().replace("t_end_s = 60.0", "t_end_s = 61.0"))
+    with pytest.raises(InputError, match="put it back"):
+        Store.open(copy)
+
+
+def test_a_store_of_format_1_is_read() -> None:
+    """Written by version 0.1.0 and kept as it was."""
+    result = StudyResult.open(GOLDEN)
+    assert json.loads((GOLDEN / "study.json").read_text())["format"] == 1
+    assert result.store.damaged == []
+    runs, robots = result.runs(), result.robots()
+    assert (runs.height, robots.height) == (40, 120)
+    kept = json.loads((GOLDEN / "expected.json").read_text())
+    for cell, figures in enumerate(kept):
+        mine = robots.filter(pl.col("cell") == cell)
+        assert mine["decision"].to_list() == figures["decision"]
+        assert mine["belief"].to_list() == figures["belief"]
+        assert runs.filter(pl.col("cell") == cell)["consensus"].to_list() == figures["consensus"]
+    assert result.samples().height == figures["samples"]
+
+
+def test_other_versions_are_not_mixed_unless_told(copy: Path) -> None:
+    about = one_of(copy, "*.json")
+    about.write_text(about.read_text().replace(versions()["numpy"], "0.1"))
+    assert STUDY.run(copy).runs().height == 60, "what is all there can be read"
+    with pytest.raises(InputError, match=r"numpy 0\.1 there"):
+        STUDY.with_runs(31).run(copy)
+    more = STUDY.with_runs(31).run(copy, mixed=True, workers=1)
+    assert more.runs().height == 62
+    assert len(more.store.made_by) == 2
+
+
+def test_a_full_disk_is_said_and_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, write, room = tmp_path / "full", Path.write_bytes, [150_000]
+
+    def full(path: Path, data: bytes) -> int:
+        room[0] -= len(data)
+        if room[0] < 0:
+            write(path, data[: len(data) // 2])
+            raise OSError(28, "No space left on device")
+        return write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(RunError, match="No space left on device"):
+            STUDY.with_runs(6000).run(folder, workers=1)
+    assert not list(folder.rglob(".*"))
+    store = Store.open(folder)
+    assert store.damaged == []
+    assert 0 < store.runs(0) < 6000
+    whole = STUDY.with_runs(6000).run(folder, workers=2)
+    assert whole.runs().height == 12_000
+
+
+def test_failures_are_forgotten_when_their_runs_are_there(copy: Path) -> None:
+    store = Store.open(copy)
+    work = work_of(STUDY, plan_of(STUDY).groups[0], 30, 40)
+    store.add_failure(work, "because")
+    assert [f["batch"] for f in store.failures] == ["0:30-40"]
+    assert store.failures[0]["seed"] == STUDY.seed
+    add(store, 25, 35)
+    assert len(store.failures) == 1
+    add(store, 35, 45)
+    assert store.failures == []
+    (copy / "failures" / "bad.json").write_text("{")
+    assert store.failures == []
+
+
+def test_a_merge_leaves_no_damaged_file_of_its_own(copy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "joined"
+    merge(out, [copy])
+    shard = one_of(out, "*.parquet")
+    data = shard.read_bytes()
+    shard.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+    assert len(Store.open(out).damaged) == 1
+    assert merge(out, [copy]).damaged == []
+
+
+def test_a_merge_that_is_not_whole_says_what_is_lost(copy: Path, tmp_path: Path) -> None:
+    one_of(copy, "*.parquet").unlink()
+    with pytest.raises(
+        RunError, match=r"batches 0:\d+-\d+.* are in none of the shares \(damaged: .*is missing"
+    ):
+        merge(tmp_path / "joined", [copy])
+    assert len(Store.open(tmp_path / "joined").shards) == 1
+
+
+def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_path: Path) -> None:
+    other = Store.open_or_create(tmp_path / "other", Study(STUDY.base, STUDY.vary, seed=2)).folder
+    with pytest.raises(InputError, match="of another study"):
+        merge(tmp_path / "out", [copy, other])
+    about = one_of(copy, "*.json")
+    about.write_text(about.read_text().replace(versions()["numpy"], "0.1"))
+    with pytest.raises(InputError, match=r"numpy 0\.1"):
+        merge(tmp_path / "out", [copy])
+    with pytest.raises(InputError, match="is no study"):
+        merge(tmp_path / "out", [tmp_path])
+    assert not (tmp_path / "out").exists()
