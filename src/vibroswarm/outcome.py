@@ -1,13 +1,18 @@
-"""What became of each robot and of each run, summed up from the tables of the stages."""
+"""What became of each robot and of each run, summed up from what replay says of the robots."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from vibroswarm.motion.contract import Motion
-from vibroswarm.result import ROBOTS, RUNS
+from vibroswarm.floors.floor import Floor
+from vibroswarm.result import CONSENSUS, ROBOTS, RUNS
+from vibroswarm.scenario import Scenario
+
+RIGHT, WRONG, SPLIT, INCOMPLETE, AGREED = CONSENSUS
 
 
 def truth_of(fill_ratio: float, boundary: float) -> int | None:
@@ -17,81 +22,83 @@ def truth_of(fill_ratio: float, boundary: float) -> int | None:
     return 1 if fill_ratio > boundary else 0
 
 
-def _truths(fills: Mapping[int, float], boundary: float) -> pl.DataFrame:
-    return pl.DataFrame(
-        [(run, fill, truth_of(fill, boundary)) for run, fill in fills.items()],
-        schema={"run": pl.UInt32, "fill_ratio": pl.Float64, "truth": pl.Int8},
-        orient="row",
-    )
+def outcome_tables(
+    scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The tables of robots and of runs.
+
+    Args:
+        floors: of each run. finals: what became of each robot (``inference.minds.FINALS``), run by run. ends: of
+            the same rows.
+    """
+    robots = scenario.swarm.robots
+    runs = finals["run"].to_numpy()[::robots]
+    fills = np.array(fill_ratios(floors, runs.tolist(), scenario.arena.width_m, scenario.arena.height_m))
+    boundary = scenario.decision.decision_boundary
+    truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)  # None: nan
+    end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
+    return robot_table(finals, truth), run_table(finals, fills, truth, end_s, scenario.run.t_end_s)
 
 
-def robot_table(
-    motion: Motion, inference: pl.DataFrame, finals: pl.DataFrame, fills: Mapping[int, float], boundary: float
-) -> pl.DataFrame:
+def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, height_m: float) -> list[float]:
+    """The fill ratio inside the arena of each run's floor; floors that several runs share are taken once."""
+    known: dict[int, float] = {}
+    for run in runs:
+        floor = floors[run]
+        if id(floor) not in known:
+            known[id(floor)] = floor.fill_ratio_within(width_m, height_m)
+    return [known[id(floors[run])] for run in runs]
+
+
+def robot_table(finals: pl.DataFrame, truth: NDArray[np.float64]) -> pl.DataFrame:
     """The table of robots, one row a run and robot, also for robots that never sampled.
 
     A robot's decision is its last, and its time that of the sample at which it came to stand.
+
+    Args:
+        finals: what became of each robot, run by run. truth: (runs,), 0 or 1, nan on the boundary.
     """
-    who = ["run", "robot"]
-    timed = inference.with_columns(time_s=motion.samples["time_s"])
-    before = pl.col("decision").shift(1, fill_value=-1).over(who)
-    turned = timed.filter((pl.col("decision") != before) & (pl.col("decision") != -1))
-    decided = turned.group_by(who).agg(
-        pl.col("decision").last(),
-        decision_time_s=pl.col("time_s").last(),
-        belief_at_decision=pl.col("belief").last(),
-    )
-    last = timed.group_by(who).agg(last_belief=pl.col("belief").last(), samples=pl.len().cast(pl.UInt32))
-    truth = pl.col("truth")
-    belief = pl.coalesce("belief_at_decision", "last_belief")
-    table = (
-        finals.join(decided, on=who, how="left", maintain_order="left")
-        .join(last, on=who, how="left", maintain_order="left")
-        .join(_truths(fills, boundary), on="run", how="left", maintain_order="left")
-        .with_columns(
-            pl.col("decision").fill_null(-1),
-            pl.col("samples").fill_null(0),
-            belief=belief,
-            belief_in_truth=pl.when(truth == 0).then(belief).when(truth == 1).then(1.0 - belief),
-        )
-    )
-    return table.with_columns(sent=pl.col("samples")).select(list(ROBOTS)).cast(ROBOTS)  # type: ignore[arg-type]
+    robots = finals.height // max(truth.size, 1)
+    belief, true = finals["belief"].to_numpy(), np.repeat(truth, robots)
+    in_truth = np.where(true == 0.0, belief, np.where(true == 1.0, 1.0 - belief, np.nan))
+    more = {"belief_in_truth": pl.Series(in_truth, nan_to_null=True), "sent": finals["samples"]}
+    columns = {name: more[name] if name in more else finals[name] for name in ROBOTS}
+    return pl.DataFrame(columns)
 
 
 def run_table(
-    robots: pl.DataFrame, ends: pl.DataFrame, fills: Mapping[int, float], boundary: float, t_end_s: float
+    finals: pl.DataFrame,
+    fills: NDArray[np.float64],
+    truth: NDArray[np.float64],
+    end_s: NDArray[np.float64],
+    t_end_s: float,
 ) -> pl.DataFrame:
-    """The table of runs: consensus right, wrong, split or incomplete, and when."""
-    decision, truth = pl.col("decision"), pl.col("truth")
-    counted = (
-        robots.join(_truths(fills, boundary), on="run", how="left", maintain_order="left")
-        .group_by("run", maintain_order=True)
-        .agg(
-            pl.col("fill_ratio").first(),
-            truth.first(),
-            right=(decision == truth).fill_null(False).sum(),
-            wrong=((decision != truth) & (decision != -1)).fill_null(False).sum(),
-            undecided=(decision == -1).sum(),
-            alike=decision.n_unique() == 1,
-            last_s=pl.col("decision_time_s").max(),
-        )
-        .join(ends.group_by("run").agg(pl.col("end_s").max()), on="run", how="left", maintain_order="left")
+    """The table of runs: consensus right, wrong, split or incomplete, and when.
+
+    Args:
+        finals: what became of each robot, run by run. fills, truth, end_s: (runs,).
+    """
+    robots = finals.height // max(truth.size, 1)
+    decision = finals["decision"].to_numpy().reshape(-1, robots)
+    undecided = (decision == -1).sum(axis=1)
+    right = (decision == truth[:, None]).sum(axis=1)
+    wrong = np.where(np.isnan(truth), 0, robots - undecided - right)
+    alike = (decision == decision[:, :1]).all(axis=1)
+    consensus = np.select(
+        [undecided > 0, ~alike, np.isnan(truth), right > 0], [INCOMPLETE, SPLIT, AGREED, RIGHT], WRONG
     )
-    outcome = (
-        pl.when(pl.col("undecided") > 0)
-        .then(pl.lit("incomplete"))
-        .when(~pl.col("alike"))
-        .then(pl.lit("split"))
-        .when(truth.is_null())
-        .then(pl.lit("agreed"))
-        .when(pl.col("right") > 0)
-        .then(pl.lit("right"))
-        .otherwise(pl.lit("wrong"))
-    )
-    together = (pl.col("undecided") == 0) & pl.col("alike")
-    table = counted.with_columns(
-        consensus=outcome,
-        consensus_time_s=pl.when(together).then(pl.col("last_s")),
-        stopped_early=pl.col("end_s") < t_end_s - 1e-9,
-    )
-    return table.select(list(RUNS)).cast(RUNS)  # type: ignore[arg-type]
+    last_s = finals["decision_time_s"].to_numpy().reshape(-1, robots).max(axis=1)
+    together = (undecided == 0) & alike
+    columns = {
+        "run": finals["run"].gather_every(robots),
+        "consensus": pl.Series(consensus.tolist(), dtype=RUNS["consensus"]),
+        "consensus_time_s": pl.Series(np.where(together, last_s, np.nan), nan_to_null=True),
+        "fill_ratio": pl.Series(fills),
+        "truth": pl.Series(truth, nan_to_null=True).cast(pl.Int8),
+        "right": pl.Series(right.astype(np.uint16)),
+        "wrong": pl.Series(wrong.astype(np.uint16)),
+        "undecided": pl.Series(undecided.astype(np.uint16)),
+        "end_s": pl.Series(end_s),
+        "stopped_early": pl.Series(end_s < t_end_s - 1e-9),
+    }
+    return pl.DataFrame(columns)

@@ -212,11 +212,8 @@ def _read_table(folder: Path, name: str) -> pl.DataFrame:
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
     """The floors of the runs as a table."""
-    return pl.DataFrame(
-        [
-            (run, *floor.geometry, "".join("1" if tile else "0" for tile in floor.tiles.ravel()), floor.name)
-            for run, floor in floors.items()
-        ],
-        schema=FLOORS,
-        orient="row",
-    )
+    rows = [
+        (run, *floor.geometry, (floor.tiles + ord("0")).tobytes().decode("ascii"), floor.name)
+        for run, floor in floors.items()
+    ]
+    return pl.DataFrame(dict(zip(FLOORS, zip(*rows, strict=True), strict=True)), schema=FLOORS)

@@ -15,10 +15,11 @@ from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.replay import infer
+from vibroswarm.inference.replay import infer, outcomes
+from vibroswarm.inference.timeline import Timeline
 from vibroswarm.motion.contract import Motion, join, source
 from vibroswarm.observation.model import observe
-from vibroswarm.outcome import robot_table, run_table
+from vibroswarm.outcome import outcome_tables
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import Scenario
 
@@ -175,6 +176,22 @@ def _all_decided_s(motion: Motion, inference: pl.DataFrame, robots: int) -> floa
     return float(first.max()) if first.len() == robots else None  # type: ignore[arg-type]
 
 
+def summarise(
+    scenario: Scenario,
+    seed: int,
+    floors: Mapping[int, Floor],
+    motion: Motion | Timeline,
+    observations: pl.DataFrame,
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The tables of robots and of runs, as ``simulate`` gives them, without those of samples.
+
+    Args:
+        floors: the floor of each run. motion: of the runs, or its timeline
+            (``inference.timeline.timeline_of``), made once for many strategies. observations: of its samples.
+    """
+    return outcome_tables(scenario, floors, outcomes(scenario, seed, motion, observations), motion.ends)
+
+
 def result_of(
     scenario: Scenario,
     seed: int,
@@ -186,9 +203,7 @@ def result_of(
     source_name: str,
 ) -> Result:
     """Tables of three stages as a result, with the robots and the runs summed up."""
-    boundary, arena = scenario.decision.decision_boundary, scenario.arena
-    fills = {run: floor.fill_ratio_within(arena.width_m, arena.height_m) for run, floor in floors.items()}
-    robots = robot_table(motion, inference, finals, fills, boundary)
+    robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
     return Result(
         scenario=scenario,
         seed=seed,
@@ -198,7 +213,7 @@ def result_of(
         observations=observations,
         inference=inference,
         robots=robots,
-        runs=run_table(robots, motion.ends, fills, boundary, scenario.run.t_end_s),
+        runs=of_runs,
         floors=floor_frame(floors),
         source=source_name,
         versions=versions(),

@@ -14,19 +14,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import ALONE, SENSING, uniform
+from vibroswarm.draws import ALONE, MESSAGE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.replay import (
-    INFERENCE_ROW,
-    MIND,
-    begin_minds,
-    final_frame,
-    hear,
-    inference_frame,
-    mind_program,
-    take_sample,
-    write_row,
-)
+from vibroswarm.inference.beliefs import Beliefs, beliefs
+from vibroswarm.inference.minds import MIND, begin_minds, final_frame, hear, mind_program, take_sample
+from vibroswarm.inference.replay import Columns, empty_columns, inference_frame, write_row
 from vibroswarm.motion.body import Setup, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
@@ -36,6 +28,7 @@ from vibroswarm.observation.model import (
     energies_of,
     sensing_numbers,
     share_below,
+    tile_below,
     vibrating_at,
 )
 from vibroswarm.robot.walk import STOP
@@ -56,30 +49,29 @@ class Ground(NamedTuple):
 
 
 class Radio(NamedTuple):
-    """Messages in the order of sending: (room, 4) of tick, sender, sample, bit; and how many there are."""
+    """Messages in the order of sending, (room,) each; and how many there are, (1,)."""
 
-    sent: NDArray[np.int64]
+    senders: NDArray[np.int32]
+    samples: NDArray[np.uint32]
+    bits: NDArray[np.uint8]
     total: NDArray[np.int64]
     loss: float
 
 
 class Notes(NamedTuple):
-    """What is written down beside the motion: (room,) of ``INFERENCE_ROW``; (room, 2) of tile and bit."""
+    """What is written down beside the motion: (room,) of the inference table; (room, 2) of tile and bit."""
 
-    inference: NDArray[np.void]
+    inference: Columns
     observations: NDArray[np.int64]
 
 
 @kernel
-def tile_below(ground: Ground, x_m: float, y_m: float) -> int:
+def tile_at(ground: Ground, x_m: float, y_m: float) -> int:
     """Index of the tile under a point; -1 where there is none."""
-    column = np.floor((x_m - ground.left_m) / ground.tile_width_m)
-    row = np.floor((ground.top_m - y_m) / ground.tile_height_m)
     rows, columns = ground.tiles.shape
-    if column < 0 or row < 0 or column >= columns or row >= rows:
-        return -1
-    index: int = int(row) * columns + int(column)
-    return index
+    return tile_below(
+        x_m, y_m, ground.left_m, ground.top_m, ground.tile_width_m, ground.tile_height_m, rows, columns
+    )
 
 
 @kernel
@@ -91,30 +83,31 @@ def read(ground: Ground, tile: int, u: float) -> int:
 
 
 @kernel
-def listen(swarm: Swarm, minds: NDArray[np.void], radio: Radio, seed: int, run: int, tick: int) -> None:
-    """Robots that walk read what was sent before this tick."""
+def listen(swarm: Swarm, minds: NDArray[np.void], radio: Radio, seed: int, run: int) -> None:
+    """Robots that walk read what was sent before this tick: all that is there, for nothing was sent in it yet."""
     for i in range(swarm.size):
         if swarm[i].mode != STOP:
-            hear(minds, i, tick - 1, radio.sent, radio.total[0], seed, run, radio.loss)
+            hear(minds, i, radio.total[0], radio.senders, radio.samples, radio.bits, seed, run, radio.loss)
 
 
 @kernel
 def sample_and_communicate(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], ground: Ground, minds: NDArray[np.void],
-    radio: Radio, record: Record, notes: Notes, program: MindProgram, seed: int, run: int, tick: int,
+    radio: Radio, record: Record, notes: Notes, program: MindProgram, beliefs: Beliefs,
+    seed: int, run: int, tick: int,
 ) -> None:  # fmt: skip
     """Robots whose stop is over observe, update, test, compose and send, in index order."""
     for i in range(swarm.size):
         if not swarm[i].sampled:
             continue
         k, index = record.filled[0], swarm[i].samples - 1
-        tile = tile_below(ground, swarm[i].x_m, swarm[i].y_m)
+        tile = tile_at(ground, swarm[i].x_m, swarm[i].y_m)
         bit = read(ground, tile, uniform(seed, run, i, SENSING, index, ALONE))
-        take_sample(minds, i, index, bit, program, seed, run)
+        u = uniform(seed, run, i, MESSAGE, index, ALONE)
+        message = take_sample(minds, i, k, bit, u, program, beliefs, True)
         notes.observations[k, 0], notes.observations[k, 1] = tile, bit
         write_row(notes.inference, k, minds, i)
-        sent = radio.sent[radio.total[0]]
-        sent[0], sent[1], sent[2], sent[3] = tick, i, index, minds[i].message
+        radio.senders[k], radio.samples[k], radio.bits[k] = i, index, message
         radio.total[0] += 1
         write_sample(record, swarm, run, i, tick)
         refresh(swarm, setup, speeds, seed, run, i, tick)
@@ -133,18 +126,18 @@ def all_decided(minds: NDArray[np.void]) -> bool:
 def run_whole(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], ground: Ground,
     minds: NDArray[np.void], radio: Radio, record: Record, notes: Notes, program: MindProgram,
-    seed: int, run: int, until: int, stop_early: bool,
+    beliefs: Beliefs, seed: int, run: int, until: int, stop_early: bool,
 ) -> int:  # fmt: skip
     """A run from tick 1 to ``until``, or until the last robot has decided; gives the tick reached."""
     for tick in range(1, until):
         sense(swarm, setup)
         sampling = control(swarm, setup, seed, run, tick)
-        listen(swarm, minds, radio, seed, run, tick)
+        listen(swarm, minds, radio, seed, run)
         move(swarm, setup)
         contact(swarm, setup)
         if sampling > 0:
             sample_and_communicate(
-                swarm, setup, speeds, ground, minds, radio, record, notes, program, seed, run, tick
+                swarm, setup, speeds, ground, minds, radio, record, notes, program, beliefs, seed, run, tick
             )
         account(swarm)
         if stop_early and sampling > 0 and all_decided(minds):
@@ -175,23 +168,28 @@ def whole_run(
     between = 1 + int(scenario.sample.sample_interval_ms // tick_ms) + int(scenario.sample.stop_ms // tick_ms)
     room = robots * (ticks // between + 2)
     swarm, minds = zero_rows(robots, ROBOT), zero_rows(robots, MIND)
-    radio = Radio(np.zeros((room, 4), dtype=np.int64), np.zeros(1, dtype=np.int64), scenario.network.loss)
+    radio = Radio(
+        np.zeros(room, dtype=np.int32), np.zeros(room, dtype=np.uint32), np.zeros(room, dtype=np.uint8),
+        np.zeros(1, dtype=np.int64), scenario.network.loss,
+    )  # fmt: skip
     record = empty_record(robots, room, 0)
-    notes = Notes(zero_rows(room, INFERENCE_ROW), np.zeros((room, 2), dtype=np.int64))
+    notes = Notes(empty_columns(room), np.zeros((room, 2), dtype=np.int64))
     program = mind_program(scenario)
+    known = beliefs(program.boundary, program.prior_alpha + program.prior_beta + room)
     begin(swarm, setup, speeds, seed, run)
     begin_minds(minds, program)
     end = run_whole(
-        swarm, setup, speeds, ground_of(scenario, floor), minds, radio, record, notes, program, seed, run,
-        ticks, scenario.run.stop == "all_decided",
+        swarm, setup, speeds, ground_of(scenario, floor), minds, radio, record, notes, program, known,
+        seed, run, ticks, scenario.run.stop == "all_decided",
     )  # fmt: skip
     count = int(record.filled[0])
     motion = tables(
         [Rows(record.samples[:count], None, end_rows(swarm, run, end))], scenario.run.control_period_ms
     )
     observations = _observation_frame(scenario, seed, floor, motion.samples, notes.observations[:count])
-    inference = inference_frame(motion.samples, notes.inference[:count])
-    return motion, observations, inference, final_frame(motion.ends, minds)
+    inference = inference_frame(motion.samples, notes.inference)
+    finals = final_frame(motion.ends, minds, motion.samples["time_s"].to_numpy())
+    return motion, observations, inference, finals
 
 
 def _observation_frame(

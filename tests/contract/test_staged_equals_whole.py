@@ -13,6 +13,7 @@ from polars.testing import assert_frame_equal
 from scipy.special import betainc
 
 from vibroswarm.draws import Purpose, uniform
+from vibroswarm.inference.minds import FINALS
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.whole import whole_run
@@ -95,7 +96,7 @@ def whole(scenario: Scenario, seed: int, run: int) -> Tables:
 
 def staged(scenario: Scenario, seed: int, run: int) -> Tables:
     result = simulate(scenario, seed, [run], motion="fixed-step")
-    finals = result.robots.select("run", "robot", "alpha", "beta", "received")
+    finals = result.robots.select(list(FINALS))
     tables = (result.motion, result.ends, result.observations, result.inference, finals)
     return dict(zip(TABLES, tables, strict=True))
 
@@ -281,16 +282,16 @@ def test_the_comparison_is_sensitive(name: str, values: dict[str, Any]) -> None:
 
 def test_hearing_one_period_too_early_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control for the radio: a staged run in which the last bits of a run are heard too early."""
-    import vibroswarm.inference.replay as replay
+    import vibroswarm.inference.timeline as timeline
 
-    heard = replay.heard_at_end
+    heard = timeline.heard_at_end
     different = 0
     for t_end_s in (20.02 + 0.02 * k for k in range(40)):
         scenario = Draw(robots=20).scenario(run__t_end_s=t_end_s)
         right = whole(scenario, 8, 0)
         equal(right, staged(scenario, 8, 0))
-        monkeypatch.setattr(replay, "heard_at_end", lambda ends, tick_ms: heard(ends, tick_ms) + 1)
+        monkeypatch.setattr(timeline, "heard_at_end", lambda ends, tick_ms: heard(ends, tick_ms) + 1)
         wrong = staged(scenario, 8, 0)
-        monkeypatch.setattr(replay, "heard_at_end", heard)
+        monkeypatch.setattr(timeline, "heard_at_end", heard)
         different += not wrong["finals"].equals(right["finals"])
     assert different > 5

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from fractions import Fraction
 from itertools import chain, repeat
-from math import log, log1p
+from math import comb, exp, log, log1p, nextafter
 
 import numpy as np
 import pytest
@@ -13,47 +14,28 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.robot.believe import Posterior, observe, prior, variance
+from vibroswarm.inference.beliefs import MOST_COUNTS, belief_of, beliefs
+from vibroswarm.robot.believe import SURE, belief_below, log_term, stirling_rest, variance
 
 BOUNDARIES = (0.5, 0.03, 0.97)
 TOLERANCE = 1e-9
+CLOSE = 1e-12
+"""What it really holds to."""
 
-Update = Callable[[Posterior, int, float], Posterior]
+Belief = Callable[[int, int, float], float]
 
 
 def largest_error(
-    bits: Iterable[int], boundary: float, update: Update = observe, start: tuple[int, int] = (1, 1)
+    bits: Iterable[int], boundary: float, belief: Belief = belief_below, start: tuple[int, int] = (1, 1)
 ) -> float:
-    """The largest absolute error of the belief on the way through ``bits``; also checks the counts."""
-    posterior = prior(*start, boundary)
-    visited = [posterior]
-    ones = zeros = 0
-    for bit in bits:
-        posterior = update(posterior, bit, boundary)
-        ones, zeros = ones + bit, zeros + 1 - bit
-        assert (posterior.alpha, posterior.beta) == (start[0] + ones, start[1] + zeros)
-        visited.append(posterior)
-    alpha, beta, belief = (np.array([p[k] for p in visited], dtype=float) for k in range(3))
-    assert belief.min() >= 0.0
-    assert belief.max() <= 1.0
-    return float(np.abs(belief - betainc(alpha, beta, boundary)).max())
-
-
-def with_plain_term(posterior: Posterior, bit: int, boundary: float) -> Posterior:
-    """The update that carries the term itself (in ``log_term``) instead of its logarithm."""
-    alpha, beta, belief, term = posterior
-    total = alpha + beta
-    if posterior.alpha == posterior.beta == 1:
-        term = boundary * (1.0 - boundary)
-    if bit:
-        belief -= term / alpha
-        term *= boundary * total / alpha
-        alpha += 1
-    else:
-        belief += term / beta
-        term *= (1.0 - boundary) * total / beta
-        beta += 1
-    return Posterior(alpha, beta, min(max(belief, 0.0), 1.0), term)
+    """The largest absolute error of the belief on the way through ``bits``."""
+    steps = np.array(list(bits), dtype=np.int64)
+    alpha = start[0] + np.append(0, np.cumsum(steps))
+    beta = start[1] + np.append(0, np.cumsum(1 - steps))
+    found = np.array([belief(a, b, boundary) for a, b in zip(alpha.tolist(), beta.tolist(), strict=True)])
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0
+    return float(np.abs(found - betainc(alpha, beta, boundary)).max())
 
 
 RUNS = {
@@ -77,26 +59,28 @@ def test_belief_is_the_incomplete_beta_function(name: str, boundary: float) -> N
 
 
 def test_a_run_that_turns_round_comes_back_to_one_half() -> None:
-    posterior = prior(1, 1, 0.5)
-    for bit in RUNS["turning to ones"]:
-        posterior = observe(posterior, bit, 0.5)
-    assert (posterior.alpha, posterior.beta) == (1101, 1101)
-    assert posterior.belief == pytest.approx(0.5, abs=TOLERANCE)
+    assert belief_below(1101, 1101, 0.5) == 0.5
+    assert belief_below(1101, 1101, nextafter(0.5, 1)) == pytest.approx(0.5, abs=CLOSE)
 
 
-def test_the_plain_term_fails_where_the_run_turns_round() -> None:
-    """Negative control: the reason for the logarithm, and the check sees it."""
-    assert largest_error(RUNS["alternating"], 0.5, with_plain_term) < TOLERANCE
-    assert largest_error(RUNS["turning to ones"], 0.5, with_plain_term) > 0.4
-
-
-def test_a_slightly_wrong_update_fails() -> None:
+def test_a_slightly_wrong_boundary_fails() -> None:
     """Negative control: a boundary that is off by a millionth."""
 
-    def off(posterior: Posterior, bit: int, boundary: float) -> Posterior:
-        return observe(posterior, bit, boundary + 1e-6)
+    def off(alpha: int, beta: int, boundary: float) -> float:
+        return belief_below(alpha, beta, boundary + 1e-6)
 
     assert largest_error(RUNS["random"], 0.5, off) > TOLERANCE
+
+
+def test_a_sum_cut_short_fails() -> None:
+    """Negative control: the check sees it where terms below 1e-6 of the sum are left out."""
+
+    def short(alpha: int, beta: int, boundary: float) -> float:
+        k = np.arange(alpha, alpha + beta)
+        terms = stats.binom.pmf(k, alpha + beta - 1, boundary)
+        return min(float(terms[terms > 1e-6 * terms.max()].sum()), 1.0)
+
+    assert largest_error(RUNS["alternating"][:300], 0.5, short) > TOLERANCE
 
 
 @settings(deadline=None, max_examples=60)
@@ -118,24 +102,104 @@ def test_any_prior(alpha: int, beta: int, boundary: float, bits: list[int]) -> N
     assert largest_error(bits, boundary, start=(alpha, beta)) < TOLERANCE
 
 
-def test_the_prior_carries_the_logarithm_of_the_term() -> None:
-    for alpha, beta, boundary in ((1, 1, 0.5), (3, 7, 0.4), (200, 150, 0.6)):
-        got = prior(alpha, beta, boundary)
+@settings(deadline=None, max_examples=150)
+@given(st.integers(1, 60), st.integers(1, 60), st.integers(1, 99))
+def test_it_is_the_binomial_tail_in_whole_numbers(alpha: int, beta: int, percent: int) -> None:
+    """Against the exact fraction."""
+    x, n = Fraction(percent, 100), alpha + beta - 1
+    exact = sum(comb(n, k) * x**k * (1 - x) ** (n - k) for k in range(alpha, n + 1))
+    assert belief_below(alpha, beta, percent / 100) == pytest.approx(float(exact), abs=1e-14)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(2, 3_000_000), st.floats(-9, 9), st.one_of(st.just(0.5), st.floats(0.001, 0.999)))
+def test_many_counts(counts: int, deviations: float, boundary: float) -> None:
+    """Thousands of robots, or a prior of a million: as near the boundary as far from it."""
+    wanted = boundary * counts + deviations * (counts * boundary * (1 - boundary)) ** 0.5
+    alpha = min(max(round(wanted), 1), counts - 1)
+    belief = belief_below(alpha, counts - alpha, boundary)
+    assert belief == pytest.approx(float(betainc(alpha, counts - alpha, boundary)), abs=CLOSE)
+
+
+@pytest.mark.parametrize("boundary", [0.5, 0.2, 0.03, 0.001, 0.97, 0.5000001])
+@pytest.mark.parametrize("counts", [44, 100, 1000, 8000, 10**6])
+def test_where_it_is_called_sure_it_is(counts: int, boundary: float) -> None:
+    """The first counts at which the sum is not made: what is left out is less than the last digit of 1."""
+    reach = (SURE * counts) ** 0.5
+    for alpha, sure in (
+        (int(boundary * counts + reach) + 1, 0.0),
+        (int(np.ceil(boundary * counts - reach)) - 1, 1.0),
+    ):
+        if 1 <= alpha < counts:
+            assert belief_below(alpha, counts - alpha, boundary) == sure
+            assert abs(float(betainc(alpha, counts - alpha, boundary)) - sure) < 2.0**-53
+            nearer = alpha - 1 if sure == 0.0 else alpha + 1
+            if 1 <= nearer < counts:
+                doubt = abs(belief_below(nearer, counts - nearer, boundary) - sure)
+                assert doubt < 1e-15  # no step
+
+
+def test_the_belief_falls_with_ones_and_rises_with_zeros() -> None:
+    for boundary in (0.5, 0.3, 0.9):
+        for counts in (2, 3, 10, 97, 1000, 4001):
+            found = [belief_below(a, counts - a, boundary) for a in range(1, counts)]
+            assert all(np.diff(found) <= 0.0)
+
+
+def test_one_more_bit_adds_or_takes_one_term() -> None:
+    """I_x(a+1, b) = I_x(a, b) - e^L / a, and the other way."""
+    for a, b, x in ((1, 1, 0.5), (20, 30, 0.4), (500, 480, 0.5), (3, 200, 0.03)):
+        term = exp(log_term(a, b, x))
+        assert belief_below(a + 1, b, x) == pytest.approx(belief_below(a, b, x) - term / a, abs=1e-14)
+        assert belief_below(a, b + 1, x) == pytest.approx(belief_below(a, b, x) + term / b, abs=1e-14)
+
+
+def test_the_logarithm_of_the_term() -> None:
+    for alpha, beta, boundary in ((1, 1, 0.5), (3, 7, 0.4), (200, 150, 0.6), (15, 16, 0.5), (17, 2, 0.9)):
         # From the density at 1/2: ln B = (a + b - 2) ln(1/2) - ln density.
         expected = alpha * log(boundary) + beta * log1p(-boundary)
         expected -= (alpha + beta - 2) * log(0.5) - float(stats.beta.logpdf(0.5, alpha, beta))
-        assert got.log_term == pytest.approx(expected, abs=1e-9)
+        assert log_term(alpha, beta, boundary) == pytest.approx(expected, abs=1e-11)
 
 
-def test_the_order_of_the_bits_does_not_matter() -> None:
-    bits = RUNS["random"][:500]
-    beliefs = []
-    for order in (bits, bits[::-1], sorted(bits)):
-        posterior = prior(1, 1, 0.5)
-        for bit in order:
-            posterior = observe(posterior, bit, 0.5)
-        beliefs.append(posterior.belief)
-    assert np.ptp(beliefs) < TOLERANCE
+def test_stirlings_rest_has_no_step() -> None:
+    below, above = stirling_rest(nextafter(16.0, 0)), stirling_rest(16.0)
+    assert below == pytest.approx(above, abs=1e-13)
+    assert stirling_rest(1.0) == pytest.approx(1 - 0.5 * log(2 * np.pi), abs=1e-15)
+
+
+def test_small_whole_cases_by_hand() -> None:
+    assert belief_below(1, 1, 0.3) == pytest.approx(0.3, abs=1e-15)
+    assert belief_below(1, 5, 0.5) == pytest.approx(31 / 32, abs=1e-15)
+    assert belief_below(3, 1, 0.5) == pytest.approx(1 / 8, abs=1e-15)
+
+
+# The table of beliefs
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.integers(1, 9000), st.integers(1, 9000), st.sampled_from([0.5, 0.03, 0.97, 1 / 3]),
+    st.sampled_from([0, 1024, 5000, MOST_COUNTS, 10**7]),
+)  # fmt: skip
+def test_the_table_says_what_the_function_says(alpha: int, beta: int, boundary: float, counts: int) -> None:
+    """In the table and beyond it, bit by bit, the first time and later."""
+    table = beliefs(boundary, counts)
+    for near in (beta, max(1, round(alpha / boundary) - alpha)):
+        expected = belief_below(alpha, near, boundary)
+        assert belief_of(table, alpha, near) == expected
+        assert belief_of(table, alpha, near) == expected
+
+
+def test_the_table_is_filled_and_read() -> None:
+    table = beliefs(0.41, 100)
+    assert np.count_nonzero(table.values) == 0
+    for _ in range(2):
+        belief_of(table, 10, 20)
+        assert np.count_nonzero(table.values) == 1
+    table.values[table.values != 0] = 0.125  # a mark
+    assert belief_of(table, 10, 20) == 0.125
+    table.values[:] = 0.0
 
 
 @pytest.mark.parametrize(
@@ -146,9 +210,7 @@ def test_variance_is_that_of_the_beta_distribution(alpha: int, beta: int) -> Non
 
 
 def test_compiled_equals_plain_python() -> None:
-    plain = getattr(observe, "py_func", observe)
-    one = two = prior(1, 1, 0.37)
-    for bit in RUNS["random"][:300]:
-        one, two = observe(one, bit, 0.37), plain(two, bit, 0.37)
-    assert (one.alpha, one.beta) == (two.alpha, two.beta)
-    assert one.belief == pytest.approx(two.belief, abs=1e-13)
+    plain = getattr(belief_below, "py_func", belief_below)
+    for alpha, beta, boundary in ((1, 1, 0.37), (40, 60, 0.37), (301, 280, 0.5), (9, 700, 0.03)):
+        one, two = belief_below(alpha, beta, boundary), plain(alpha, beta, boundary)
+        assert one == pytest.approx(two, abs=1e-13)

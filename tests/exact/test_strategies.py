@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.robot.believe import Posterior, prior
+from vibroswarm.robot.believe import belief_below
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import none, positive, soft
@@ -27,8 +27,11 @@ from vibroswarm.strategies.program import (
     Mind,
     MindProgram,
     begin_mind,
+    conclude,
     counted,
     decide,
+    may_decide,
+    needs_belief,
     receive,
     sample,
 )
@@ -53,7 +56,11 @@ counts = st.integers(1, 5000)
 def mind(
     alpha: int = 1, beta: int = 1, decision: int = -1, own: int = 0, received: int = 0, message: int = 0
 ) -> Mind:
-    return Mind(prior(alpha, beta, 0.5), decision, own, received, message)
+    return Mind(alpha, beta, decision, own, received, message)
+
+
+def belief_in(one: Mind) -> float:
+    return belief_below(one.alpha, one.beta, 0.5)
 
 
 @settings(deadline=None, max_examples=200)
@@ -98,6 +105,35 @@ def test_the_message_is_one_where_the_number_lies_below_the_probability() -> Non
     assert 0.5 < p < 1
     assert soft.message(1, 20, 200, 0.99, 100.0, 1.0, np.nextafter(p, 0)) == 1
     assert soft.message(1, 20, 200, 0.99, 100.0, 1.0, p) == 0
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    bits, counts, counts, st.floats(0, 5000), st.floats(0, 8), st.floats(2.0**-53, 1 - 2.0**-53),
+    st.sampled_from([0.0, 1e-14, 1e-10]),
+)  # fmt: skip
+def test_a_number_that_tells_early_tells_the_same(
+    o: int, alpha: int, beta: int, eta: float, kappa: float, u: float, beside: float
+) -> None:
+    """The short cut of the message, also for numbers beside the probability itself."""
+    belief = belief_below(alpha, beta, 0.5)
+    p = soft.probability(o, alpha, beta, belief, eta, kappa)
+    for number in (u, p - beside, p + beside):
+        assert soft.message(o, alpha, beta, belief, eta, kappa, number) == (1 if number < p else 0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(bits, bits, counts, counts, st.integers(0, 30), st.booleans(), st.sampled_from([NONE, POSITIVE, SOFT]))
+def test_the_belief_counts_only_where_it_is_said_to(
+    o: int, decision: int, alpha: int, beta: int, own: int, revise: bool, strategy: int
+) -> None:
+    program = PROGRAM._replace(strategy=strategy, revise=revise)
+    for one in (mind(alpha, beta, -1, own), mind(alpha, beta, decision, own)):
+        after = {conclude(one, belief, o, 0.5, program) for belief in (0.0, 0.3, 0.5, 0.97, 1.0)}
+        if not needs_belief(one, program):
+            assert len(after) == 1
+        elif may_decide(one, program):
+            assert len({mind.decision for mind in after}) > 1
 
 
 def test_positive_feedback_says_the_decision_once_there_is_one() -> None:
@@ -156,10 +192,10 @@ def test_a_sample_observes_tests_and_composes_in_this_order() -> None:
     """The own bit is in the posterior that is tested, and the decision in the message."""
     program = PROGRAM._replace(strategy=POSITIVE, min_observations=0)
     before = mind(1, 4, received=3)  # p = 15/16
-    assert before.posterior.belief < 0.95
+    assert belief_in(before) < 0.95
     after = sample(before, 0, 0.5, program)
-    assert (after.posterior.alpha, after.posterior.beta) == (1, 5)
-    assert after.posterior.belief == pytest.approx(31 / 32)
+    assert (after.alpha, after.beta) == (1, 5)
+    assert belief_in(after) == pytest.approx(31 / 32)
     assert (after.decision, after.own, after.received, after.message) == (0, 1, 3, 0)
     assert sample(after, 1, 0.5, program).message == 0  # says its decision from now on
     assert sample(after, 1, 0.5, program._replace(strategy=NONE)).message == 1
@@ -171,7 +207,7 @@ def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
     program = PROGRAM._replace(strategy=SOFT, eta=1.0, kappa=1.0)
     before = mind(1, 4)
     after = sample(before, 0, 0.5, program)
-    p = soft.probability(0, 1, 5, after.posterior.belief, 1.0, 1.0)
+    p = soft.probability(0, 1, 5, belief_in(after), 1.0, 1.0)
     assert sample(before, 0, float(np.nextafter(p, 0)), program).message == 1
     assert sample(before, 0, p, program).message == 0
 
@@ -179,10 +215,9 @@ def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
 def test_a_received_bit_counts_as_an_own_one_and_decides_nothing() -> None:
     heard = receive(receive(mind(1, 400, own=50), 0, 1), 1, 0)
     assert (heard.own, heard.received, heard.decision) == (50, 2, -1)
-    assert (heard.ones, heard.zeros) == (1, 1)
+    assert (heard.alpha, heard.beta) == (2, 401)
     own = sample(heard, 0, 0.5, PROGRAM)
-    assert (own.posterior.alpha, own.posterior.beta) == (2, 402)
-    assert (own.ones, own.zeros) == (0, 0)
+    assert (own.alpha, own.beta) == (2, 402)
 
 
 @pytest.mark.parametrize("strategy", [NONE, POSITIVE, SOFT])
@@ -198,9 +233,7 @@ def test_only_soft_feedback_may_revise(strategy: int, revise: bool) -> None:
 
 def test_begin_is_the_prior() -> None:
     first = begin_mind(PROGRAM._replace(prior_alpha=3, prior_beta=2))
-    assert isinstance(first.posterior, Posterior)
-    assert (first.posterior.alpha, first.posterior.beta) == (3, 2)
-    assert first.posterior.belief == pytest.approx(float(betainc(3, 2, 0.5)), abs=1e-15)
+    assert (first.alpha, first.beta) == (3, 2)
     assert (first.decision, first.own, first.received) == (-1, 0, 0)
 
 

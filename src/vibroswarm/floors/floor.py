@@ -12,7 +12,9 @@ arena (then a border without tiles is neither vibrating nor still) or be cut by 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -50,12 +52,12 @@ class Floor:
         self.tiles.setflags(write=False)
         for field in ("tile_width_m", "tile_height_m"):
             value = getattr(self, field)
-            if not (np.isfinite(value) and value > 0):
+            if not (math.isfinite(value) and value > 0):
                 raise InputError(
                     f"{value!r} is no size; give a finite number above 0", field=f"floor.{field}"
                 )
         for field in ("left_m", "bottom_m"):
-            if not np.isfinite(getattr(self, field)):
+            if not math.isfinite(getattr(self, field)):
                 raise InputError(f"{getattr(self, field)!r} is not finite", field=f"floor.{field}")
 
     def __eq__(self, other: object) -> bool:
@@ -75,20 +77,14 @@ class Floor:
     @property
     def fill_ratio(self) -> float:
         """Share of tiles that vibrate, f (Eq. 3)."""
-        return float(self.tiles.sum()) / self.tiles.size
+        return np.count_nonzero(self.tiles) / self.tiles.size
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Share of the tiled area inside an arena of this size that vibrates; f where no tile is cut."""
-        rows, columns = self.tiles.shape
-        left = self.left_m + self.tile_width_m * np.arange(columns)
-        bottom = self.bottom_m + self.tile_height_m * np.arange(rows)[::-1]
-        # Rounding of the far edges must not turn whole tiles into cut ones.
-        across = np.clip(np.minimum(left + self.tile_width_m, width_m) - np.maximum(left, 0.0), 0.0, None)
-        up = np.clip(np.minimum(bottom + self.tile_height_m, height_m) - np.maximum(bottom, 0.0), 0.0, None)
-        if np.allclose(across, self.tile_width_m, rtol=1e-9) and np.allclose(
-            up, self.tile_height_m, rtol=1e-9
-        ):
+        sides = sides_inside(self.geometry, width_m, height_m)
+        if sides is None:
             return self.fill_ratio
+        across, up = sides
         return float(up @ self.tiles @ across / (up.sum() * across.sum()))
 
     @classmethod
@@ -116,6 +112,22 @@ class Floor:
         return np.where(inside, row * columns + column, -1).astype(np.int32)
 
 
+@lru_cache(maxsize=64)
+def sides_inside(
+    geometry: tuple[int, int, float, float, float, float], width_m: float, height_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Widths of the columns and heights of the rows inside an arena of this size, m; None where none is cut."""
+    rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
+    left = left_m + tile_width_m * np.arange(columns)
+    bottom = bottom_m + tile_height_m * np.arange(rows)[::-1]
+    across = np.clip(np.minimum(left + tile_width_m, width_m) - np.maximum(left, 0.0), 0.0, None)
+    up = np.clip(np.minimum(bottom + tile_height_m, height_m) - np.maximum(bottom, 0.0), 0.0, None)
+    # Rounding of the far edges must not turn whole tiles into cut ones.
+    if np.allclose(across, tile_width_m, rtol=1e-9) and np.allclose(up, tile_height_m, rtol=1e-9):
+        return None
+    return across, up
+
+
 def check_size(rows: int, columns: int, field: str = "tiles") -> None:
     """Refuse a floor without tiles, or with more than ``TILE_LIMIT``.
 
@@ -134,6 +146,10 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
     Raises:
         InputError: not a rectangle, empty, or with values other than 0 and 1.
     """
+    if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.ndim == 2 and values.size:
+        made_here = np.array(values, order="C")
+        if made_here.max() <= 1:
+            return made_here
     try:
         grid = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

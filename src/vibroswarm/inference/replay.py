@@ -1,34 +1,33 @@
 """Replay of a strategy over the samples of a run, messages and all.
 
-All hear all. A bit sent at tick k is read at the receiver's first walking tick after k, never during its
-stop; ties are read in robot order, and each message and receiver is lost with probability ``loss``. So a
-robot whose stop began at tick s (and that last walked at s - 1) has read, when it samples, what was sent
-up to tick s - 2.
+Without loss everybody hears everything, so what a robot has received follows from how many ones all have sent so
+far, less its own; with loss it is heard message by message.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import ALONE, LOSS, MESSAGE, uniform
-from vibroswarm.motion.contract import Motion
-from vibroswarm.robot.believe import Posterior
-from vibroswarm.scenario import Scenario
-from vibroswarm.strategies.program import (
-    GATES,
-    SOFT,
-    STRATEGIES,
-    Mind,
-    MindProgram,
-    begin_mind,
-    receive,
-    sample,
+from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
+from vibroswarm.inference.minds import (
+    MIND,
+    begin_minds,
+    final_frame,
+    hear,
+    load_mind,
+    mind_program,
+    store_mind,
+    take_sample,
 )
+from vibroswarm.inference.timeline import HEARD_ROWS, LAST_OWN, OTHERS, Timeline, timeline_of
+from vibroswarm.motion.contract import Motion
+from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.program import SOFT, MindProgram, receive
 
 INFERENCE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -42,244 +41,189 @@ INFERENCE: Final[dict[str, Any]] = {
     "decision": pl.Int8,
 }
 
-MIND = np.dtype(
-    [("alpha", np.int64), ("beta", np.int64), ("belief", np.float64), ("log_term", np.float64)]
-    + [(name, np.int64) for name in ("decision", "own", "received", "message", "ones", "zeros", "heard")]
-)
-"""One robot's ``Mind``, and how many of the run's messages it has come past."""
+
+class Columns(NamedTuple):
+    """The columns of the inference table that are not the motion's, (rows,) each."""
+
+    message: NDArray[np.uint8]
+    alpha: NDArray[np.uint32]
+    beta: NDArray[np.uint32]
+    received: NDArray[np.uint32]
+    belief: NDArray[np.float64]
+    decision: NDArray[np.int8]
 
 
-def mind_program(scenario: Scenario) -> MindProgram:
-    """The parameters of deciding and saying, as the robot's program reads them."""
-    decision, strategy = scenario.decision, scenario.strategy
-    return MindProgram(
-        strategy=STRATEGIES.index(strategy.name),
-        eta=strategy.eta,
-        kappa=strategy.kappa,
-        boundary=decision.decision_boundary,
-        credible_threshold=decision.credible_threshold,
-        min_observations=decision.min_observations,
-        gate=GATES.index(decision.gate),
-        gate_counts_current=decision.gate_counts_current,
-        revise=decision.revise,
-        prior_alpha=decision.prior_alpha,
-        prior_beta=decision.prior_beta,
+def empty_columns(rows: int) -> Columns:
+    """Columns to be written."""
+    return Columns(
+        message=np.empty(rows, dtype=np.uint8),
+        alpha=np.empty(rows, dtype=np.uint32),
+        beta=np.empty(rows, dtype=np.uint32),
+        received=np.empty(rows, dtype=np.uint32),
+        belief=np.empty(rows),
+        decision=np.empty(rows, dtype=np.int8),
     )
 
 
 @kernel
-def load_mind(minds: NDArray[np.void], i: int) -> Mind:
-    """Row ``i`` as the robot's program sees it."""
-    row = minds[i]
-    posterior = Posterior(row.alpha, row.beta, row.belief, row.log_term)
-    return Mind(posterior, row.decision, row.own, row.received, row.message, row.ones, row.zeros)
+def write_row(columns: Columns, k: int, minds: NDArray[np.void], i: int) -> None:
+    """The inference table's row of the sample that robot ``i`` has just taken."""
+    mind = minds[i]
+    columns.message[k], columns.decision[k], columns.received[k] = mind.message, mind.decision, mind.received
+    columns.alpha[k], columns.beta[k], columns.belief[k] = mind.alpha, mind.beta, mind.belief
 
 
 @kernel
-def store_mind(minds: NDArray[np.void], i: int, mind: Mind) -> None:
-    """The reverse of ``load_mind``."""
-    row = minds[i]
-    row.alpha, row.beta = mind.posterior.alpha, mind.posterior.beta
-    row.belief, row.log_term = mind.posterior.belief, mind.posterior.log_term
-    row.decision, row.own = mind.decision, mind.own
-    row.received, row.message = mind.received, mind.message
-    row.ones, row.zeros = mind.ones, mind.zeros
-
-
-@kernel
-def begin_minds(minds: NDArray[np.void], program: MindProgram) -> None:
-    """All robots at the prior, nothing heard."""
-    first = begin_mind(program)
-    for i in range(minds.size):
-        store_mind(minds, i, first)
-        minds[i].heard = 0
-
-
-@kernel
-def lost(seed: int, run: int, receiver: int, sender: int, index: int, loss: float) -> bool:
-    """Whether the sender's message of its sample ``index`` does not reach the receiver."""
-    return loss > 0.0 and uniform(seed, run, receiver, LOSS, index, sender) < loss
-
-
-@kernel
-def hear(
+def hear_all(
     minds: NDArray[np.void],
     i: int,
-    until_tick: int,
-    sent: NDArray[np.int64],
-    count: int,
-    seed: int,
-    run: int,
-    loss: float,
+    heard: NDArray[np.int32],
+    ones_sent: NDArray[np.int32],
+    own_ones: NDArray[np.int32],
 ) -> None:
-    """Robot ``i`` reads what was sent up to ``until_tick`` and not yet read.
+    """Robot ``i`` has come past so many messages (a row of ``Timeline.heard``), of which none was lost.
 
     Args:
-        sent: (messages, 4): tick, sender, sample, bit, in the order of sending; ``count`` are there so far.
+        ones_sent: (rows + 1,): ones among the run's messages before each row. own_ones: (rows,): ones among the
+            sender's messages up to each row.
     """
-    k, ones, zeros = minds[i].heard, 0, 0
-    while k < count and sent[k, 0] <= until_tick:
-        sender, bit = sent[k, 1], sent[k, 3]
-        if sender != i and not lost(seed, run, i, sender, sent[k, 2], loss):
-            ones += bit
-            zeros += 1 - bit
-        k += 1
-    minds[i].heard = k
-    if ones + zeros > 0:
-        store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))
-
-
-@kernel
-def take_sample(
-    minds: NDArray[np.void], i: int, index: int, observation: int, program: MindProgram, seed: int, run: int
-) -> None:
-    """Robot ``i`` observes, updates, tests and composes; ``index`` is the number of its sample."""
-    u = 0.5
-    if program.strategy == SOFT:  # the others say nothing by chance
-        u = uniform(seed, run, i, MESSAGE, index, ALONE)
-    store_mind(minds, i, sample(load_mind(minds, i), observation, u, program))
-
-
-@kernel
-def write_row(out: NDArray[np.void], k: int, minds: NDArray[np.void], i: int) -> None:
-    """The inference table's row of the sample just taken."""
-    row, mind = out[k], minds[i]
-    row.message, row.decision, row.received = mind.message, mind.decision, mind.received
-    row.alpha, row.beta, row.belief = mind.alpha, mind.beta, mind.belief
-
-
-INFERENCE_ROW = np.dtype(
-    [
-        ("message", np.uint8),
-        ("alpha", np.uint32),
-        ("beta", np.uint32),
-        ("received", np.uint32),
-        ("belief", np.float64),
-        ("decision", np.int8),
-    ]
-)
-
-
-@kernel
-def replay_run(
-    samples: NDArray[np.int64],
-    last_heard_tick: NDArray[np.int64],
-    minds: NDArray[np.void],
-    sent: NDArray[np.int64],
-    out: NDArray[np.void],
-    program: MindProgram,
-    seed: int,
-    run: int,
-    loss: float,
-) -> None:
-    """One run from the prior to its end.
-
-    Args:
-        samples: (samples, 5): tick, robot, sample, stop tick, observation; sorted by tick, then robot.
-        last_heard_tick: (robots,): what was sent up to this tick has been read at the end of the run.
-        minds: (robots,), overwritten. sent: (samples, 4) of scratch. out: (samples,) of ``INFERENCE_ROW``.
-    """
-    begin_minds(minds, program)
-    for k in range(samples.shape[0]):
-        tick, i, index = samples[k, 0], samples[k, 1], samples[k, 2]
-        hear(minds, i, samples[k, 3] - 2, sent, k, seed, run, loss)
-        take_sample(minds, i, index, samples[k, 4], program, seed, run)
-        sent[k, 0], sent[k, 1], sent[k, 2], sent[k, 3] = tick, i, index, minds[i].message
-        write_row(out, k, minds, i)
-    for i in range(minds.size):
-        hear(minds, i, last_heard_tick[i], sent, samples.shape[0], seed, run, loss)
+    ones = ones_sent[heard[HEARD_ROWS]]
+    if heard[LAST_OWN] >= 0:
+        ones -= own_ones[heard[LAST_OWN]]
+    new_ones = ones - minds[i].ones
+    new_zeros = heard[OTHERS] - minds[i].received - new_ones
+    minds[i].ones = ones
+    store_mind(minds, i, receive(load_mind(minds, i), new_ones, new_zeros))
 
 
 @kernel
 def replay_runs(
-    samples: NDArray[np.int64],
     bounds: NDArray[np.int64],
     runs: NDArray[np.int64],
-    last_heard_tick: NDArray[np.int64],
+    robot: NDArray[np.int32],
+    sample: NDArray[np.uint32],
+    heard: NDArray[np.int32],
+    heard_at_end: NDArray[np.int32],
+    observation: NDArray[np.uint8],
+    numbers: NDArray[np.float64],
     minds: NDArray[np.void],
-    sent: NDArray[np.int64],
-    out: NDArray[np.void],
+    message: NDArray[np.uint8],
+    ones_sent: NDArray[np.int32],
+    own_ones: NDArray[np.int32],
+    columns: Columns,
     program: MindProgram,
+    beliefs: Beliefs,
     seed: int,
     loss: float,
 ) -> None:
-    """``replay_run`` for each of ``runs``, whose samples are the rows from ``bounds[r]`` to ``bounds[r + 1]``.
+    """The runs, one after the other, each from the prior to its end.
 
     Args:
-        last_heard_tick, minds: (runs * robots,), run by run. The others as ``replay_run`` has them.
+        bounds to heard_at_end: of the ``Timeline``. observation: (rows,). numbers: (rows,) for the messages of
+            soft feedback, else of any length.
+        minds: (runs * robots,), overwritten. message: (rows,), overwritten. ones_sent: (rows of the longest run
+            + 1,) and own_ones: (rows of the longest run,): scratch.
+        columns: overwritten; of no rows: only the minds are wanted.
     """
-    robots = minds.size // runs.size
+    robots = minds.size // max(runs.size, 1)
+    in_full = columns.belief.size > 0
+    begin_minds(minds, program)
+    ones_sent[0] = 0
     for r in range(runs.size):
-        low, high = bounds[r], bounds[r + 1]
-        of_run = slice(r * robots, (r + 1) * robots)
-        replay_run(
-            samples[low:high],
-            last_heard_tick[of_run],
-            minds[of_run],
-            sent,
-            out[low:high],
-            program,
-            seed,
-            runs[r],
-            loss,
-        )
-
-
-def to_ticks(times_s: pl.Series, tick_ms: int) -> NDArray[np.int64]:
-    """The ticks nearest to the times, shape (rows,)."""
-    return np.rint(times_s.to_numpy() * (1000.0 / tick_ms)).astype(np.int64)
+        low, high, run = bounds[r], bounds[r + 1], runs[r]
+        swarm = minds[r * robots : (r + 1) * robots]
+        senders, samples, bits = robot[low:high], sample[low:high], message[low:high]
+        for k in range(low, high):
+            i = robot[k]
+            if loss > 0.0:
+                hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
+            else:
+                hear_all(swarm, i, heard[k], ones_sent, own_ones)
+            u = numbers[k] if program.strategy == SOFT else 0.5
+            bit = take_sample(swarm, i, k, int(observation[k]), u, program, beliefs, in_full)
+            message[k] = bit
+            ones_sent[k - low + 1] = ones_sent[k - low] + bit
+            own_ones[k - low] = swarm[i].own_ones
+            if in_full:
+                write_row(columns, k, swarm, i)
+        for i in range(robots):
+            if swarm[i].own > 0 and not in_full:
+                swarm[i].belief = belief_of(beliefs, swarm[i].alpha, swarm[i].beta)
+            last = heard_at_end[r * robots + i]
+            if loss > 0.0:
+                hear(swarm, i, last[HEARD_ROWS], senders, samples, bits, seed, run, loss)
+            else:
+                hear_all(swarm, i, last, ones_sent, own_ones)
 
 
 def infer(
-    scenario: Scenario, seed: int, motion: Motion, observations: pl.DataFrame
+    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The inference table and the final posteriors, from a motion and its observation table (same rows).
+    """The inference table, and what became of each robot (``minds.FINALS``).
 
+    Args:
+        motion: or its timeline, made once for many strategies.
+        observations: the observation table of the motion, row by row.
     Raises:
         ValueError: the rows of motion and observations are not the same.
     """
-    key = ["run", "robot", "sample"]
-    if not motion.samples.select(key).equals(observations.select(key)):
+    timeline = timeline_of(scenario, motion)
+    columns = empty_columns(timeline.robot.size)
+    finals = _replayed(scenario, seed, timeline, observations, columns)
+    return inference_frame(timeline.samples, columns), finals
+
+
+def outcomes(
+    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
+) -> pl.DataFrame:
+    """What became of each robot, as ``infer`` has it, without the inference table."""
+    return _replayed(scenario, seed, timeline_of(scenario, motion), observations, empty_columns(0))
+
+
+def _replayed(
+    scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame, columns: Columns
+) -> pl.DataFrame:
+    if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table has not the rows of the motion table")
-    tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
-    table = np.empty((motion.samples.height, 5), dtype=np.int64)
-    table[:, 0] = to_ticks(motion.samples["time_s"], tick_ms)
-    table[:, 1] = motion.samples["robot"].to_numpy()
-    table[:, 2] = motion.samples["sample"].to_numpy()
-    table[:, 3] = to_ticks(motion.samples["stop_start_s"], tick_ms)
-    table[:, 4] = observations["observation"].to_numpy()
-    runs = motion.ends["run"].to_numpy()[::robots].astype(np.int64)
-    bounds = np.searchsorted(motion.samples["run"].to_numpy(), np.append(runs, 2**32))
-    heard = heard_at_end(motion.ends, tick_ms)
-    minds = zero_rows(heard.size, MIND)
-    out = zero_rows(table.shape[0], INFERENCE_ROW)
-    sent = np.zeros((int(np.diff(bounds).max(initial=0)), 4), dtype=np.int64)
+    program, rows = mind_program(scenario), timeline.robot.size
+    minds = zero_rows(timeline.runs.size * timeline.robots, MIND)
+    counts = program.prior_alpha + program.prior_beta + timeline.longest
     replay_runs(
-        table, bounds, runs, heard, minds, sent, out, mind_program(scenario), seed, scenario.network.loss
+        timeline.bounds,
+        timeline.runs,
+        timeline.robot,
+        timeline.sample,
+        timeline.heard,
+        timeline.heard_at_end,
+        observations["observation"].to_numpy().astype(np.uint8),
+        timeline.message_numbers(seed) if program.strategy == SOFT else np.empty(0),
+        minds,
+        columns.message if columns.message.size else np.empty(rows, dtype=np.uint8),
+        np.empty(timeline.longest + 1, dtype=np.int32),
+        np.empty(timeline.longest, dtype=np.int32),
+        columns,
+        program,
+        beliefs(program.boundary, counts),
+        seed,
+        scenario.network.loss,
     )
-    return inference_frame(motion.samples, out), final_frame(motion.ends, minds)
+    return final_frame(timeline.ends, minds, timeline.time_s)
 
 
-def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
-    """What was sent up to this tick has been read when the run ends, shape (robots,).
-
-    A robot that walks last walked at the tick before the end; one that stands, before its stop began.
-    """
-    standing_since = ends["stop_start_s"].fill_null(ends["end_s"])
-    return to_ticks(standing_since, tick_ms) - 2
+def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:
+    if samples.height != observations.height:
+        return False
+    return all(_same(samples[name].to_numpy(), observations[name].to_numpy()) for name in samples.columns)
 
 
-def inference_frame(samples: pl.DataFrame, rows: NDArray[np.void]) -> pl.DataFrame:
-    """The inference table, in the order of the motion table."""
-    columns = {name: pl.Series(rows[name].copy()) for name in INFERENCE_ROW.names or ()}
-    frame = samples.select("run", "robot", "sample").with_columns(**columns)
-    return frame.select(list(INFERENCE)).cast(INFERENCE)  # type: ignore[arg-type]
+def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    # An observation table is made with the columns of its motion table: one memory, nothing to compare.
+    at_one_place = one.__array_interface__["data"][0] == other.__array_interface__["data"][0]
+    return (at_one_place and one.dtype == other.dtype) or np.array_equal(one, other)
 
 
-def final_frame(ends: pl.DataFrame, minds: NDArray[np.void]) -> pl.DataFrame:
-    """The posteriors at the end of the runs, in the order of the ends."""
-    return ends.select("run", "robot").with_columns(
-        alpha=pl.Series((minds["alpha"] + minds["ones"]).astype(np.uint32)),
-        beta=pl.Series((minds["beta"] + minds["zeros"]).astype(np.uint32)),
-        received=pl.Series(minds["received"].astype(np.uint32)),
-    )
+def inference_frame(samples: pl.DataFrame, columns: Columns) -> pl.DataFrame:
+    """The inference table, in the order of the motion table; the columns may have more rows."""
+    key = [samples[name] for name in ("run", "robot", "sample")]
+    found = [pl.Series(name, column[: samples.height]) for name, column in columns._asdict().items()]
+    return pl.DataFrame([*key, *found])

@@ -13,15 +13,15 @@ without a tile does not vibrate and reads as a still tile does; its tile is -1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel
+from vibroswarm.compiled import allocating_kernel, kernel
 from vibroswarm.draws import ALONE, SENSING, uniform
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
@@ -101,6 +101,64 @@ def sensing_numbers(
     return out
 
 
+@kernel
+def tile_below(
+    x_m: float,
+    y_m: float,
+    left_m: float,
+    top_m: float,
+    width_m: float,
+    height_m: float,
+    rows: int,
+    columns: int,
+) -> int:
+    """Index of the tile under a point; -1 where there is none (as ``Floor.tile_at``, with the tiles' top edge)."""
+    column, row = np.floor((x_m - left_m) / width_m), np.floor((top_m - y_m) / height_m)
+    if column >= 0 and row >= 0 and column < columns and row < rows:
+        index: int = int(row) * columns + int(column)
+        return index
+    return -1
+
+
+@kernel
+def read_samples(
+    seed: int,
+    bounds: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    robot: NDArray[np.int32],
+    sample: NDArray[np.uint32],
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    places: NDArray[np.float64],
+    first_tiles: NDArray[np.int64],
+    tiles: NDArray[np.uint8],
+    shares_below: tuple[float, float],
+    tile: NDArray[np.int32],
+    observation: NDArray[np.uint8],
+    vibrating: NDArray[np.bool_],
+    numbers: NDArray[np.float64],
+) -> None:
+    """What the samples read.
+
+    Args:
+        bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to y_m: (rows,).
+        places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
+        shares_below: F(theta_E) of still and of vibrating tiles.
+        tile, observation: (rows,), written. vibrating, numbers: (rows,), written, or of no rows.
+    """
+    wanted = numbers.size > 0
+    for r in range(runs.size):
+        rows, columns, width_m, height_m, left_m, bottom_m = places[r]
+        top_m = bottom_m + rows * height_m
+        for k in range(bounds[r], bounds[r + 1]):
+            at = tile_below(x_m[k], y_m[k], left_m, top_m, width_m, height_m, int(rows), int(columns))
+            vibrates = at >= 0 and tiles[first_tiles[r] + at] == 1
+            u = uniform(seed, runs[r], robot[k], SENSING, int(sample[k]), ALONE)
+            tile[k], observation[k] = at, u > shares_below[int(vibrates)]
+            if wanted:
+                vibrating[k], numbers[k] = vibrates, u
+
+
 def observe(
     scenario: Scenario,
     seed: int,
@@ -116,33 +174,57 @@ def observe(
         floors: the floor of each run.
         energies: also compute the energies (else null); the bits are the same.
     """
-    run = samples["run"].to_numpy()
-    u = sensing_numbers(seed, run, samples["robot"].to_numpy(), samples["sample"].to_numpy())
-    tile, vibrating = _tiles_below(samples, run, floors)
-    below = np.where(vibrating, share_below(scenario.sensor, True), share_below(scenario.sensor, False))
-    energy: pl.Expr | pl.Series = pl.lit(None, dtype=pl.Float32)
+    run, count = samples["run"].to_numpy(), samples.height
+    begins = np.r_[0, np.flatnonzero(run[1:] != run[:-1]) + 1] if count else np.zeros(0, dtype=np.int64)
+    runs = run[begins].astype(np.int64)
+    places, first_tiles, tiles = _laid_out([floors[number] for number in runs.tolist()])
+    tile, observation = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.uint8)
+    vibrating, numbers = (
+        np.empty(count if energies else 0, dtype=np.bool_),
+        np.empty(count if energies else 0),
+    )
+    read_samples(
+        seed,
+        np.append(begins, count),
+        runs,
+        samples["robot"].to_numpy().astype(np.int32),
+        samples["sample"].to_numpy().astype(np.uint32),
+        samples["x_m"].to_numpy().astype(np.float64),
+        samples["y_m"].to_numpy().astype(np.float64),
+        places,
+        first_tiles,
+        tiles,
+        (share_below(scenario.sensor, False), share_below(scenario.sensor, True)),
+        tile,
+        observation,
+        vibrating,
+        numbers,
+    )
+    energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, count)
     if energies:
-        energy = pl.Series(energies_of(scenario.sensor, vibrating, u))
-    return samples.select("run", "robot", "sample").with_columns(
-        tile=pl.Series(tile, dtype=pl.Int32),
-        energy=energy,
-        observation=pl.Series((u > below).astype(np.uint8), dtype=pl.UInt8),
+        energy = pl.Series("energy", energies_of(scenario.sensor, vibrating, numbers))
+    return pl.DataFrame(
+        [
+            *(samples[name] for name in ("run", "robot", "sample")),
+            pl.Series("tile", tile),
+            energy,
+            pl.Series("observation", observation),
+        ]
     )
 
 
-def _tiles_below(
-    samples: pl.DataFrame, run: NDArray[np.uint32], floors: Mapping[int, Floor]
-) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Tile index below each sample, and whether it vibrates."""
-    x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
-    tile = np.empty(run.size, dtype=np.int32)
-    vibrating = np.zeros(run.size, dtype=np.bool_)
-    bounds = (
-        np.r_[0, np.flatnonzero(run[1:] != run[:-1]) + 1, run.size] if run.size else np.zeros(1, np.int64)
+def _laid_out(
+    floors: Sequence[Floor],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
+    """The floors' geometries, (floors, 6); where each one's tiles begin; the tiles of all, one after the other."""
+    places = np.array([floor.geometry for floor in floors], dtype=np.float64).reshape(-1, 6)
+    distinct = {id(floor): floor for floor in floors}
+    first = dict(
+        zip(distinct, accumulate((f.tiles.size for f in distinct.values()), initial=0), strict=False)
     )
-    for start, end in pairwise(bounds):
-        floor = floors[int(run[start])]
-        part = slice(int(start), int(end))
-        tile[part] = floor.tile_at(x[part], y[part])
-        vibrating[part] = vibrating_at(floor, tile[part])
-    return tile, vibrating
+    tiles = [floor.tiles.ravel() for floor in distinct.values()]
+    return (
+        places,
+        np.array([first[id(floor)] for floor in floors], dtype=np.int64),
+        np.concatenate(tiles) if tiles else np.zeros(0, dtype=np.uint8),
+    )

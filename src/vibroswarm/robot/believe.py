@@ -1,80 +1,82 @@
-"""The Beta posterior of the fill ratio and the belief that it lies below the boundary.
+"""The belief that the fill ratio lies below the boundary, from what was counted.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| alpha, beta | alpha, beta | - | counts of ones and zeros heard, prior included (Eq. 7, 8) |
+| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 7, 8) |
 | boundary | x | - | 0.5 in the paper |
 | belief | p | - | P(f < x) = I_x(alpha, beta) (Eq. 9) |
-| log_term | L | - | ln [x^alpha (1-x)^beta / B(alpha, beta)] |
 | variance | Gamma | - | alpha beta / ((alpha+beta)^2 (alpha+beta+1)) (Eq. 12) |
 
-For whole alpha and beta each update adds or takes one term:
+For whole alpha and beta, with n = alpha + beta, the belief is the upper tail of a binomial distribution:
 
-    I_x(a+1, b) = I_x(a, b) - e^L / a,    L(a+1, b) = L + ln x     + ln((a+b)/a)
-    I_x(a, b+1) = I_x(a, b) + e^L / b,    L(a, b+1) = L + ln (1-x) + ln((a+b)/b)
+    I_x(a, b) = P(K >= a),  K ~ Binomial(n - 1, x),    P(K = a) = x^a (1-x)^(b-1) / (a B(a, b))
 
-The logarithm of the term is carried, not the term: that one underflows on one-sided runs that turn round. Between
-two samples, some bits, the term itself is carried on from e^L, which costs no logarithm.
+It is summed from its largest term on, on the side where that is a small tail: all terms are positive, so that
+no digit is lost, and nothing is carried from one sample to the next, so that nothing drifts. The first term comes
+from its logarithm, in Stirling's form, in which no two large numbers are subtracted.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 from vibroswarm.compiled import kernel
 
-STRETCH: Final = 32
-"""Steps for which the term is carried as a product."""
-
-
-class Posterior(NamedTuple):
-    """Beta(alpha, beta), and the belief p = P(f < boundary)."""
-
-    alpha: int
-    beta: int
-    belief: float
-    log_term: float
+SURE: Final = 21.0
+"""Counts further than sqrt(SURE n) from the boundary leave a doubt below exp(-2 SURE) = 6e-19 (Hoeffding)."""
+SMALL: Final = 1e-17
+"""Terms below this share of the sum are left out."""
+HALF_LOG_TAU: Final = 0.5 * math.log(2.0 * math.pi)
 
 
 @kernel
-def prior(alpha: int, beta: int, boundary: float) -> Posterior:
-    """Beta(alpha, beta) for whole alpha, beta >= 1, reached from Beta(1, 1), at which p = x."""
-    first = Posterior(1, 1, boundary, math.log(boundary) + math.log1p(-boundary))
-    return observe_all(first, alpha - 1, beta - 1, boundary)
+def belief_below(alpha: int, beta: int, boundary: float) -> float:
+    """p = P(f < boundary) for f ~ Beta(alpha, beta), whole alpha, beta >= 1 and 0 < boundary < 1.
 
-
-@kernel
-def observe(posterior: Posterior, bit: int, boundary: float) -> Posterior:
-    """The posterior after one more bit, own or received (Eq. 7, 8)."""
-    return observe_all(posterior, bit, 1 - bit, boundary)
-
-
-@kernel
-def observe_all(posterior: Posterior, ones: int, zeros: int, boundary: float) -> Posterior:
-    """The posterior after so many more ones and zeros; the same as one by one, but for rounding.
-
-    Within a stretch of steps e^L is carried as a product, and one logarithm takes the stretch into L.
+    It takes some sqrt(alpha + beta) steps, and is right to 1e-12 and better.
     """
-    alpha, beta, belief, log_term = posterior
-    term, ratio = math.exp(log_term), 1.0
-    for step in range(ones + zeros):
-        total = alpha + beta
-        if step < ones:
-            belief -= term / alpha
-            factor = boundary * total / alpha
-            alpha += 1
-        else:
-            belief += term / beta
-            factor = (1.0 - boundary) * total / beta
-            beta += 1
-        term *= factor
-        ratio *= factor
-        if step % STRETCH == STRETCH - 1:
-            log_term += math.log(ratio)
-            term, ratio = math.exp(log_term), 1.0
-    # Rounding may step over an end by some 1e-16.
-    return Posterior(alpha, beta, min(max(belief, 0.0), 1.0), log_term + math.log(ratio))
+    if alpha == beta and boundary == 0.5:
+        return 0.5  # exactly: it decides nothing, whatever p_c
+    gap = alpha - boundary * (alpha + beta)
+    if gap * gap > SURE * (alpha + beta):
+        return 0.0 if gap > 0.0 else 1.0
+    if gap > 0.0:
+        return upper_tail(alpha, beta, boundary)
+    return 1.0 - upper_tail(beta, alpha, 1.0 - boundary)
+
+
+@kernel
+def upper_tail(a: int, b: int, x: float) -> float:
+    """I_x(a, b) where a / (a + b) is at least about x: the terms of the binomial distribution from a on."""
+    odds = x / (1.0 - x)
+    term = math.exp(log_term(a, b, x)) / (a * (1.0 - x))
+    total, left, right = 0.0, b - 1, a + 1
+    while term > SMALL * total:
+        total += term
+        term *= odds * left / right
+        left -= 1
+        right += 1
+    return min(total, 1.0)
+
+
+@kernel
+def log_term(a: int, b: int, x: float) -> float:
+    """ln [x^a (1-x)^b / B(a, b)]."""
+    n = float(a + b)
+    gap = a - x * n
+    shape = a * math.log1p(gap / (x * n)) + b * math.log1p(-gap / ((1.0 - x) * n))
+    height = 0.5 * math.log(a * (b / n)) - HALF_LOG_TAU
+    return height - shape + stirling_rest(n) - stirling_rest(a) - stirling_rest(b)
+
+
+@kernel
+def stirling_rest(z: float) -> float:
+    """ln Gamma(z) - [(z - 1/2) ln z - z + ln(2 pi) / 2], to 1e-13."""
+    if z < 16.0:
+        return math.lgamma(z) - ((z - 0.5) * math.log(z) - z + HALF_LOG_TAU)
+    square = z * z
+    return (1 / 12 - (1 / 360 - (1 / 1260 - 1 / (1680 * square)) / square) / square) / z
 
 
 @kernel

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from vibroswarm.compiled import kernel
-from vibroswarm.robot.believe import Posterior, observe_all, prior
+from vibroswarm.robot.believe import belief_below
 from vibroswarm.strategies import none, positive, soft
 
 NONE: Final = 0
@@ -44,30 +44,33 @@ class MindProgram(NamedTuple):
 class Mind(NamedTuple):
     """What a robot knows and has decided."""
 
-    posterior: Posterior
+    alpha: int
+    beta: int
     decision: int
     own: int
     received: int
     message: int
     """The last bit it composed."""
-    ones: int = 0
-    zeros: int = 0
-    """Received since the own sample of the posterior: a belief is needed only at own samples."""
 
 
 @kernel
 def begin_mind(program: MindProgram) -> Mind:
     """The prior, undecided."""
-    return Mind(prior(program.prior_alpha, program.prior_beta, program.boundary), -1, 0, 0, 0, 0, 0)
+    return Mind(program.prior_alpha, program.prior_beta, -1, 0, 0, 0)
 
 
 @kernel
 def receive(mind: Mind, ones: int, zeros: int) -> Mind:
-    """Bits from other robots; they go into the posterior at the next own sample, like own ones (Eq. 8)."""
-    received = mind.received + ones + zeros
-    return Mind(
-        mind.posterior, mind.decision, mind.own, received, mind.message, mind.ones + ones, mind.zeros + zeros
-    )
+    """Bits from other robots: into the posterior like own ones (Eq. 8)."""
+    alpha, beta, decision, own, received, message = mind
+    return Mind(alpha + ones, beta + zeros, decision, own, received + ones + zeros, message)
+
+
+@kernel
+def observe(mind: Mind, observation: int) -> Mind:
+    """An own reading: into the posterior (Eq. 7)."""
+    alpha, beta, decision, own, received, message = mind
+    return Mind(alpha + observation, beta + 1 - observation, decision, own + 1, received, message)
 
 
 @kernel
@@ -77,6 +80,19 @@ def counted(mind: Mind, program: MindProgram) -> int:
     if program.gate == GATE_TOTAL:
         return own + mind.received
     return own if program.gate == GATE_OWN else mind.received
+
+
+@kernel
+def may_decide(mind: Mind, program: MindProgram) -> bool:
+    """Whether the belief is tested, when the current own sample is already in ``mind``."""
+    open_to_test = mind.decision == -1 or (program.revise and program.strategy == SOFT)
+    return open_to_test and counted(mind, program) > program.min_observations
+
+
+@kernel
+def needs_belief(mind: Mind, program: MindProgram) -> bool:
+    """Whether what the robot decides or says depends on its belief at all."""
+    return program.strategy == SOFT or may_decide(mind, program)
 
 
 @kernel
@@ -90,22 +106,24 @@ def decide(belief: float, program: MindProgram) -> int:
 
 
 @kernel
-def sample(mind: Mind, observation: int, u: float, program: MindProgram) -> Mind:
-    """Update with all that was heard and observed, test, compose from the posterior with the own sample in it."""
-    ones, zeros = mind.ones + observation, mind.zeros + 1 - observation
-    posterior = observe_all(mind.posterior, ones, zeros, program.boundary)
-    mind = Mind(posterior, mind.decision, mind.own + 1, mind.received, mind.message, 0, 0)
-    decision = mind.decision
-    may_revise = program.revise and program.strategy == SOFT
-    if (decision == -1 or may_revise) and counted(mind, program) > program.min_observations:
-        new = decide(posterior.belief, program)
+def conclude(mind: Mind, belief: float, observation: int, u: float, program: MindProgram) -> Mind:
+    """Test, and compose from the posterior with the own sample in it; ``belief`` is that of ``mind``."""
+    alpha, beta, decision, own, received, _ = mind
+    if may_decide(mind, program):
+        new = decide(belief, program)
         decision = new if new != -1 else decision
     if program.strategy == SOFT:
-        bit = soft.message(
-            observation, posterior.alpha, posterior.beta, posterior.belief, program.eta, program.kappa, u
-        )
+        bit = soft.message(observation, alpha, beta, belief, program.eta, program.kappa, u)
     elif program.strategy == POSITIVE:
         bit = positive.message(observation, decision)
     else:
         bit = none.message(observation)
-    return Mind(posterior, decision, mind.own, mind.received, bit, 0, 0)
+    return Mind(alpha, beta, decision, own, received, bit)
+
+
+@kernel
+def sample(mind: Mind, observation: int, u: float, program: MindProgram) -> Mind:
+    """One sample, whole: observe, update, test, compose."""
+    seen = observe(mind, observation)
+    belief = belief_below(seen.alpha, seen.beta, program.boundary)
+    return conclude(seen, belief, observation, u, program)

@@ -11,9 +11,13 @@ With delta = 0 it says O, as no feedback does.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from vibroswarm.compiled import kernel
 from vibroswarm.robot.believe import variance
+
+ROUNDING: Final = 1e-12
+"""Far above what rounding does to a probability."""
 
 
 @kernel
@@ -35,4 +39,9 @@ def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
     """m ~ Bernoulli(probability): 1 where the uniform number lies below it."""
+    # Most numbers tell without exponential and power: delta is at most abs(1/2 - p) for kappa >= 1, else 1.
+    doubt = belief if observation == 1 else 1.0 - belief
+    most = doubt * abs(0.5 - belief) if kappa >= 1.0 else doubt
+    if (1.0 - u if observation == 1 else u) > most + ROUNDING:
+        return observation
     return 1 if u < probability(observation, alpha, beta, belief, eta, kappa) else 0
