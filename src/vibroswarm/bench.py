@@ -18,12 +18,13 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from vibroswarm.inference.replay import infer
+from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import Motion, source
 from vibroswarm.observation.model import observe
 from vibroswarm.presets import preset
 from vibroswarm.pymunk_walk import INSTALL, pymunk_version, pymunk_walk
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import floors_of, versions
+from vibroswarm.simulation import floors_of, summarise, versions
 
 PRESET = "paper-empirical"
 SEED = 1
@@ -211,22 +212,21 @@ def stages_of(scenario: Scenario, runs: int) -> tuple[list[Figure], float]:
     chosen = range(runs)
     floors = floors_of(scenario, SEED, chosen)
     motion = source("event").batch(scenario, SEED, chosen, False)
+    timeline = timeline_of(scenario, motion)
     seen = observe(scenario, SEED, motion.samples, floors, energies=False)
-
-    def inferred(variants: Sequence[Scenario], turn: int) -> None:
-        for variant in variants:
-            infer(variant, SEED, motion, seen)
 
     def whole(variants: Sequence[Scenario], turn: int) -> None:
         moved = source("event").batch(scenario, SEED, chosen, False)
         bits = observe(scenario, SEED, moved.samples, floors, energies=False)
+        heard = timeline_of(scenario, moved)
         for variant in variants:
-            infer(variant, SEED, moved, bits)
+            summarise(variant, SEED, floors, heard, bits)
 
     soft, grid = scenario.with_values({"strategy.name": "soft"}), strategies(scenario)
     calls: dict[str, Callable[[int], object]] = {
         "observation": lambda turn: observe(scenario, SEED, motion.samples, floors, energies=False),
-        "inference": partial(inferred, [soft]),
+        "inference, every sample": lambda turn: infer(soft, SEED, motion, seen),
+        "inference, outcomes only": lambda turn: summarise(soft, SEED, floors, timeline, seen),
         "motion and 1 strategy": partial(whole, [soft]),
         "motion and 34 strategies": partial(whole, grid),
     }
@@ -236,7 +236,8 @@ def stages_of(scenario: Scenario, runs: int) -> tuple[list[Figure], float]:
         Figure(name, scenario.swarm.robots, scenario.arena.width_m, end_s, times)
         for name, times in zip(calls, times_ms, strict=True)
     ]
-    return figures, median(many / one for one, many in zip(times_ms[2], times_ms[3], strict=True))
+    one, many = times_ms[-2:]
+    return figures, median(all_ms / one_ms for one_ms, all_ms in zip(one, many, strict=True))
 
 
 def strategies(scenario: Scenario) -> list[Scenario]:
@@ -257,7 +258,9 @@ def how(runs: int) -> str:
     return (
         f"CPU time of one process, all its threads together (time.process_time), after a warm-up; {TURNS} turns of "
         f"up to {runs} runs, the engines one after the other in each turn and over the same runs; a run's share of "
-        "making the tables is in it; ratios are medians of those of the turns"
+        f"making the tables is in it; ratios are medians of those of the turns. Inference is of soft feedback, over "
+        f"{runs} runs at a time: every sample, with its table and from the motion table; outcomes only, as a study has "
+        "them, with the tables of robots and runs and from what all strategies on one motion share"
     )
 
 

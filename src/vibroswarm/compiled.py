@@ -85,6 +85,17 @@ def zero_rows(count: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
     return zeros if _compiles() else zeros.view(np.recarray)
 
 
+def read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """A view that kernels may only read.
+
+    The memory of a table may not be written, that of an array may: to Numba two types, for each of which it would
+    compile a kernel anew. So they are all given as what may not.
+    """
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
 @cache
 def _compiles() -> bool:
     return not PLAIN and find_spec("numba") is not None
@@ -152,3 +163,12 @@ def _forget() -> None:
 
     for compiled in _compiled:
         compiled._cache = NullCache()
+
+
+@kernel
+def signed(value: Any) -> int:
+    """A whole number of a table, in whatever bits it is kept, as kernels reckon with it.
+
+    Numba would compile for each size anew what is given one, and reckon unsigned with signed numbers as floats.
+    """
+    return np.int64(value)  # type: ignore[return-value]

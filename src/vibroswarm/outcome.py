@@ -61,9 +61,11 @@ def robot_table(finals: pl.DataFrame, truth: NDArray[np.float64]) -> pl.DataFram
     robots = finals.height // max(truth.size, 1)
     belief, true = finals["belief"].to_numpy(), np.repeat(truth, robots)
     in_truth = np.where(true == 0.0, belief, np.where(true == 1.0, 1.0 - belief, np.nan))
-    more = {"belief_in_truth": pl.Series(in_truth, nan_to_null=True), "sent": finals["samples"]}
-    columns = {name: more[name] if name in more else finals[name] for name in ROBOTS}
-    return pl.DataFrame(columns)
+    more = {
+        "belief_in_truth": pl.Series("belief_in_truth", in_truth, nan_to_null=True),
+        "sent": finals["samples"].alias("sent"),
+    }
+    return pl.DataFrame([more[name] if name in more else finals[name] for name in ROBOTS])
 
 
 def run_table(
@@ -84,21 +86,21 @@ def run_table(
     right = (decision == truth[:, None]).sum(axis=1)
     wrong = np.where(np.isnan(truth), 0, robots - undecided - right)
     alike = (decision == decision[:, :1]).all(axis=1)
-    consensus = np.select(
-        [undecided > 0, ~alike, np.isnan(truth), right > 0], [INCOMPLETE, SPLIT, AGREED, RIGHT], WRONG
-    )
+    of_alike = np.where(np.isnan(truth), AGREED, np.where(right > 0, RIGHT, WRONG))
+    consensus = np.where(undecided > 0, INCOMPLETE, np.where(alike, of_alike, SPLIT))
     last_s = finals["decision_time_s"].to_numpy().reshape(-1, robots).max(axis=1)
     together = (undecided == 0) & alike
-    columns = {
-        "run": finals["run"].gather_every(robots),
-        "consensus": pl.Series(consensus.tolist(), dtype=RUNS["consensus"]),
-        "consensus_time_s": pl.Series(np.where(together, last_s, np.nan), nan_to_null=True),
-        "fill_ratio": pl.Series(fills),
-        "truth": pl.Series(truth, nan_to_null=True).cast(pl.Int8),
-        "right": pl.Series(right.astype(np.uint16)),
-        "wrong": pl.Series(wrong.astype(np.uint16)),
-        "undecided": pl.Series(undecided.astype(np.uint16)),
-        "end_s": pl.Series(end_s),
-        "stopped_early": pl.Series(end_s < t_end_s - 1e-9),
-    }
-    return pl.DataFrame(columns)
+    return pl.DataFrame(
+        [
+            pl.Series("run", finals["run"].to_numpy()[::robots].copy()),
+            pl.Series("consensus", consensus.tolist(), dtype=RUNS["consensus"]),
+            pl.Series("consensus_time_s", np.where(together, last_s, np.nan), nan_to_null=True),
+            pl.Series("fill_ratio", fills),
+            pl.Series("truth", truth, nan_to_null=True).cast(pl.Int8),
+            pl.Series("right", right.astype(np.uint16)),
+            pl.Series("wrong", wrong.astype(np.uint16)),
+            pl.Series("undecided", undecided.astype(np.uint16)),
+            pl.Series("end_s", end_s),
+            pl.Series("stopped_early", end_s < t_end_s - 1e-9),
+        ]
+    )

@@ -51,7 +51,7 @@ class Ground(NamedTuple):
 class Radio(NamedTuple):
     """Messages in the order of sending, (room,) each; and how many there are, (1,)."""
 
-    senders: NDArray[np.int32]
+    senders: NDArray[np.uint16]
     samples: NDArray[np.uint32]
     bits: NDArray[np.uint8]
     total: NDArray[np.int64]
@@ -169,7 +169,7 @@ def whole_run(
     room = robots * (ticks // between + 2)
     swarm, minds = zero_rows(robots, ROBOT), zero_rows(robots, MIND)
     radio = Radio(
-        np.zeros(room, dtype=np.int32), np.zeros(room, dtype=np.uint32), np.zeros(room, dtype=np.uint8),
+        np.zeros(room, dtype=np.uint16), np.zeros(room, dtype=np.uint32), np.zeros(room, dtype=np.uint8),
         np.zeros(1, dtype=np.int64), scenario.network.loss,
     )  # fmt: skip
     record = empty_record(robots, room, 0)

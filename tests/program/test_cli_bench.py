@@ -15,7 +15,10 @@ FIGURE = {
     "work", "robots", "arena_side_m", "simulated_s_a_run", "cpu_ms_a_run", "cpu_ms_a_run_least",
     "cpu_ms_a_run_most", "simulated_s_per_cpu_s", "cpu_us_a_robot_second", "ratio_to_fixed_step",
 }  # fmt: skip
-STAGES = ["observation", "inference", "motion and 1 strategy", "motion and 34 strategies"]
+STAGES = [
+    "observation", "inference, every sample", "inference, outcomes only",
+    "motion and 1 strategy", "motion and 34 strategies",
+]  # fmt: skip
 
 
 def test_json_is_one_document_with_all_figures(capsys):

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, signed
 from vibroswarm.draws import LOSS, uniform
 from vibroswarm.inference.beliefs import Beliefs, belief_of
 from vibroswarm.scenario import Scenario
@@ -106,7 +106,7 @@ def hear(
     minds: NDArray[np.void],
     i: int,
     until: int,
-    senders: NDArray[np.int32],
+    senders: NDArray[np.uint16],
     samples: NDArray[np.uint32],
     bits: NDArray[np.uint8],
     seed: int,
@@ -120,9 +120,10 @@ def hear(
     """
     ones = zeros = 0
     for k in range(minds[i].heard, until):
-        if senders[k] != i and not lost(seed, run, i, senders[k], int(samples[k]), loss):
-            ones += int(bits[k])
-            zeros += 1 - int(bits[k])
+        sender, bit = signed(senders[k]), signed(bits[k])
+        if sender != i and not lost(seed, run, i, sender, signed(samples[k]), loss):
+            ones += bit
+            zeros += 1 - bit
     minds[i].heard = until
     if ones + zeros > 0:
         store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))

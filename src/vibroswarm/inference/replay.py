@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, zero_rows
+from vibroswarm.compiled import kernel, read_only, signed, zero_rows
 from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
 from vibroswarm.inference.minds import (
     MIND,
@@ -100,7 +100,7 @@ def hear_all(
 def replay_runs(
     bounds: NDArray[np.int64],
     runs: NDArray[np.int64],
-    robot: NDArray[np.int32],
+    robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
     heard: NDArray[np.int32],
     heard_at_end: NDArray[np.int32],
@@ -134,13 +134,13 @@ def replay_runs(
         swarm = minds[r * robots : (r + 1) * robots]
         senders, samples, bits = robot[low:high], sample[low:high], message[low:high]
         for k in range(low, high):
-            i = robot[k]
+            i = signed(robot[k])
             if loss > 0.0:
                 hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
                 hear_all(swarm, i, heard[k], ones_sent, own_ones)
             u = numbers[k] if program.strategy == SOFT else 0.5
-            bit = take_sample(swarm, i, k, int(observation[k]), u, program, beliefs, in_full)
+            bit = take_sample(swarm, i, k, signed(observation[k]), u, program, beliefs, in_full)
             message[k] = bit
             ones_sent[k - low + 1] = ones_sent[k - low] + bit
             own_ones[k - low] = swarm[i].own_ones
@@ -195,7 +195,7 @@ def _replayed(
         timeline.sample,
         timeline.heard,
         timeline.heard_at_end,
-        observations["observation"].to_numpy().astype(np.uint8),
+        read_only(observations["observation"].to_numpy()),
         timeline.message_numbers(seed) if program.strategy == SOFT else np.empty(0),
         minds,
         columns.message if columns.message.size else np.empty(rows, dtype=np.uint8),

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel
+from vibroswarm.compiled import allocating_kernel, kernel, read_only, signed
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
@@ -39,7 +39,7 @@ class Timeline:
     bounds: NDArray[np.int64]
     """(runs + 1,): the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``."""
     time_s: NDArray[np.float64]
-    robot: NDArray[np.int32]
+    robot: NDArray[np.uint16]
     sample: NDArray[np.uint32]
     """(rows,) each."""
     heard: NDArray[np.int32]
@@ -75,30 +75,35 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     samples, ends = motion.samples, motion.ends
     if ends.height % robots:
         raise ValueError(f"{ends.height} ends of runs of {robots} robots")
-    runs = ends["run"].to_numpy()[::robots].astype(np.int64)
-    bounds = np.searchsorted(samples["run"].to_numpy(), np.append(runs, 2**32))
-    robot = samples["robot"].to_numpy().astype(np.int32)
-    tick = to_ticks(samples["time_s"], tick_ms)
+    runs = ends["run"].to_numpy()[::robots]
+    bounds = np.append(np.searchsorted(samples["run"].to_numpy(), runs), samples.height)
+    column = {name: read_only(samples[name].to_numpy()) for name in samples.columns}
     heard, at_end = hearing(
-        bounds, robot, tick, to_ticks(samples["stop_start_s"], tick_ms) - 2, heard_at_end(ends, tick_ms)
+        bounds,
+        column["robot"],
+        column["time_s"],
+        column["stop_start_s"],
+        heard_at_end(ends, tick_ms),
+        tick_ms,
     )
     return Timeline(
         samples=pl.DataFrame([samples[name] for name in ("run", "robot", "sample")]),
         ends=ends,
         robots=robots,
-        runs=runs,
+        runs=runs.astype(np.int64),
         bounds=bounds,
-        time_s=samples["time_s"].to_numpy(),
-        robot=robot,
-        sample=samples["sample"].to_numpy().astype(np.uint32),
+        time_s=column["time_s"],
+        robot=column["robot"],
+        sample=column["sample"],
         heard=heard,
         heard_at_end=at_end,
     )
 
 
-def to_ticks(times_s: pl.Series, tick_ms: int) -> NDArray[np.int64]:
-    """The ticks nearest to the times, shape (rows,)."""
-    return np.rint(times_s.to_numpy() * (1000.0 / tick_ms)).astype(np.int64)
+@kernel
+def tick_of(time_s: float, tick_ms: int) -> int:
+    """The tick nearest to a time."""
+    return int(np.rint(time_s * (1000.0 / tick_ms)))
 
 
 def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
@@ -106,27 +111,29 @@ def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
 
     A robot that walks last walked at the tick before the end; one that stands, before its stop began.
     """
-    standing_since = ends["stop_start_s"].fill_null(ends["end_s"])
-    return to_ticks(standing_since, tick_ms) - 2
+    standing_since_s = ends["stop_start_s"].fill_null(ends["end_s"]).to_numpy()
+    return np.rint(standing_since_s * (1000.0 / tick_ms)).astype(np.int64) - 2
 
 
 @allocating_kernel
 def hearing(
     bounds: NDArray[np.int64],
-    robot: NDArray[np.int32],
-    tick: NDArray[np.int64],
-    until: NDArray[np.int64],
+    robot: NDArray[np.uint16],
+    time_s: NDArray[np.float64],
+    stop_start_s: NDArray[np.float64],
     until_at_end: NDArray[np.int64],
+    tick_ms: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """``Timeline.heard`` and ``heard_at_end``.
 
     Args:
-        robot, tick: (rows,) of the samples. until: (rows,) and until_at_end: (runs * robots,): what was sent up to
-            this tick has been read.
+        robot, time_s, stop_start_s: (rows,) of the motion table. until_at_end: (runs * robots,): what was sent up
+            to this tick has been read at the end.
     """
-    robots = until_at_end.size // (bounds.size - 1)
+    robots = until_at_end.size // max(bounds.size - 1, 1)
     heard = np.empty((robot.size, 3), dtype=np.int32)
     at_end = np.empty((until_at_end.size, 3), dtype=np.int32)
+    tick = np.empty(robot.size, dtype=np.int64)
     previous = np.empty(robot.size, dtype=np.int32)  # the robot's row before, from the run's first
     latest = np.empty(robots, dtype=np.int32)
     own = np.empty(robots, dtype=np.int32)
@@ -135,9 +142,10 @@ def hearing(
         latest[:] = -1
         own[:] = 0
         for k in range(low, high):
-            i = robot[k]
-            previous[k] = latest[i]
-            write_heard(heard[k], heard, previous, tick, low, k, until[k], latest[i], own[i])
+            i = signed(robot[k])
+            tick[k], previous[k] = tick_of(time_s[k], tick_ms), latest[i]
+            until = tick_of(stop_start_s[k], tick_ms) - 2
+            write_heard(heard[k], heard, previous, tick, low, k, until, latest[i], own[i])
             latest[i] = k - low
             own[i] += 1
         for i in range(robots):
@@ -175,12 +183,12 @@ def message_numbers(
     seed: int,
     runs: NDArray[np.int64],
     bounds: NDArray[np.int64],
-    robot: NDArray[np.int32],
+    robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
 ) -> NDArray[np.float64]:
     """The uniform number of each sample's message, (rows,)."""
     out = np.empty(robot.size, dtype=np.float64)
     for r in range(runs.size):
         for k in range(bounds[r], bounds[r + 1]):
-            out[k] = uniform(seed, runs[r], robot[k], MESSAGE, int(sample[k]), ALONE)
+            out[k] = uniform(seed, runs[r], signed(robot[k]), MESSAGE, signed(sample[k]), ALONE)
     return out

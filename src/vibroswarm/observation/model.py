@@ -14,6 +14,7 @@ without a tile does not vibrate and reads as a still tile does; its tile is -1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import accumulate
 from typing import Any, Final
 
@@ -21,7 +22,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel
+from vibroswarm.compiled import allocating_kernel, kernel, read_only, signed
 from vibroswarm.draws import ALONE, SENSING, uniform
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
@@ -42,10 +43,14 @@ def share_below(sensor: Sensor, vibrating: bool) -> float:
     if sensor.model == "energies":
         energies = np.sort(_measured(sensor, vibrating))
         return float(np.searchsorted(energies, sensor.rms_threshold, side="right")) / energies.size
+    return _gamma_below(sensor.rms_threshold, *_gamma(sensor, vibrating))
+
+
+@lru_cache(maxsize=64)
+def _gamma_below(threshold: float, shape: float, scale: float, location: float) -> float:
     from scipy.special import gammainc
 
-    shape, scale, location = _gamma(sensor, vibrating)
-    return float(gammainc(shape, max(sensor.rms_threshold - location, 0.0) / scale))
+    return float(gammainc(shape, max(threshold - location, 0.0) / scale))
 
 
 def error_rates(sensor: Sensor) -> tuple[float, float]:
@@ -97,7 +102,7 @@ def sensing_numbers(
     """The uniform number of each sample, shape (samples,)."""
     out = np.empty(run.size, dtype=np.float64)
     for k in range(run.size):
-        out[k] = uniform(seed, int(run[k]), int(robot[k]), SENSING, int(sample[k]), ALONE)
+        out[k] = uniform(seed, int(run[k]), signed(robot[k]), SENSING, signed(sample[k]), ALONE)
     return out
 
 
@@ -125,7 +130,7 @@ def read_samples(
     seed: int,
     bounds: NDArray[np.int64],
     runs: NDArray[np.int64],
-    robot: NDArray[np.int32],
+    robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
@@ -153,7 +158,7 @@ def read_samples(
         for k in range(bounds[r], bounds[r + 1]):
             at = tile_below(x_m[k], y_m[k], left_m, top_m, width_m, height_m, int(rows), int(columns))
             vibrates = at >= 0 and tiles[first_tiles[r] + at] == 1
-            u = uniform(seed, runs[r], robot[k], SENSING, int(sample[k]), ALONE)
+            u = uniform(seed, runs[r], signed(robot[k]), SENSING, signed(sample[k]), ALONE)
             tile[k], observation[k] = at, u > shares_below[int(vibrates)]
             if wanted:
                 vibrating[k], numbers[k] = vibrates, u
@@ -187,10 +192,10 @@ def observe(
         seed,
         np.append(begins, count),
         runs,
-        samples["robot"].to_numpy().astype(np.int32),
-        samples["sample"].to_numpy().astype(np.uint32),
-        samples["x_m"].to_numpy().astype(np.float64),
-        samples["y_m"].to_numpy().astype(np.float64),
+        read_only(samples["robot"].to_numpy()),
+        read_only(samples["sample"].to_numpy()),
+        read_only(samples["x_m"].to_numpy()),
+        read_only(samples["y_m"].to_numpy()),
         places,
         first_tiles,
         tiles,

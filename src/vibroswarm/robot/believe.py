@@ -67,7 +67,7 @@ def log_term(a: int, b: int, x: float) -> float:
     gap = a - x * n
     shape = a * math.log1p(gap / (x * n)) + b * math.log1p(-gap / ((1.0 - x) * n))
     height = 0.5 * math.log(a * (b / n)) - HALF_LOG_TAU
-    return height - shape + stirling_rest(n) - stirling_rest(a) - stirling_rest(b)
+    return height - shape + stirling_rest(n) - stirling_rest(float(a)) - stirling_rest(float(b))
 
 
 @kernel

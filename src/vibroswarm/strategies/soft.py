@@ -39,9 +39,10 @@ def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
     """m ~ Bernoulli(probability): 1 where the uniform number lies below it."""
-    # Most numbers tell without exponential and power: delta is at most abs(1/2 - p) for kappa >= 1, else 1.
+    # Most numbers tell without exponential and power: delta is at most |1/2 - p|^2, |1/2 - p| or 1.
+    distance = abs(0.5 - belief)
+    most = distance * distance if kappa >= 2.0 else (distance if kappa >= 1.0 else 1.0)
     doubt = belief if observation == 1 else 1.0 - belief
-    most = doubt * abs(0.5 - belief) if kappa >= 1.0 else doubt
-    if (1.0 - u if observation == 1 else u) > most + ROUNDING:
+    if (1.0 - u if observation == 1 else u) > most * doubt + ROUNDING:
         return observation
     return 1 if u < probability(observation, alpha, beta, belief, eta, kappa) else 0
