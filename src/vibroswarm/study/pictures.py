@@ -161,15 +161,17 @@ def _heat(
         for one in cells
     ]
     frame = _frame(rows).with_columns(_finite("value"))
-    words = {"x_label": label_of(plane[0]), "y_label": label_of(plane[1]), "label": label, "best": best}
-    return lambda style: draw_heat(frame, **words, style=style)
+    x_label, y_label = label_of(plane[0]), label_of(plane[1])
+    return lambda style: draw_heat(
+        frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
+    )
 
 
 def _incidences(outcome: Outcome, layout: Layout) -> Iterator[Named]:
     """Decisions over time: the cells of one picture differ in the series, or in all if they are few."""
-    cells = outcome.cells
-    if len(cells) <= MOST_SERIES // 2:
-        panels = {"": list(cells)}
+    cells = [one for one in outcome.cells if one.summary.swarm_right.n]  # where a decision can be right
+    if 0 < len(cells) <= MOST_SERIES // 2:
+        panels = {"": cells}
     elif layout.x is not None:
         panels = {}
         for one in cells:
@@ -187,26 +189,34 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[Named]:
 def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
 ) -> Callable[[str], Picture]:
-    frames, of = [], robot_incidence if unit == "robot" else swarm_incidence
+    frames = []
     for one in cells:
         robots, runs = outcome.result.tables(one.cell.number)
-        if runs["truth"].null_count() == runs.height:
-            continue
         t_end_s = one.summary.t_end_s
-        found = of(robots, runs, t_end_s, np.linspace(0.0, t_end_s, TIMES))
+        times_s = np.linspace(0.0, t_end_s, TIMES)
+        of = robot_incidence if unit == "robot" else swarm_incidence
         series = one.cell.name if layout is None else layout.series[one.cell.number]
-        frames.append(found.with_columns(series=pl.lit(series)))
+        frames.append(of(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
     count, t_end_s = min(one.summary.runs for one in cells), max(one.summary.t_end_s for one in cells)
-    robots = min(one.cell.scenario.swarm.robots for one in cells)
+    size = min(one.cell.scenario.swarm.robots for one in cells)
 
     def draw(style: str) -> Picture:
         return draw_incidence(
             pl.concat(frames),
-            runs=count,
+            runs=count * size if unit == "robot" else count,
             unit="robot" if unit == "robot" else "run",
+            interval=f"95 % interval over {count} runs",
             t_end=t_end_s,
             style=style,
         )
+
+    return draw_incidence(
+        pl.concat(frames),
+        runs=count,
+        unit="robot" if unit == "robot" else "run",
+        t_end=t_end_s,
+        style=style,
+    )
 
     return draw
 

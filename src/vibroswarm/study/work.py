@@ -10,7 +10,7 @@ import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -19,11 +19,12 @@ from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import INFERENCE, infer
+from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import MOTION, source
 from vibroswarm.observation.model import OBSERVATIONS, observe
-from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.result import ROBOTS, RUNS
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import floors_of, result_of, simulate, versions
+from vibroswarm.simulation import floors_of, simulate, summarise, versions
 from vibroswarm.study.plan import Group, Texts
 from vibroswarm.study.spec import Study
 
@@ -122,47 +123,58 @@ def _part(work: Work, runs: range, cancelled: Callable[[], bool]) -> dict[str, l
     frames: dict[str, list[pl.DataFrame]] = {"robots": [], **{name: [] for name in work.keep}}
     if cancelled():
         raise Cancelled
-    for cells, result, walk in _results(work, runs):
+    for cells, part in _came_of(work, runs):
         if cancelled():
             raise Cancelled
-        of_run = result.runs.join(walk, on="run", how="left", maintain_order="left").drop("run", "samples")
-        each = np.repeat(np.arange(result.runs.height), result.scenario.swarm.robots)
-        rows = pl.concat([result.robots, of_run[each]], how="horizontal")
+        of_run = part.runs.join(part.walk, on="run", how="left", maintain_order="left").drop("run", "samples")
+        each = np.repeat(np.arange(part.runs.height), part.robots.height // part.runs.height)
+        rows = pl.concat([part.robots, of_run[each]], how="horizontal")
         for cell in cells:
             frames["robots"].append(_of_cell(rows, cell, ROWS))
-            if "samples" in frames:
-                shown = pl.concat(
-                    [
-                        result.motion,
-                        *(t.drop("run", "robot", "sample") for t in (result.observations, result.inference)),
-                    ],
-                    how="horizontal",
-                )
-                frames["samples"].append(_of_cell(shown, cell, SAMPLES))
+            if part.samples is not None:
+                frames["samples"].append(_of_cell(part.samples, cell, SAMPLES))
     return frames
 
 
-def _results(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], Result, pl.DataFrame]]:
-    """What became of these runs in each of the cells; equal cells together, motion and observations made once."""
-    first, energies = _scenario(work.observed[0][0][0]), "samples" in work.keep
+class _CameOf(NamedTuple):
+    """The tables of some runs of one cell."""
+
+    robots: pl.DataFrame
+    runs: pl.DataFrame
+    walk: pl.DataFrame
+    samples: pl.DataFrame | None
+
+
+def _came_of(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], _CameOf]]:
+    """What came of these runs in each of the cells; equal cells together, motion and observations made once."""
+    first, keep = _scenario(work.observed[0][0][0]), "samples" in work.keep
     if first.run.stop == "all_decided":
         ((text, cells),) = work.observed[0]
-        result = simulate(_scenario(text), work.seed, runs, motion=work.motion, energies=energies)
-        yield cells, result, _walk(result.motion, result.observations, result.floor(runs[0]))
+        result = simulate(_scenario(text), work.seed, runs, motion=work.motion, energies=keep)
+        walk = _walk(result.motion, result.observations, result.floor(runs[0]))
+        samples = _samples(result.motion, result.observations, result.inference) if keep else None
+        yield cells, _CameOf(result.robots, result.runs, walk, samples)
         return
     motion = source(work.motion).batch(first, work.seed, runs, False)
+    timeline = timeline_of(first, motion)
     for inferences in work.observed:
         seen = _scenario(inferences[0][0])
         floors = floors_of(seen, work.seed, runs)
-        observations = observe(seen, work.seed, motion.samples, floors, energies=energies)
+        observations = observe(seen, work.seed, motion.samples, floors, energies=keep)
         walk = _walk(motion.samples, observations, floors[runs[0]])
         for text, cells in inferences:
             scenario = _scenario(text)
-            inference, finals = infer(scenario, work.seed, motion, observations)
-            result = result_of(
-                scenario, work.seed, floors, motion, observations, inference, finals, work.motion
-            )
-            yield cells, result, walk
+            robots, of_runs = summarise(scenario, work.seed, floors, timeline, observations)
+            samples = None
+            if keep:
+                inference, _ = infer(scenario, work.seed, timeline, observations)
+                samples = _samples(motion.samples, observations, inference)
+            yield cells, _CameOf(robots, of_runs, walk, samples)
+
+
+def _samples(motion: pl.DataFrame, observations: pl.DataFrame, inference: pl.DataFrame) -> pl.DataFrame:
+    others = (table.drop("run", "robot", "sample") for table in (observations, inference))
+    return pl.concat([motion, *others], how="horizontal")
 
 
 def _walk(samples: pl.DataFrame, observations: pl.DataFrame, floor: Floor) -> pl.DataFrame:
