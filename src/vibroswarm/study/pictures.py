@@ -210,14 +210,6 @@ def _incidence(
             style=style,
         )
 
-    return draw_incidence(
-        pl.concat(frames),
-        runs=count,
-        unit="robot" if unit == "robot" else "run",
-        t_end=t_end_s,
-        style=style,
-    )
-
     return draw
 
 
