@@ -62,7 +62,9 @@ def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
     def with_settings(*args: P.args, **kwargs: P.kwargs) -> Picture:
         style = style_named(str(kwargs.get("style", "column")))
         with settings(style):
-            return replace(draw(*args, **kwargs), style=style.name)
+            picture = draw(*args, **kwargs)
+        caption = re.sub(r"^[a-z](?=[a-z]*[ ,.])", lambda first: first[0].upper(), picture.caption)
+        return replace(picture, style=style.name, caption=caption)
 
     return with_settings
 
@@ -120,13 +122,20 @@ def themed_svg(figure: Figure) -> str:
     text = _svg(figure)
     if len(text) > SVG_UP_TO:
         text = _svg_with_image(figure)
-    return _TAG.sub(lambda tag: _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag[0]), text)
+    return _TAG.sub(lambda tag: _themed(tag[0]), text)
 
 
 _TAG: Final = re.compile(r"<[^<>]*>")  # matplotlib escapes both signs in text and in attributes
 _STYLE: Final = re.compile(r'(?<= style=")[^"]*(?=")')
+_HATCHED: Final = re.compile(r' fill="(#[0-9a-f]{6})"')
 _COLOUR: Final = re.compile(f"({'|'.join(NAMES.values())})(?![0-9a-f])")
 _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
+
+
+def _themed(tag: str) -> str:
+    """A tag with variables for colours in its style; the ground of a hatch has its colour elsewhere."""
+    tag = _HATCHED.sub(r' style="fill: \1"', tag)
+    return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)
 
 
 def _variable(match: re.Match[str]) -> str:

@@ -1,0 +1,231 @@
+"""The report in a real browser, from disk: pictures are seen, tables sort, it is read in the dark and on a phone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.page.report import Column, Report, ReportTable, Section, picture_of, write_report
+from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
+
+Open = Callable[..., Any]
+NASTY = "</script><img src=x onerror=alert(1)><script>alert(2)</script>"
+FOLDER = "/a/very/long/folder/of/results/of/a/study/without/any/space/in/its/name/floor.png"
+
+FRAME = pl.DataFrame(
+    {
+        "cell": ["cell 10", "cell 9", NASTY, FOLDER],
+        "time": [887.5, None, -3.0, 1204.0],
+        "right": [0.5, 0.25, 1.0, 0.0],
+    }
+)
+
+
+def made() -> Report:
+    table = ReportTable(
+        FRAME,
+        {"time": Column("decision time", "s"), "right": Column("right", percent=True)},
+        "What came out",
+        "cells",
+    )
+    counts = pl.DataFrame(
+        {"cell": FRAME["cell"], "right": [5, 2, 3, 4], "wrong": [1, 1, 1, 1], "incomplete": [4, 7, 6, 5]}
+    )
+    values = pl.DataFrame({"cell": FRAME["cell"].to_list() * 10, "value": [float(n * 29) for n in range(40)]})
+    grid = pl.DataFrame([{"x": x, "y": y, "value": x * y + 0.5} for x in range(4) for y in range(3)])
+    return Report(
+        f"A study {NASTY}",
+        ("What was found.",),
+        (f"Mind {NASTY}",),
+        (
+            Section("Outcomes", ("Text.",), (table, picture_of(draw_outcomes(counts), "outcomes"))),
+            Section("Times", (), (picture_of(draw_boxes(values, t_end=1200, style="page"), "times"),)),
+            Section("Map", (), (picture_of(draw_heat(grid, best="low"), "map"),)),
+            Section("More", ("Below.",), (), (Section("Hidden", ("Inside.",), (table,)),), folded=True),
+        ),
+        {"seed": "7", "folder": FOLDER},
+    )
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(file, made())
+    return file
+
+
+@pytest.fixture
+def open_report(browser: Any, path: Path) -> Iterator[Open]:
+    """Opens the report; at the end, whatever it logged or asked for fails the test."""
+    noise: list[str] = []
+    contexts: list[Any] = []
+
+    def opened(hash_: str = "", **options: Any) -> Any:
+        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
+        contexts.append(browser.new_context(**options))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: noise.append(f"error: {error}"))
+        page.on("dialog", lambda dialog: noise.append(f"dialog: {dialog.message}"))
+        own = path.as_uri()
+
+        def asked(request: Any) -> None:
+            if request.url.split("#")[0] != own and not request.url.startswith("data:"):
+                noise.append(request.url)
+
+        page.on("request", asked)
+        page.goto(own + hash_)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert noise == []
+
+
+def cells(page: Any, column: int) -> list[str]:
+    texts: list[str] = page.locator(f"#s1p1 tbody tr td:nth-child({column})").all_text_contents()
+    return texts
+
+
+def test_pictures_are_seen_and_draw(open_report: Open) -> None:
+    page = open_report()
+    drawings = page.locator("svg.drawing")
+    assert drawings.count() == 3
+    for place in range(3):
+        drawing = drawings.nth(place)
+        box = drawing.bounding_box()
+        assert box["width"] > 250
+        assert box["height"] > 100
+        assert drawing.is_visible()
+        shown = drawing.evaluate(
+            "(e) => [...e.querySelectorAll('path,text,use')].filter((p) => p.getBoundingClientRect().width > 0).length"
+        )
+        assert shown > 20
+        assert len(drawing.screenshot()) > 4000
+    assert page.locator("svg.drawing text", has_text="share of runs").count() == 1
+
+
+def test_hatches_and_clips_find_their_ids(open_report: Open) -> None:
+    lost = open_report().evaluate(
+        """() => [...document.querySelectorAll("svg *")].flatMap((e) =>
+             [...(e.outerHTML.split(">")[0].matchAll(/url\\(#([^)]+)\\)|href="#([^"]+)"/g))].map((m) => m[1] ?? m[2]))
+             .filter((id) => document.querySelectorAll("#" + CSS.escape(id)).length !== 1)"""
+    )
+    assert lost == []
+
+
+def test_names_stay_text(open_report: Open) -> None:
+    page = open_report()
+    assert page.title() == f"A study {NASTY}"
+    assert page.inner_text("h1") == f"A study {NASTY}"
+    assert page.locator("img").count() == 0
+    assert page.locator("script").count() == 1
+
+
+def test_tables_sort_by_mouse_and_by_keyboard(open_report: Open) -> None:
+    page = open_report()
+    before = cells(page, 1)
+    heading = page.locator("#s1p1 th").nth(1)
+    button = heading.locator("button")
+    button.click()
+    assert heading.get_attribute("aria-sort") == "ascending"
+    assert cells(page, 2) == ["−3", "888", "1204", "–"]
+    button.focus()
+    page.keyboard.press("Enter")
+    assert heading.get_attribute("aria-sort") == "descending"
+    assert cells(page, 2) == ["1204", "888", "−3", "–"]  # what is missing stays last
+    page.keyboard.press("Space")
+    assert heading.get_attribute("aria-sort") == "none"
+    assert cells(page, 1) == before
+    page.locator("#s1p1 th").nth(0).locator("button").click()
+    names = cells(page, 1)
+    assert names.index("cell 9") < names.index("cell 10")
+
+
+def test_what_can_be_pressed_is_reached_by_tab(open_report: Open) -> None:
+    page = open_report()
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.textContent.trim().slice(0, 12)"))
+    assert {"Skip to the ", "Dark", "Outcomes", "decision tim", "Numbers of o"} <= reached
+
+
+def test_numbers_are_saved_from_the_page(open_report: Open, tmp_path: Path) -> None:
+    page = open_report()
+    with page.expect_download() as waiting:
+        page.locator("a.csv").first.click()
+    assert waiting.value.suggested_filename == "cells.csv"
+    waiting.value.save_as(tmp_path / "cells.csv")
+    assert pl.read_csv(tmp_path / "cells.csv").equals(FRAME)
+
+
+INK = "getComputedStyle(document.querySelector('svg.drawing text')).fill"
+GROUND = "getComputedStyle(document.body).backgroundColor"
+
+
+def test_pictures_follow_light_and_dark(open_report: Open) -> None:
+    light = open_report()
+    dark = open_report(color_scheme="dark")
+    assert light.evaluate(INK) == "rgb(27, 30, 35)"
+    assert dark.evaluate(INK) == "rgb(236, 234, 228)"
+    assert light.evaluate(GROUND) != dark.evaluate(GROUND)
+    assert dark.inner_text("#theme") == "Light"
+    dark.click("#theme")
+    assert dark.evaluate(INK) == light.evaluate(INK)
+    assert dark.evaluate(GROUND) == light.evaluate(GROUND)
+    light.click("#theme")
+    assert light.evaluate(INK) == "rgb(236, 234, 228)"
+
+
+def test_print_is_light_open_and_bare(open_report: Open) -> None:
+    page = open_report(color_scheme="dark")
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate(INK) == "rgb(27, 30, 35)"
+    assert not page.locator("#theme").is_visible()
+    assert not page.locator(".contents").is_visible()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("#s4-1p1").is_visible()
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert not page.locator("#s4-1p1").is_visible()
+
+
+@pytest.mark.parametrize("width", [320, 375, 768, 1280, 1920])
+def test_nothing_runs_over_the_side(open_report: Open, width: int) -> None:
+    page = open_report(viewport={"width": width, "height": 800})
+    page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.locator("svg.drawing").first.bounding_box()["width"] >= min(250, width - 80)
+
+
+def test_letters_on_a_phone_can_be_read(open_report: Open) -> None:
+    page = open_report(viewport={"width": 375, "height": 800})
+    sizes = page.evaluate(
+        """() => [...document.querySelectorAll("svg.drawing text")].map((e) => {
+             const { a, b } = e.getScreenCTM();
+             return parseFloat(getComputedStyle(e).fontSize) * Math.hypot(a, b);
+           })"""
+    )
+    assert len(sizes) > 50
+    assert min(sizes) > 6.5
+
+
+def test_contents_lead_to_folded_sections(open_report: Open) -> None:
+    page = open_report()
+    hidden = page.locator("#s4-1")
+    assert not hidden.is_visible()
+    page.locator("nav a", has_text="Hidden").click()
+    assert hidden.is_visible()
+    assert open_report("#s4-1").locator("#s4-1").is_visible()
+
+
+def test_without_scripts_all_is_there(open_report: Open) -> None:
+    page = open_report(java_script_enabled=False)
+    assert page.locator("svg.drawing").count() == 3
+    assert page.locator("#s1p1").is_visible()
+    assert not page.locator("#theme").is_visible()

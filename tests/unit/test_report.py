@@ -1,0 +1,286 @@
+"""A report is one file that nothing in the data can break, that repeats, and that stays small."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.errors import InputError
+from vibroswarm.page.report import (
+    Column,
+    Report,
+    ReportPicture,
+    ReportTable,
+    Section,
+    picture_of,
+    report_html,
+    write_report,
+)
+from vibroswarm.page.report_parts import escape, number_text
+from vibroswarm.page.svg import inline_svg
+from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
+from vibroswarm.plots.palette import NAMES
+
+NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
+IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter
+SAID = NASTY.replace("\udcff", "?").replace("\x00", "")
+
+VOID = {"meta", "link", "img", "br", "hr"}
+
+
+class Page(HTMLParser):
+    """Collects elements and what is seen in each; tells whether all are closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self.texts.setdefault(tag, []).append("")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        for tag in set(self.open):
+            self.texts[tag][-1] += data
+
+
+def table(name: str = "cells") -> ReportTable:
+    frame = pl.DataFrame(
+        {"cell": ["a", "b", IN_FRAME], "time": [887.1234, None, 12.0], "right": [0.5, 1.0, 0.123456]}
+    )
+    return ReportTable(
+        frame, {"time": Column("decision time", "s", 4), "right": Column(percent=True)}, NASTY, name
+    )
+
+
+def outcome_picture() -> ReportPicture:
+    frame = pl.DataFrame({"cell": ["a", IN_FRAME], "right": [3, 4], "wrong": [1, 6]})
+    return picture_of(draw_outcomes(frame, title=NASTY), NASTY)
+
+
+def report() -> Report:
+    return Report(
+        title=NASTY,
+        lead=(NASTY,),
+        warnings=(NASTY,),
+        sections=tuple(
+            Section(NASTY, (NASTY,), (table(), outcome_picture()), (Section(NASTY, (NASTY,), folded=True),))
+            for _ in range(3)
+        ),
+        details={NASTY: NASTY},
+    )
+
+
+def test_nasty_names_break_nothing():
+    text = report_html(report())
+    page = Page(text)
+    assert page.open == []
+    tags = [tag for tag, _ in page.tags]
+    assert tags.count("script") == 1
+    assert not {"img", "b", "iframe", "object"} & set(tags)
+    assert page.texts["title"] == [SAID]
+    assert "".join(page.texts["h1"]).strip() == SAID
+    without_ticks = SAID.replace("`code`", "code")
+    assert page.texts["td"][6::9] == [IN_FRAME.replace("\x00", "")] * 3
+    assert page.texts["aside"][0].endswith(without_ticks)
+    assert page.texts["dd"] == [SAID]
+    for _, attributes in page.tags:
+        assert not [name for name in attributes if name.startswith("on")]
+
+
+def test_the_page_refers_to_nothing_outside_and_runs_only_its_own_script():
+    text = report_html(report())
+    page = Page(text)
+    for tag, attributes in page.tags:
+        assert "src" not in attributes, tag
+        address = attributes.get("href") or attributes.get("xlink:href") or "#"
+        assert address.startswith(("#", "data:")), tag
+    assert not re.search(r"@import|innerHTML|\beval\(|url\((?!#)", text)
+    (script,) = re.findall(r"<script>(.*?)</script>", text, flags=re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}';" in text
+
+
+def test_ids_are_unique_and_references_lead_to_them():
+    text = report_html(report())
+    ids = [attributes["id"] for _, attributes in Page(text).tags if "id" in attributes]
+    assert len(ids) == len(set(ids)) > 50
+    used = set(re.findall(r"url\(#([^)]+)\)", text)) | {
+        (attributes.get("href") or "")[1:] for tag, attributes in Page(text).tags if tag in ("use", "a")
+        and (attributes.get("href") or "").startswith("#")
+    }  # fmt: skip
+    assert len(used) > 5
+    assert used <= set(ids)
+
+
+def saved(text: str) -> list[bytes]:
+    return [
+        base64.b64decode(coded)
+        for coded in re.findall(r'href="data:text/csv;charset=utf-8;base64,([^"]*)"', text)
+    ]
+
+
+def test_the_numbers_to_be_saved_are_the_frames():
+    frame = pl.DataFrame({"cell": ["a", "b"], "value": [1 / 3, None], "pair": [[1, 2], None]})
+    drawn = draw_outcomes(pl.DataFrame({"cell": ["a", "b"], "right": [1, 2], "wrong": [2, 0]}))
+    text = report_html(
+        Report("x", sections=(Section("y", parts=(ReportTable(frame), picture_of(drawn, "a b/c"))),))
+    )
+    first, second = saved(text)
+    assert first == b'cell,value,pair\na,0.3333333333333333,"[1, 2]"\nb,,\n'
+    assert pl.read_csv(second).equals(
+        drawn.numbers.with_columns(
+            pl.col("runs").cast(pl.Int64),
+            right_low=pl.lit(None, pl.String),
+            right_high=pl.lit(None, pl.String),
+        ),
+        null_equal=True,
+    )
+    assert 'download="a-b-c.csv"' in text
+
+
+def test_long_tables_are_cut_and_say_so_and_vast_numbers_are_left_out():
+    frame = pl.DataFrame({"run": range(2000), "time": np.linspace(0, 1, 2000)})
+    text = report_html(Report("x", sections=(Section("y", parts=(ReportTable(frame),)),)))
+    assert text.count("<tr>") == 501
+    assert "First 500 of 2,000 rows." in text
+    assert saved(text)[0].count(b"\n") == 2001
+    vast = pl.concat([frame] * 50)
+    text = report_html(Report("x", sections=(Section("y", parts=(ReportTable(vast),)),)))
+    assert saved(text) == []
+    assert "100,000 rows of numbers, too many" in text
+
+
+def test_a_hundred_thousand_runs_make_no_large_page():
+    rng = np.random.default_rng(1)
+    count = 100_000
+    frame = pl.DataFrame(
+        {
+            "cell": "a",
+            "value": rng.random(count) * 1200,
+            "name": "n",
+            "time": rng.random(count),
+            "error": rng.random(count),
+        }
+    )
+    parts = (picture_of(draw_boxes(frame, t_end=1200), "boxes"), picture_of(draw_front(frame), "front"))
+    assert len(report_html(Report("x", sections=(Section("y", parts=parts),)))) < 1_000_000
+
+
+def test_a_report_is_the_same_each_time_and_whole(tmp_path: Path):
+    write_report(tmp_path / "report.html", report())
+    first = (tmp_path / "report.html").read_bytes()
+    write_report(tmp_path / "report.html", report())
+    assert (tmp_path / "report.html").read_bytes() == first
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    with pytest.raises(InputError, match="cannot write"):
+        write_report(tmp_path / "nowhere" / "report.html", report())
+
+
+def test_long_reports_have_contents_and_short_ones_none():
+    assert "Contents</h2>" in report_html(report())
+    assert "Contents</h2>" not in report_html(replace(report(), sections=(Section("one"),)))
+
+
+@settings(max_examples=50)
+@given(st.text(alphabet=st.characters(codec=None)))
+def test_escaped_text_is_only_text(text: str):
+    page = Page(f"<p>{escape(text)}</p>")
+    assert [tag for tag, _ in page.tags] == ["p"]
+    escape(text).encode("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("value", "column", "said"),
+    [
+        (5, Column(), "5"), (5.0, Column(), "5"), (1234.56, Column(), "1235"), (0.123456, Column(), "0.123"),
+        (0.5, Column(percent=True), "50"), (0.12345, Column(percent=True), "12.3"), (-2.5, Column(), "−2.5"),
+        (float("inf"), Column(), "∞"), (1e-7, Column(), "1e−07"), (887.1234, Column(digits=4), "887.1"),
+    ],
+)  # fmt: skip
+def test_numbers_are_written_as_the_column_says(value, column, said):
+    assert number_text(value, column) == said
+
+
+HEAD = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="0 0 9 9">'
+
+
+@pytest.mark.parametrize(
+    ("inside", "wrong"),
+    [
+        ("<script>alert(1)</script>", "element <script>"),
+        ("<foreignObject/>", "element <foreignObject>"),
+        ("<a href='x'><path/></a>", "element <a>"),
+        ("<path onload='alert(1)'/>", "attribute onload"),
+        ("<image href='http://x/y.png'/>", "outside"),
+        ("<image xlink:href='data:image/svg+xml;base64,AAAA'/>", "outside"),
+        ("<use href='javascript:alert(1)'/>", "outside"),
+        ("<path style='fill: url(http://x/y)'/>", "outside"),
+        ("<path style='fill: \\75rl(x)'/>", "outside"),
+        ("<path", "is no SVG"),
+        ("&x;", "is no SVG"),
+    ],
+)
+def test_svg_that_is_more_than_a_picture_is_refused(inside, wrong):
+    with pytest.raises(InputError, match=re.escape(wrong)):
+        inline_svg(f"{HEAD}{inside}</svg>", "p-", "label")
+
+
+def test_svg_is_inlined_with_its_own_ids():
+    use = "<use xlink:href='#a' clip-path='url(#b)' style='fill: url(#a)'/>"
+    inside = f"<defs><path id='a' d='M 0 0'/></defs>{use}<text>1 &lt; 2</text>"
+    text, width = inline_svg(f"<!DOCTYPE svg [<!ENTITY x 'y'>]>{HEAD}{inside}</svg>", "p1-", 'a "label" <b>')
+    assert width == 12
+    assert 'id="p1-a"' in text
+    assert 'href="#p1-a" clip-path="url(#p1-b)" style="fill: url(#p1-a)"' in text
+    assert "<text>1 &lt; 2</text>" in text
+    assert 'aria-label="a &quot;label&quot; &lt;b&gt;"' in text
+    with pytest.raises(InputError, match="a page takes 3,000,000"):
+        inline_svg(HEAD + " " * 3_000_000 + "</svg>", "p", "x")
+
+
+def dark_colours() -> dict[str, str]:
+    css = files("vibroswarm.page").joinpath("assets", "report.css").read_text(encoding="utf-8")
+    found = re.findall(r"--fig-([\w-]+): (#[0-9a-f]{6})", css)
+    assert len(found) == 2 * len(dict(found))
+    once = dict(found[: len(found) // 2])
+    assert once == dict(found[len(found) // 2 :])
+    return once
+
+
+def test_every_colour_of_pictures_has_a_dark_one_that_stands_out():
+    dark = dark_colours()
+    assert dark.keys() == NAMES.keys()
+
+    def luminance(colour: str) -> float:
+        coded = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        linear = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    ground = luminance(dark["paper"])
+    for name, colour in dark.items():
+        if name.startswith("series") or name in ("ink", "faint", "right", "wrong"):
+            assert (luminance(colour) + 0.05) / (ground + 0.05) > 3, name
