@@ -12,8 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-def blocks(language: str) -> list[str]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def blocks(language: str, document: str = "README.md") -> list[str]:
+    text = (ROOT / document).read_text(encoding="utf-8")
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
@@ -26,6 +26,21 @@ def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert "consensus" in told
     assert "robots never decided" in told
     assert (tmp_path / "beliefs.csv").stat().st_size > 1000
+
+
+def test_the_example_of_the_pictures_runs_and_all_are_named(tmp_path, monkeypatch):
+    from vibroswarm import plots
+
+    (example,) = blocks("python", "docs/pictures.md")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "pictures.md", "exec"), {})  # noqa: S102  (our own document)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *(f"outcomes.{kind}" for kind in ("csv", "pdf", "png", "svg")),
+        "report.html",
+    ]
+    text = (ROOT / "docs" / "pictures.md").read_text(encoding="utf-8")
+    for name in plots.__all__:
+        assert f"`{name}" in text, name
 
 
 def test_the_commands_of_the_readme_are_understood():

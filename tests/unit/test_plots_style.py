@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots import draw_boxes, draw_error_bars
+from vibroswarm.plots import draw_boxes, draw_error_bars, draw_outcomes
 from vibroswarm.plots.palette import NAMES, OUTCOME_HATCHES, OUTCOMES, PAPER, SERIES, SERIES_UP_TO, look
 from vibroswarm.plots.picture import FORMATS, picture_bytes, themed_svg, write_picture
 from vibroswarm.plots.style import STYLES, settings, style_named
@@ -179,6 +179,13 @@ def test_themed_svg_names_its_colours_and_leaves_words_alone():
     assert f">{words}</text>" in svg
     left = set(re.findall(r"#[0-9a-f]{6}", re.sub(r"var\([^)]*\)|>[^<]*<|\"#\w+\"|url\([^)]*\)", "", svg)))
     assert not left & set(NAMES.values())
+
+
+def test_hatched_grounds_are_themed_too():
+    svg = themed_svg(draw_outcomes(pl.DataFrame({"cell": ["a"], "right": [1], "wrong": [1]})).figure)
+    assert "<pattern" in svg
+    assert f'style="fill: var(--fig-wrong, {OUTCOMES["wrong"]})"' in svg
+    assert ' fill="#' not in svg
 
 
 def test_very_many_marks_become_an_image():

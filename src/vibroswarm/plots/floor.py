@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.files import whole_file
 from vibroswarm.floors.files import check_suffix
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,6 +77,7 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
     no_date: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[kind]
     with (
         whole_file(path, replace=replace) as part,
+        MATPLOTLIB_LOCK,
         rc_context({"svg.hashsalt": "vibroswarm", "svg.fonttype": "none"}),
     ):
         floor_figure(tiles, title).savefig(part, format=kind[1:], dpi=150, metadata=no_date)

@@ -12,6 +12,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.model import vibrating_at
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -118,5 +119,5 @@ def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
     """Draw one run into a file: PNG, SVG or PDF by its suffix."""
     if path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
-    with whole_file(path) as part:
+    with whole_file(path) as part, MATPLOTLIB_LOCK:
         run_figure(result, run).savefig(part, dpi=150, metadata={} if path.suffix.lower() != ".png" else None)

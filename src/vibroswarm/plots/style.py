@@ -49,7 +49,8 @@ STYLES: Final = {
 }
 """``column`` is 89 mm wide with type of 8 pt, ``page`` 183 mm with 9 pt, ``slide`` is 16:9 with 20 pt."""
 
-_LOCK: Final = threading.RLock()
+MATPLOTLIB_LOCK: Final = threading.RLock()
+"""Held by whoever draws or saves, since matplotlib's settings are those of the whole process."""
 
 
 def style_named(name: str) -> Style:
@@ -72,7 +73,7 @@ def settings(style: Style | None = None) -> Iterator[None]:
     """
     from matplotlib import style as styles
 
-    with _LOCK, warnings.catch_warnings():
+    with MATPLOTLIB_LOCK, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"Glyph \d+")
         with styles.context(["default", _parameters(style or STYLES["page"])]):
             yield
