@@ -11,6 +11,9 @@ from pathlib import Path
 
 from vibroswarm.errors import InputError, RunError
 
+MARKER = "scenario.toml"
+"""The file by which a folder is known to be a result."""
+
 
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
@@ -42,7 +45,7 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
+def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> Iterator[Path]:
     """Give an empty folder beside ``path``; on leaving without an error, rename it to ``path``.
 
     An existing ``path`` is refused, or swapped for the new one when ``replace`` is true and it looks like
@@ -53,7 +56,7 @@ def whole_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
         RunError: the disk is full or failed.
     """
     path = Path(path)
-    check_folder(path, replace=replace)
+    check_folder(path, replace=replace, marker=marker)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -63,7 +66,7 @@ def whole_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     old: Path | None = None
     try:
         yield part
-        check_folder(path, replace=replace)  # somebody may have made it in the meantime
+        check_folder(path, replace=replace, marker=marker)  # somebody may have made it in the meantime
         if path.exists():
             old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
             path.replace(old)
@@ -78,11 +81,7 @@ def whole_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
             shutil.rmtree(old, ignore_errors=True)
 
 
-MARKER = "scenario.toml"
-"""The file by which a folder is known to be a result."""
-
-
-def check_folder(path: Path, *, replace: bool = False) -> None:
+def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
     """Refuse a result folder that exists (unless it may be replaced) or that a file stands in the way of."""
     if path.is_symlink() or path.exists():
         if not path.is_dir():
@@ -92,9 +91,9 @@ def check_folder(path: Path, *, replace: bool = False) -> None:
             return
         if not replace:
             raise InputError(f"'{path}' exists already; choose another name or say --force", field="--out")
-        if path.is_symlink() or not (path / MARKER).is_file():
+        if path.is_symlink() or not (path / marker).is_file():
             raise InputError(
-                f"'{path}' is not a vibroswarm result (no {MARKER} in it), so --force does not replace it",
+                f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",
                 field="--out",
             )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
+    from vibroswarm.study.outcome import Outcome
     from vibroswarm.study.result import StudyResult
     from vibroswarm.study.runner import Share
     from vibroswarm.study.spec import Study
@@ -182,16 +183,34 @@ def say_outcome(result: StudyResult, second: StudyResult | None, arguments: argp
 
     outcome = outcome_of(result, second)
     if arguments.out is not None:
-        write_outcome(outcome, arguments.out, style=arguments.style, pictures=not arguments.no_pictures)
+        write_outcome(outcome, arguments.out)
     if arguments.json:
         print(json.dumps(outcome.as_dict(), indent=2, allow_nan=False))
     else:
         from vibroswarm.cli.tables import say_tables
 
         say_tables(outcome)
-        _say_where(arguments)
     sys.stdout.flush()
+    if arguments.out is not None and not arguments.no_pictures:
+        _draw(outcome, arguments)
+    if not arguments.json:
+        _say_where(arguments)
+        sys.stdout.flush()
     return 0
+
+
+def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.study.outcome import write_table
+    from vibroswarm.study.references import reference_table, references_of
+    from vibroswarm.study.report import write_pictures_and_report
+
+    with progress_bar("references") as tell:
+        references = references_of(outcome.result, tell=tell)
+    if references:
+        write_table(reference_table(references), arguments.out / "references")
+    with progress_bar("drawing") as tell:
+        write_pictures_and_report(outcome, references, arguments.out, arguments.style, tell)
 
 
 def _say_where(arguments: argparse.Namespace) -> None:

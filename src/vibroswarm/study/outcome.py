@@ -141,17 +141,18 @@ def _floor_words(one: CellOutcome) -> str:
     return f"floor {floor.source}, threshold {one.cell.scenario.sensor.rms_threshold:g}"
 
 
-def write_outcome(outcome: Outcome, folder: Path, *, style: str = "column", pictures: bool = True) -> None:
-    """Write ``summary.csv``, ``comparisons.csv`` and, if wanted, pictures and ``report.html`` into a study's folder."""
+def write_outcome(outcome: Outcome, folder: Path) -> None:
+    """Write ``summary`` and ``comparisons``, as CSV and Parquet, into a study's folder."""
     tables = {"summary": outcome.table}
     if outcome.comparisons:
         tables["comparisons"] = comparison_table(outcome.comparisons)
     for name, table in tables.items():
-        with whole_file(folder / f"{name}.csv") as part:
-            table.write_csv(part)
-        with whole_file(folder / f"{name}.parquet") as part:
-            table.write_parquet(part)
-    if pictures:
-        from vibroswarm.study.report import write_pictures_and_report
+        write_table(table, folder / name)
 
-        write_pictures_and_report(outcome, folder, style)
+
+def write_table(table: pl.DataFrame, path: Path) -> None:
+    """Write a table as CSV and Parquet; ``path`` is without a suffix."""
+    with whole_file(path.with_name(f"{path.name}.csv")) as part:
+        table.write_csv(part)
+    with whole_file(path.with_name(f"{path.name}.parquet")) as part:
+        table.write_parquet(part)

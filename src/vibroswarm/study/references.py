@@ -1,0 +1,123 @@
+"""Two references beside every strategy, from some runs made again from the seed.
+
+**Pooled counting** has all bits in one place at once and decides at the strategy's own error: what the swarm pays for
+its way of deciding. **With positions** is the posterior over tiles from all samples: what could be known, and the only
+one of the two that is a bound; its prior knows the fill ratio but not the side ("mirror"), with a posterior error of
+5 %. See ``analysis.pooled`` and ``analysis.known``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.correlation import lag_one, packet_loss
+from vibroswarm.analysis.intervals import Interval, mean_interval, plain
+from vibroswarm.analysis.known import Known, could_be_known
+from vibroswarm.analysis.pooled import PooledCounting, pooled_counting
+from vibroswarm.result import Result
+from vibroswarm.simulation import replay
+from vibroswarm.study.plan import Group
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import Cell
+
+RUNS: Final = 200
+"""Runs made again for each cell."""
+FEWEST: Final = 20
+"""With fewer, half to tune and half to judge say nothing."""
+MOST_CELLS: Final = 60
+
+
+@dataclass(frozen=True)
+class References:
+    """A cell beside what could be done with the same samples; times in s."""
+
+    cell: Cell
+    runs: int
+    pooled: PooledCounting | None
+    """None where no decision is right, or runs ended early."""
+    known: Known | None
+    """None where floors are cut by the arena, or the sensor's rates are not known."""
+    lag_one: Interval
+    """Correlation of one robot's consecutive bits."""
+    packet_loss: Interval
+    """Share of the messages addressed to a robot that it did not hear; a mean over runs."""
+
+    def as_row(self) -> dict[str, Any]:
+        """Flat, for a table."""
+        row: dict[str, Any] = {"cell": self.cell.number, "name": self.cell.name, "runs": self.runs}
+        figures = {"lag_one": self.lag_one, "packet_loss": self.packet_loss}
+        if self.pooled is not None:
+            figures |= {
+                "strategy_time_s": self.pooled.strategy_time_s,
+                "strategy_error": self.pooled.strategy_error,
+                "pooled_time_s": self.pooled.time_s,
+                "pooled_error": self.pooled.error,
+                "slower_than_pooled_s": self.pooled.time_difference_s,
+            }
+        if self.known is not None:
+            figures |= {
+                "known_time_s": self.known.time_s,
+                "known": self.known.known,
+                "known_wrong": self.known.wrong,
+            }
+        for name, interval in figures.items():
+            row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(value) for value in interval[:3])
+        return row
+
+
+def references_of(
+    result: StudyResult, runs: int = RUNS, tell: Callable[[float], None] | None = None
+) -> list[References]:
+    """The references of the selected cells; none for more than ``MOST_CELLS`` cells or too few runs."""
+    if len(result.selected) > MOST_CELLS:
+        return []
+    found, shared = [], sum(1 for _ in _again(result, 0))
+    for done, (cell, made) in enumerate(_again(result, runs)):
+        if made is not None:
+            found.append(_references(cell, made))
+        if tell is not None:
+            tell((done + 1) / shared)
+    return sorted(found, key=lambda one: one.cell.number)
+
+
+def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
+    """Each cell with its runs; motion is made once for all cells that share it."""
+    for group in result.plan.groups:
+        cells = [cell for cell in group.cells if cell.number in result.selected]
+        made: Result | None = None
+        for cell in cells:
+            count = min(runs, result.runs_of(cell.number))
+            if count < FEWEST:
+                yield cell, None
+                continue
+            made = _one(result, group, cell, count, made)
+            yield cell, made
+
+
+def _one(result: StudyResult, group: Group, cell: Cell, count: int, made: Result | None) -> Result:
+    if made is None or group.first.run.stop != "t_end":
+        return result.result(cell.number, count)
+    return replay(made, cell.scenario)
+
+
+def _references(cell: Cell, made: Result) -> References:
+    pooled, known = None, None
+    whole = not made.runs["stopped_early"].any()
+    if whole and made.runs["truth"].null_count() == 0:
+        pooled = pooled_counting(made)
+    if whole and made.scenario.sensor.model == "gamma":
+        known = could_be_known(made, prior="mirror")
+    loss = mean_interval(packet_loss(made)["packet_loss"].drop_nulls().to_numpy())
+    return References(cell, made.runs.height, pooled, known, lag_one(made), loss)
+
+
+def reference_table(references: list[References]) -> pl.DataFrame:
+    """One row a cell."""
+    return pl.DataFrame([one.as_row() for one in references], infer_schema_length=None)
+
+
+__all__ = ["References", "reference_table", "references_of"]
