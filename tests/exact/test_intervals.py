@@ -170,6 +170,23 @@ def test_shares_of_robots_hold_the_truth_and_robots_as_units_do_not(runs: int, s
     assert by_robot < 0.75, by_robot  # the negative control
 
 
+def test_a_share_of_those_that_decided_holds_the_truth_though_their_number_varies() -> None:
+    """In runs with many wrong robots more decide: the mean of the runs' shares is then another thing."""
+    random = generator(11, "ratio")
+    bad = np.array([False, True])
+    truth = (0.7 * 0.1 * 2 + 0.3 * 0.6 * 5) / (0.7 * 2 + 0.3 * 5)
+    held = held_by_means = 0.0
+    for _ in range(600):
+        worse = random.choice(bad, 150, p=[0.7, 0.3])
+        of = np.where(worse, 5, 2)
+        wrong = random.binomial(of, np.where(worse, 0.6, 0.1))
+        interval, means = cluster_share(wrong, of), mean_interval(wrong / of)
+        held += interval.low <= truth <= interval.high
+        held_by_means += means.low <= truth <= means.high
+    assert 0.92 <= held / 600 <= 0.98, held / 600
+    assert held_by_means / 600 < 0.2
+
+
 def test_all_alike_is_not_certain() -> None:
     none = cluster_share(np.zeros(50, int), np.full(50, 5))
     assert (none.estimate, none.low) == (0.0, 0.0)

@@ -26,7 +26,7 @@ from vibroswarm.analysis.known import (
     sides_of,
     tiles_inside,
 )
-from vibroswarm.analysis.pooled import belief_threshold, evidence, first_passages, pooled_counting
+from vibroswarm.analysis.pooled import evidence, first_passages, pooled_counting
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.presets import preset
@@ -61,7 +61,6 @@ def test_evidence_by_belief_is_that_of_the_robots(paper: Result) -> None:
     belief = stats.beta.cdf(0.5, 1 + ones, 1 + np.arange(1, 301) - ones)
     np.testing.assert_allclose(evidence(bits, paper, "belief"), np.log((1 - belief) / belief), atol=1e-9)
     assert np.isfinite(evidence(np.ones(9000, np.uint8), paper, "belief")).all()
-    assert belief_threshold(0.95) == pytest.approx(math.log(19))
 
 
 @pytest.mark.parametrize("rule", ["count", "belief"])
@@ -111,8 +110,9 @@ def test_pooled_counting_refuses(paper: Result) -> None:
             simulate(preset("paper").with_values({"floor.source": "stripe:0.48", "run.t_end_s": 60.0}), 1, 3)
         )
     early = paper.runs.with_columns(stopped_early=pl.lit(True))
-    with pytest.raises(InputError, match="stopped early"):
-        pooled_counting(replace(paper, runs=early))
+    for reference in (pooled_counting, could_be_known):
+        with pytest.raises(InputError, match="stopped early"):
+            reference(replace(paper, runs=early))
 
 
 def by_enumeration(ratios: np.ndarray, weights: np.ndarray) -> np.ndarray:

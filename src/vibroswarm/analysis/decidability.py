@@ -77,6 +77,8 @@ class Decidability:
 def decidability(scenario: Scenario, error: float = 0.05) -> Decidability:
     """Whether a scenario's question can be decided from the samples its swarm will take.
 
+    The fill ratio is that of run 0's floor (seed 0): of random floors all have it, unless the arena cuts them.
+
     Args:
         error: the probability of a wrong majority that ``samples_needed`` is for.
     """
@@ -122,7 +124,7 @@ def decidability_of_share(
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
     says = _words(verdict, share, boundary, truth)
-    if effective_samples is not None:
+    if effective_samples is not None and math.isfinite(effective_samples):
         limits = wilson_limits(share * effective_samples, effective_samples, level)
         low, high = (float(limit) for limit in limits)
         if truth is not None and low <= boundary <= high:

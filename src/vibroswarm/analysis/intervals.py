@@ -30,7 +30,7 @@ FEW: Final = 10
 """With fewer runs than this off 0 or off 1, a bootstrap of a share has next to nothing to draw from."""
 _EXACT: Final = 10
 """Up to so many differences all subsets are listed."""
-_MANY_VALUES: Final = 5000
+_MANY_VALUES: Final = 2000
 """Beyond so many distinct values the limits of drawn means are those of their normal limit."""
 _BLOCK: Final = 4_000_000
 """Numbers in memory at once."""
@@ -116,7 +116,7 @@ def finite(values: ArrayLike) -> Values:
 
 
 def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """A mean over runs with Student's limits; of one run, or when all are equal, see ``n``: no limits, no width."""
+    """A mean over runs with Student's limits: none from one run, and of no width when all runs are equal."""
     check_level(level)
     runs = finite(values)
     if runs.size == 0:
@@ -198,8 +198,10 @@ def cluster_share_of_distinct(
     level: float = 0.95,
     seed: int = 0,
 ) -> Interval:
-    """``cluster_share`` where ``runs`` runs have each pair of count and of; all of shape (distinct,)."""
+    """``cluster_share`` where ``runs`` runs have each pair of count and of; all of shape (distinct,), in any order."""
     check_level(level)
+    order = np.lexsort((of, count))  # one order, so that the same runs get the same draws
+    count, of, runs = count[order], of[order], runs[order]
     there = (of > 0) & (runs > 0)
     above, below, times = count[there].astype(np.float64), of[there].astype(np.float64), runs[there]
     n = int(times.sum())
@@ -273,11 +275,13 @@ def _all_subsets(d: Values) -> Values:
 
 def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int, draws: int) -> Values:
     """Means of random subsets, shape (draws,)."""
-    random, drawn = generator(seed, "sign flip"), []
+    random, drawn, alone = generator(seed, "sign flip"), [], bool((counts == 1).all())
     at_once = max(1, _BLOCK // distinct.size)
     for first in range(0, draws, at_once):
-        taken = random.binomial(counts, 0.5, size=(min(at_once, draws - first), distinct.size))
-        number = taken.sum(axis=1)
+        size = (min(at_once, draws - first), distinct.size)
+        # One of each: a bit in place of a binomial number.
+        taken = random.integers(0, 2, size, np.int8) if alone else random.binomial(counts, 0.5, size)
+        number = taken.sum(axis=1, dtype=np.int64)
         drawn.append(np.divide(taken @ distinct, number, out=np.full(number.size, mean), where=number > 0))
     return np.concatenate(drawn)
 

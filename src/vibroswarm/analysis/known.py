@@ -94,15 +94,17 @@ def could_be_known(
     energies: bool = False,
     level: float = 0.95,
 ) -> Known:
-    """When the side of the boundary could be known with posterior error alpha, on a grid of times.
+    """When the side of the boundary could be known with posterior error alpha: to the next time of a grid.
 
     Args:
         result: runs to their end. prior: see the module's head. times_s: increasing; without it 121 from 0 to t_end.
         energies: take the energies that were read (Gamma sensor), not only the bits.
     Raises:
         InputError: an alpha outside (0, 1/2), a prior of other length than N + 1, energies that the result does
-            not hold or whose density is not known, no tile in the arena.
+            not hold or whose density is not known, no tile in the arena, runs that stopped early.
     """
+    if result.runs["stopped_early"].any():
+        raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
     if not 0.0 < alpha < 0.5:
         raise InputError(f"{alpha!r} is no posterior error; give a share below 0.5", field="alpha")
     scenario, t_end_s = result.scenario, result.scenario.run.t_end_s

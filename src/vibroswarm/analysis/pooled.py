@@ -202,8 +202,3 @@ def _tune(
     enough = np.flatnonzero(error <= aim + 1e-12)
     index = int(enough[0]) if enough.size else int(np.argmin(error))
     return index, float(error[index])
-
-
-def belief_threshold(credible_threshold: float) -> float:
-    """The threshold on the evidence by belief that p_c is."""
-    return float(np.log(credible_threshold / (1.0 - credible_threshold)))
