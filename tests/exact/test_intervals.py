@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -123,6 +123,7 @@ def test_a_level_is_a_share() -> None:
             call(1, 2, level=95)
 
 
+@settings(deadline=None)
 @given(numbers)
 def test_an_interval_holds_its_estimate(values: list[float]) -> None:
     for interval in (mean_interval(values), bootstrap_mean(values), quantile_interval(values)):
@@ -131,6 +132,7 @@ def test_an_interval_holds_its_estimate(values: list[float]) -> None:
         json.dumps(interval.as_dict(), allow_nan=False)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(-5, 5), min_size=1, max_size=40))
 def test_the_interval_leaves_out_zero_exactly_when_p_is_small(values: list[int]) -> None:
     interval, p_value = sign_flip([float(v) for v in values])
@@ -140,6 +142,7 @@ def test_the_interval_leaves_out_zero_exactly_when_p_is_small(values: list[int])
     assert turned.interval.estimate == -interval.estimate
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=30))
 def test_shares_stay_shares(pairs: list[tuple[int, int]]) -> None:
     count, of = [min(a, b) for a, b in pairs], [max(a, b) for a, b in pairs]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval
@@ -64,6 +64,7 @@ def test_holm_by_hand() -> None:
     assert holm([]) == []
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
 def test_holm_lies_between_the_plain_and_bonferroni(p: list[float]) -> None:
     for plain_p, corrected in zip(p, holm(p), strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.detection import detection_curve, needed
@@ -63,6 +63,7 @@ def test_pareto_by_hand() -> None:
     assert front.tolist() == [True, True, False, True, True, False]
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30))
 def test_pareto_as_said(points: list[tuple[int, int]]) -> None:
     front = pareto_front(*zip(*points, strict=True))
