@@ -223,3 +223,14 @@ def test_medians_hold_the_truth() -> None:
 
 def test_draws_fall_on_whole_ranks() -> None:
     assert (DRAWS + 1) * 0.025 == 50
+
+
+def test_a_difference_far_out_has_a_p_value_smaller_than_the_draws_can_give() -> None:
+    far = np.full(60, 1.0) + np.linspace(-0.3, 0.3, 60)
+    found = sign_flip(far)
+    assert 2.0**-59 <= found.p_value < 1e-9  # 1999 draws alone give no less than 1e-3
+    assert found.p_value >= 2 * stats.norm.sf(far.sum() / np.sqrt((far**2).sum())) * 0.999
+    twelve = sign_flip(np.linspace(0.9, 1.1, 12))
+    assert twelve.p_value >= 2.0**-11
+    near = np.linspace(-1.0, 1.2, 60)
+    assert sign_flip(near).p_value > 0.05

@@ -32,6 +32,8 @@ _EXACT: Final = 10
 """Up to so many differences all subsets are listed."""
 _MANY_VALUES: Final = 2000
 """Beyond so many distinct values the limits of drawn means are those of their normal limit."""
+_TAIL: Final = 5
+"""With fewer drawn sums than this as far out as the one seen, its p-value is that of the normal limit."""
 _BLOCK: Final = 4_000_000
 """Numbers in memory at once."""
 
@@ -244,6 +246,9 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     0 lies outside exactly when p < 1 - level. Exact when the differences are symmetric about their centre;
     otherwise right as their number grows, like Student's. Fewer than 6 pairs set no limits at 95 %.
 
+    Where fewer than ``_TAIL`` of the drawn sums are as far out as the one seen, p is that of the normal limit: a family
+    of many comparisons needs p-values smaller than the draws can give.
+
     Up to 10 differences all subsets are listed, beyond that ``draws`` are drawn (equal differences together), and
     with very many distinct ones the subsets' means are normal.
     """
@@ -263,8 +268,19 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     # Rounding of a subset's mean must not put 0 on a side where all differences are 0.
     tiny = 1e-12 * float(np.abs(d).max())
     at_most, at_least = int((means <= tiny).sum()), int((means >= -tiny).sum())
-    p_value = min(1.0, 2.0 * (1 + min(at_most, at_least)) / (means.size + 1))
+    beyond = min(at_most, at_least)
+    p_value = min(1.0, 2.0 * (1 + beyond) / (means.size + 1))
+    if beyond < _TAIL and d.size > _EXACT:  # too far out for the draws to tell how far
+        p_value = min(p_value, _far_out(d))
     return SignFlip(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
+
+
+def _far_out(d: Values) -> float:
+    """The p-value by the normal limit of the tossed sum, never below the least that n tosses can give, 2 / 2^n."""
+    spread = math.sqrt(float((d * d).sum()))
+    if spread == 0.0:
+        return 1.0
+    return max(float(2.0 * stats.norm.sf(abs(float(d.sum())) / spread)), 2.0 ** (1 - min(d.size, 1000)))
 
 
 def _all_subsets(d: Values) -> Values:

@@ -55,11 +55,10 @@ class Compared:
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
-        row = {
+        row: dict[str, Any] = {
+            "name": self.name,
             "cell": self.cell.number,
-            "name": self.cell.name,
-            "reference": self.reference.name,
-            "field": self.field,
+            "reference": self.reference.number,
         }
         row |= self.first.as_row()
         if self.again is not None:

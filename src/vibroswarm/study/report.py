@@ -131,7 +131,7 @@ def _tables(title: str, outcome: Outcome, references: Sequence[References]) -> l
     if title == "Outcome":
         return [_outcome_table(outcome)]
     if title == "Compared run by run" and outcome.comparisons:
-        return [_comparison_table(outcome)]
+        return _comparison_tables(outcome)
     if title == "Time against error" and references:
         return [_reference_table(references)]
     if title == "How the robots sampled":
@@ -155,21 +155,31 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
     return ReportTable(frame, columns, caption, "outcome")
 
 
-def _comparison_table(outcome: Outcome) -> ReportTable:
+def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
+    """One a figure: differences of times and of shares have no common scale."""
     table = comparison_table(outcome.comparisons)
-    wanted = [
-        "name",
-        "figure",
-        "difference",
-        "difference_low",
-        "difference_high",
-        "wins",
-        "ties",
-        "losses",
-        "p_holm",
-    ]
-    wanted += [name for name in ("again_difference", "confirmed", "says") if name in table.columns]
-    return ReportTable(table.select(wanted), caption="First less reference.", name="comparisons")
+    wanted = ["name", "difference", "difference_low", "difference_high", "wins", "ties", "losses", "p_holm"]
+    wanted += [name for name in ("again_difference", "confirmed") if name in table.columns]
+    found = []
+    for figure, words, percent in _COMPARED:
+        unit = "" if percent else "s"
+        heads = {"": "difference", "_low": "from", "_high": "to"}
+        columns = {f"difference{end}": Column(head, unit, percent=percent) for end, head in heads.items()}
+        columns |= {
+            "again_difference": Column("again", unit, percent=percent),
+            "p_holm": Column("p, corrected", digits=2),
+        }
+        rows = table.filter(pl.col("figure") == figure).select(wanted)
+        found.append(ReportTable(rows, columns, f"{words}: first less second.", f"compared-{figure}"))
+    return found
+
+
+_COMPARED: Final = (
+    ("decision_time_s", "Decision time", False),
+    ("right_share", "Share of robots right", True),
+    ("wrong_share", "Share of robots wrong", True),
+    ("undecided_share", "Share of robots undecided", True),
+)
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
