@@ -297,6 +297,9 @@ def test_other_rows_are_refused(seen: tuple[Scenario, Motion, pl.DataFrame]) -> 
     )
     with pytest.raises(ValueError, match="14 ends of runs of 5 robots"):
         timeline_of(base, Motion(motion.samples, motion.ends[:-1]))
+    fewer = base.with_values({"swarm.robots": 3})
+    with pytest.raises(ValueError, match="robot 4 in runs of 3"):
+        timeline_of(fewer, motion)
 
 
 def test_a_replay_of_a_result_read_again_is_the_same(

@@ -67,7 +67,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     """The timeline of a motion; one that was made before is given back.
 
     Raises:
-        ValueError: the ends are not one row a run and robot.
+        ValueError: the ends are not one row a run and robot, or there are samples of other robots.
     """
     if isinstance(motion, Timeline):
         return motion
@@ -75,9 +75,13 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     samples, ends = motion.samples, motion.ends
     if ends.height % robots:
         raise ValueError(f"{ends.height} ends of runs of {robots} robots")
+    highest = int(samples["robot"].to_numpy().max(initial=0))
+    if highest >= robots:
+        raise ValueError(f"samples of robot {highest} in runs of {robots} robots")
     runs = ends["run"].to_numpy()[::robots]
     bounds = np.append(np.searchsorted(samples["run"].to_numpy(), runs), samples.height)
-    column = {name: read_only(samples[name].to_numpy()) for name in samples.columns}
+    names = ("robot", "sample", "time_s", "stop_start_s")
+    column = {name: read_only(samples[name].to_numpy()) for name in names}
     heard, at_end = hearing(
         bounds,
         column["robot"],
