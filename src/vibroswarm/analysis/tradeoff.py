@@ -17,7 +17,8 @@ The front is that of the estimates: the best of many points owes some of it to l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numpy as np
@@ -27,10 +28,12 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.analysis.swarm import summary
-from vibroswarm.batches import in_batches
 from vibroswarm.errors import InputError
+from vibroswarm.inference.timeline import timeline_of
+from vibroswarm.motion.contract import source
+from vibroswarm.observation.model import observe
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import replay
+from vibroswarm.simulation import check_runs, floors_of, summarise
 
 
 def time_error_curve(
@@ -49,7 +52,7 @@ def time_error_curve(
 
     Args:
         scenario: all else; it is run to t_end, whatever its ``run.stop``. seed, runs: as ``simulate`` has them.
-        undecided_counts: u of the module's head, in [0, 1]. batch, workers: as ``in_batches`` has them.
+        undecided_counts: u of the module's head, in [0, 1]. batch: runs at a time. workers: threads.
     Returns: credible_threshold, min_observations, error, error_low, error_high, all of ``swarm.summary`` as
         columns, and pareto. Tables of all robots are kept meanwhile, some 100 bytes a robot and point.
     Raises:
@@ -60,6 +63,9 @@ def time_error_curve(
         raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
     if not 0.0 <= undecided_counts <= 1.0:
         raise InputError(f"{undecided_counts!r} is no share; from 0 to 1", field="undecided_counts")
+    for name, value in (("batch", batch), ("workers", workers)):
+        if value < 1:
+            raise InputError(f"{value} is too few; at least 1", field=name)
     base = scenario.with_values({"run.stop": "t_end"})
     points = [
         base.with_values({"decision.credible_threshold": p_c, "decision.min_observations": o_c})
@@ -67,11 +73,10 @@ def time_error_curve(
     ]
     robots: list[list[pl.DataFrame]] = [[] for _ in points]
     of_runs: list[list[pl.DataFrame]] = [[] for _ in points]
-    for result in in_batches(base, seed, runs, batch=batch, workers=workers):
-        for k, point in enumerate(points):
-            again = replay(result, point)
-            robots[k].append(again.robots)
-            of_runs[k].append(again.runs)
+    for part in _replayed(base, points, seed, check_runs(seed, runs), batch, workers):
+        for k, (of_robots, of_run) in enumerate(part):
+            robots[k].append(of_robots)
+            of_runs[k].append(of_run)
     rows = [
         _point(pl.concat(robots[k]), pl.concat(of_runs[k]), base.run.t_end_s, undecided_counts, level)
         for k in range(len(points))
@@ -87,6 +92,26 @@ def time_error_curve(
         table[name].cast(pl.Float64).fill_null(math.nan) for name in ("decision_time_s", "error")
     )
     return table.with_columns(pareto=pl.Series(pareto_front(times.to_numpy(), errors.to_numpy())))
+
+
+Tables = list[tuple[pl.DataFrame, pl.DataFrame]]
+"""The tables of robots and of runs, for each point."""
+
+
+def _replayed(
+    base: Scenario, points: Sequence[Scenario], seed: int, runs: Sequence[int], batch: int, workers: int
+) -> Iterator[Tables]:
+    """The tables of each batch of runs; motion and observations are made once for all points."""
+
+    def one(part: Sequence[int]) -> Tables:
+        motion = source("event").batch(base, seed, part, False)
+        timeline, floors = timeline_of(base, motion), floors_of(base, seed, part)
+        observations = observe(base, seed, motion.samples, floors, energies=False)
+        return [summarise(point, seed, floors, timeline, observations) for point in points]
+
+    parts = [runs[first : first + batch] for first in range(0, len(runs), batch)]
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(one, parts)
 
 
 def _point(

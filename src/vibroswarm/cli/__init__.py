@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
-    from vibroswarm.cli import bench, evaluate, floors, merge, run, scenario, show, sweep
+    from vibroswarm.cli import bench, detect, evaluate, floors, merge, run, scenario, show, sweep, tradeoff
 
     top = _Parser(
         prog="vibroswarm",
@@ -43,6 +43,8 @@ def parser() -> argparse.ArgumentParser:
     run.add_parser(commands)
     evaluate.add_parser(commands)
     sweep.add_parser(commands)
+    detect.add_parser(commands)
+    tradeoff.add_parser(commands)
     merge.add_parser(commands)
     show.add_parser(commands)
     scenario.add_parser(commands)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.studies import add_outcome_options, check_outcome_options, say_outcome
+from vibroswarm.cli.studies import add_outcome_options, check_style, say_outcome
 
 
 def add_parser(commands: Any) -> None:
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.study.merge import merge
     from vibroswarm.study.result import StudyResult
 
-    check_outcome_options(arguments)
+    check_style(arguments.style)
     store = merge(arguments.out, arguments.shares)
     result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
     return say_outcome(result, None, arguments)

@@ -53,22 +53,32 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def check_outcome_options(arguments: argparse.Namespace) -> None:
-    """Refuse what is wrong before hours of work."""
+def check_style(style: str) -> None:
+    """Refuse a style that there is not, before hours of work."""
     from vibroswarm.errors import nearest
 
-    if arguments.style not in STYLES:
+    if style not in STYLES:
+        known = ", ".join(STYLES)
         raise InputError(
-            f"there is no style '{arguments.style}'{nearest(arguments.style, STYLES)}", field="--style"
+            f"there is no style '{style}'{nearest(style, STYLES)} (there are {known})", field="--style"
         )
 
 
 def do_study(study: Study, arguments: argparse.Namespace) -> int:
     """Plan, run, sum up, draw, say."""
+    check_style(arguments.style)
+    result = run_study_of(study, arguments)
+    if result is None:
+        return 0
+    second = None if arguments.no_confirm else _second_block(result, arguments)
+    return say_outcome(result, second, arguments)
+
+
+def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | None:
+    """Plan and run; None where only a share or a batch was wanted, which is then said."""
     from vibroswarm.cli.scenarios import whole_number
     from vibroswarm.study.runner import Share, run_batch
 
-    check_outcome_options(arguments)
     share = None if arguments.shard is None else Share.from_words(arguments.shard)
     workers = None if arguments.workers is None else whole_number(arguments.workers, "--workers")
     if share is not None and study.until is not None:
@@ -82,13 +92,12 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
     if arguments.batch is not None:
         store = run_batch(study, arguments.out, arguments.batch)
         print(f"Batch {arguments.batch} is done and kept in {store.folder}.")
-        return 0
+        return None
     result = _run(study, arguments, workers, share)
     if share is not None:
         _say_share(result, share)
-        return 0
-    second = None if arguments.no_confirm else _second_block(result, arguments, workers)
-    return say_outcome(result, second, arguments)
+        return None
+    return result
 
 
 def _run(
@@ -110,14 +119,13 @@ def _run(
         )
 
 
-def _second_block(
-    result: StudyResult, arguments: argparse.Namespace, workers: int | None
-) -> StudyResult | None:
+def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyResult | None:
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.compare import pairs_of, second_block
 
     if not pairs_of(result.study):
         return None
+    workers = None if arguments.workers is None else int(arguments.workers)
     with study_progress("again, on other seeds", workers) as tell:
         return second_block(
             result, executor=arguments.executor, workers=workers, mixed=arguments.mixed, tell=tell

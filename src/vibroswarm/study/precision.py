@@ -53,14 +53,7 @@ class Precision:
     @classmethod
     def from_words(cls, text: Any, figure: Any = None, max_runs: Any = None) -> Precision:
         """From ``"2%"``, and what else is given."""
-        share = math.nan
-        if isinstance(text, str) and text.strip().endswith("%"):
-            with suppress(InvalidOperation):  # 21.9 hundredths are 0.219
-                share = float(Decimal(text.strip()[:-1]) / 100)
-        if not 0 < share < 1:
-            raise InputError(
-                f"{text!r} is no precision; write it with a per cent sign, such as 2%", field="until"
-            )
+        share = share_from(text, "until")
         return cls(
             share, "decision_time_s" if figure is None else figure, MOST if max_runs is None else max_runs
         )
@@ -87,3 +80,18 @@ class Precision:
         """Whether the interval is narrow enough; one without a width is not known, and never is."""
         wanted = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
         return 0.0 < (high - low) / 2.0 <= wanted
+
+
+def share_from(text: Any, field: str) -> float:
+    """The share that ``"2%"`` says.
+
+    Raises:
+        InputError: no number with a per cent sign, or not between 0 % and 100 %.
+    """
+    share = math.nan
+    if isinstance(text, str) and text.strip().endswith("%"):
+        with suppress(InvalidOperation):  # 21.9 hundredths are 0.219
+            share = float(Decimal(text.strip()[:-1]) / 100)
+    if not 0 < share < 1:
+        raise InputError(f"{text!r} is no share; write it with a per cent sign, such as 2%", field=field)
+    return share
