@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -21,10 +23,10 @@ if os.environ.get("CI") == "true":
 
 
 @cache
-def _page_records() -> ModuleType:
-    """The module beside this one; tests are not a package that could be imported by name."""
-    path = Path(__file__).with_name("page_records.py")
-    spec = importlib.util.spec_from_file_location("page_records", path)
+def _beside(name: str) -> ModuleType:
+    """A module beside this one; tests are not a package that could be imported by name."""
+    path = Path(__file__).with_name(f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -35,7 +37,14 @@ def _page_records() -> ModuleType:
 @pytest.fixture(scope="session")
 def make_record() -> Callable[..., RunRecord]:
     """Makes a made-up run for the page (``page_records.make_record``)."""
-    made: Callable[..., RunRecord] = _page_records().make_record
+    made: Callable[..., RunRecord] = _beside("page_records").make_record
+    return made
+
+
+@pytest.fixture(scope="session")
+def dask_cluster() -> Callable[..., AbstractContextManager[Any]]:
+    """Starts a Dask cluster (``dask_cluster.Cluster``): folder, number of workers."""
+    made: Callable[..., AbstractContextManager[Any]] = _beside("dask_cluster").Cluster
     return made
 
 

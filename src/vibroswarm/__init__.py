@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from vibroswarm.result import Result
     from vibroswarm.scenario import Scenario
     from vibroswarm.simulation import replay, simulate
+    from vibroswarm.study.result import StudyResult
+    from vibroswarm.study.spec import Study
 
 __all__ = [
     "Floor",
@@ -34,6 +36,8 @@ __all__ = [
     "Result",
     "RunError",
     "Scenario",
+    "Study",
+    "StudyResult",
     "make_floor",
     "measure",
     "pose",
@@ -50,6 +54,8 @@ _HOME: Final = {
     "Result": "result",
     "RunError": "errors",
     "Scenario": "scenario",
+    "Study": "study.spec",
+    "StudyResult": "study.result",
     "make_floor": "floors.design",
     "measure": "floors.difficulty",
     "pose": "motion.pose",

@@ -71,12 +71,18 @@ def cache_folder() -> Path | None:
         return None
 
 
+ENGINES: Final = ("event", "fixed_step")
+
+
 def is_cached() -> bool:
-    """Whether kernels of these sources have been compiled and kept before (or need no compiling)."""
+    """Whether the engine of these sources has been compiled and kept before (or needs no compiling).
+
+    Others do not count: a floor that is drawn compiles a little before any robot moves.
+    """
     if not _compiles():
         return True
     folder = cache_folder()
-    return folder is not None and any(folder.rglob("*.nbc"))
+    return folder is not None and any(any(folder.rglob(f"{engine}.*.nbc")) for engine in ENGINES)
 
 
 def zero_rows(count: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:

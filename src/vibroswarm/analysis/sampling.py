@@ -134,9 +134,11 @@ def _mean_of_steps(
     steps = np.diff(bounds)
 
     def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        # Summed run by run, so that no figure depends on the runs beside it.
-        total = np.add.reduceat(np.append(values, 0.0), bounds[:-1])
-        return np.asarray(np.where(steps > 0, total, np.nan) / steps)
+        # Summed run by run, and nothing else with them, so that no figure depends on the runs beside it.
+        means, some = np.full(steps.size, np.nan), steps > 0
+        if some.any():
+            means[some] = np.add.reduceat(values, bounds[:-1][some]) / steps[some]
+        return means
 
     return mean
 

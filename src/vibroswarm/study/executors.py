@@ -58,12 +58,14 @@ class Workers:
 
 
 @contextmanager
-def workers_for(executor: str | Executor = "threads", count: int | None = None) -> Iterator[Workers]:
+def workers_for(
+    executor: str | Executor = "threads", count: int | None = None, mixed: bool = False
+) -> Iterator[Workers]:
     """Workers by name, or an executor of the caller's, which is left as it is.
 
     Args:
         executor: ``threads``, ``processes``, ``dask://HOST:PORT``, a Dask scheduler file, or an ``Executor``.
-        count: threads or processes; all processors without.
+        count: threads or processes; all processors without. mixed: workers may have other versions.
     Raises:
         InputError: no such executor, no such file, or nobody answers there.
     """
@@ -76,7 +78,7 @@ def workers_for(executor: str | Executor = "threads", count: int | None = None) 
     elif executor == "processes":
         yield from _processes(count or _processors())
     elif executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json"):
-        yield from _dask(executor)
+        yield from _dask(executor, mixed)
     else:
         raise InputError(
             f"there is no executor '{executor}'{nearest(executor, NAMES)}; threads, processes, dask://HOST:PORT, or a "
@@ -201,7 +203,7 @@ class _DaskWorkers(Workers):
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
 
 
-def _dask(address: str) -> Iterator[Workers]:
+def _dask(address: str, mixed: bool) -> Iterator[Workers]:
     """The workers of a Dask cluster that is there; they need the same version of vibroswarm."""
     try:
         import distributed
@@ -228,7 +230,7 @@ def _dask(address: str) -> Iterator[Workers]:
             raise RunError(
                 f"the Dask scheduler at '{address}' has no workers; start some, and say the same again"
             )
-        _check_dask_versions(client)
+        _check_dask_versions(client, mixed)
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
         yield _DaskWorkers(
             pool, count, f"{len(threads)} Dask workers", client=client, seen=[time.monotonic()]
@@ -237,14 +239,27 @@ def _dask(address: str) -> Iterator[Workers]:
         client.close(timeout=CLOSE_S)
 
 
-def _check_dask_versions(client: Any) -> None:
-    """Refuse workers that have no vibroswarm; other versions are found batch by batch."""
+def _check_dask_versions(client: Any, mixed: bool) -> None:
+    """Refuse workers that have no vibroswarm or another; those that come later are found by their batches."""
     for worker, found in client.run(versions, on_error="return").items():
         if isinstance(found, Exception):
             raise InputError(
                 f"worker {worker} cannot import vibroswarm ({type(found).__name__}: {found}); install the same version",
                 field="executor",
             )
+        check_worker(found, mixed, worker)
+
+
+def check_worker(theirs: dict[str, str], mixed: bool, worker: str = "a worker") -> None:
+    """Refuse a worker of other versions, unless they may be mixed."""
+    mine = versions()
+    if mixed or theirs == mine:
+        return
+    different = [f"{k} {theirs.get(k)}" for k in mine if theirs.get(k) != mine[k]]
+    raise InputError(
+        f"{worker} has other versions than this process ({', '.join(different)}); install the same, or say --mixed",
+        field="executor",
+    )
 
 
 __all__ = ["Cancelled", "OneEach", "WorkerDied", "Workers", "workers_for"]

@@ -73,7 +73,8 @@ class Group:
         """Time that a run roughly takes on one core, s; only the size of batches depends on it."""
         robots, share = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
         motion = 0.4e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
-        return share * (motion + robots * (1e-5 * len(self.observed) + 3e-5 * self.inferences))
+        each = robots * (1e-5 * len(self.observed) + 3e-5 * self.inferences)
+        return 3e-4 + 1e-4 * self.inferences + share * (motion + each)
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
         """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past last."""

@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 
 from vibroswarm.compiled import is_cached
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.simulation import versions
-from vibroswarm.study.executors import GO_ON, Workers, workers_for
+from vibroswarm.study.executors import GO_ON, Workers, check_worker, workers_for
 from vibroswarm.study.looks import settled
 from vibroswarm.study.plan import Group, Plan, plan_of
 from vibroswarm.study.precision import Precision
@@ -81,7 +80,9 @@ def run_study(
     if there is None or not _all_there(there, plan, share):
         if there is not None and not mixed:
             there.check_versions()
-        with workers_for(executor, workers) as crew:  # before the folder is made: they may not be there
+        with workers_for(
+            executor, workers, mixed
+        ) as crew:  # before the folder is made: they may not be there
             there = Store.open_or_create(folder, study)
             if not isinstance(executor, str) or executor != "threads":
                 _compile_first(study, plan)
@@ -200,13 +201,7 @@ class _Runner:
             self.store.add_failure(work, f"{type(error).__name__}: {error}")
             self.failed += 1
             return True
-        if not self.mixed and done.versions != versions():
-            different = [f"{k} {v}" for k, v in done.versions.items() if versions().get(k) != v]
-            raise InputError(
-                f"a worker has other versions than this process ({', '.join(different)}); install the same, or say "
-                "--mixed",
-                field="executor",
-            )
+        check_worker(done.versions, self.mixed)
         self.store.add(done)
         self.done += work.last - work.first
         return True

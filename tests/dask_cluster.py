@@ -1,0 +1,75 @@
+"""A real Dask scheduler and real workers, each a process of its own, on this machine only."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import vibroswarm
+
+PATIENCE_S = 60.0
+
+
+class Cluster:
+    """A scheduler with workers; a context manager. ``scheduler_file`` and ``address`` lead to it."""
+
+    def __init__(self, folder: Path, workers: int, sources: Path | None = None) -> None:
+        self.folder, self.scheduler_file = folder, folder / "scheduler file.json"
+        sources = sources or Path(vibroswarm.__file__).parents[1]
+        self.env = {
+            **os.environ,
+            "PYTHONPATH": str(sources),
+            "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "critical",
+        }
+        self.scheduler = self.start("dask_scheduler", "--port", "0")
+        self.wait_for(self.scheduler_file.is_file)
+        self.workers = [self.start_worker() for _ in range(workers)]
+
+    def start(self, what: str, *options: str) -> subprocess.Popen[bytes]:
+        line = [sys.executable, "-m", f"distributed.cli.{what}", "--host", "127.0.0.1", "--no-dashboard",
+                "--scheduler-file", str(self.scheduler_file), *options]  # fmt: skip
+        log = (self.folder / "cluster.log").open("ab")
+        with log:
+            return subprocess.Popen(line, env=self.env, cwd=self.folder, stdout=log, stderr=log)
+
+    def start_worker(self) -> subprocess.Popen[bytes]:
+        return self.start(
+            "dask_worker", "--nthreads", "1", "--no-nanny", "--local-directory", str(self.folder)
+        )
+
+    @property
+    def address(self) -> str:
+        import json
+
+        told = json.loads(self.scheduler_file.read_text(encoding="utf-8"))["address"]
+        return str(told).replace("tcp://", "dask://")
+
+    def wait_for_workers(self) -> None:
+        """Until all have come."""
+        import distributed
+
+        with distributed.Client(scheduler_file=str(self.scheduler_file), set_as_default=False) as client:
+            client.wait_for_workers(sum(w.poll() is None for w in self.workers), timeout=PATIENCE_S)
+
+    def add_worker(self) -> None:
+        self.workers.append(self.start_worker())
+        self.wait_for_workers()
+
+    def wait_for(self, it_is_so: object) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not it_is_so():  # type: ignore[operator]
+            assert time.monotonic() < until_s, (self.folder / "cluster.log").read_text()
+            time.sleep(0.05)
+
+    def __enter__(self) -> Cluster:
+        self.wait_for_workers()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in [*self.workers, self.scheduler]:
+            process.kill()
+        for process in [*self.workers, self.scheduler]:
+            process.wait()

@@ -1,0 +1,416 @@
+"""``vibroswarm evaluate``, ``sweep``, ``merge`` and ``show`` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+import vibroswarm
+from vibroswarm.cli import main
+from vibroswarm.study import executors, runner
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import FORMAT, Study
+
+SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
+QUIET = ["--no-pictures", "--no-confirm"]
+TEXT = """
+runs = 20
+[scenario]
+preset = "paper"
+swarm = { robots = 2 }
+run = { t_end_s = 60 }
+[grid]
+"strategy.name" = ["none", "soft"]
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "my studies" / "one.toml"
+    path.parent.mkdir()
+    path.write_text(TEXT)
+    return path
+
+
+def sweep(*arguments: object) -> int:
+    return main(["sweep", *(str(a) for a in arguments), *QUIET])
+
+
+def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
+    out = tmp_path / "out put" / "one"
+    assert sweep(study, "--out", out) == 0
+    told = capsys.readouterr()
+    assert "2 cells, 20 runs each, seed 1; moved once a run, observed once, decided twice" in told.err
+    assert "20 runs of motion to do, about" in told.err
+    assert "20 runs a cell" in told.out
+    assert str(out) in told.out
+    assert StudyResult.open(out).runs().height == 40
+    assert pl.read_csv(out / "summary.csv").height == 2
+    before = sorted(p.name for p in out.rglob("*"))
+    assert sweep(study, "--out", out) == 0
+    assert "All of it is there already." in capsys.readouterr().err
+    assert sorted(p.name for p in out.rglob("*")) == before
+    assert sweep(study, "--out", out, "--runs", "30") == 0
+    assert "10 runs of motion to do" in capsys.readouterr().err
+    assert StudyResult.open(out).runs().height == 60
+    assert sweep(out / "study.toml", "--out", out) == 0, "its own study file is the study"
+    assert not list(tmp_path.rglob("*/.*"))
+
+
+def test_second_block_is_kept_inside(study, tmp_path, capsys):
+    assert main(["sweep", str(study), "--out", str(tmp_path / "out"), "--no-pictures"]) == 0
+    assert StudyResult.open(tmp_path / "out" / "second-block").study.seed != 1
+    assert main(["show", str(tmp_path / "out" / "second-block")]) == 0
+
+
+def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
+    line = ["evaluate", "--robots", "2", "--set", "run.t_end_s=60", "--strategy", "none,soft", "--runs", "20"]
+    assert main([*line, "--out", str(tmp_path / "e"), *QUIET]) == 0
+    assert sweep(study, "--out", tmp_path / "s") == 0
+    a, b = StudyResult.open(tmp_path / "e"), StudyResult.open(tmp_path / "s")
+    assert a.study.hash == b.study.hash
+    assert_frame_equal(a.robots(), b.robots(), check_exact=True)
+    assert sweep(study, "--out", tmp_path / "e") == 0
+
+
+def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    assert main(["evaluate", *SHORT, "--runs", "10", "--vary", "strategy.eta=1,2", "--json", *QUIET]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [cell["varied"] for cell in told["cells"]] == [{"strategy.eta": 1}, {"strategy.eta": 2}]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_until_a_precision(tmp_path, capsys):
+    line = ["evaluate", *SHORT, "--until", "20%", "--max-runs", "400", "--out", str(tmp_path / "u"), *QUIET]
+    assert main(line) == 0
+    result = StudyResult.open(tmp_path / "u")
+    assert result.cells["wanted"].to_list() == [100]
+    assert main(["show", str(tmp_path / "u")]) == 0
+    assert "until decision_time_s is known to 20%" in capsys.readouterr().out
+
+
+def test_shares_are_merged(study, tmp_path, capsys):
+    assert sweep(study, "--out", tmp_path / "whole", "--runs", "400") == 0
+    shares = [str(tmp_path / f"share {k}") for k in (1, 2, 3)]
+    for k, folder in enumerate(shares, 1):
+        assert sweep(study, "--out", folder, "--runs", "400", "--shard", f"{k}/3") == 0
+        assert f"Share {k} of 3 is done" in capsys.readouterr().out
+    out = tmp_path / "joined"
+    assert main(["merge", str(out), *shares[:2], *QUIET]) == 1
+    told = capsys.readouterr().err
+    assert "is not whole" in told
+    assert "Traceback" not in told
+    assert main(["merge", str(out), shares[2], *QUIET]) == 0
+    a, b = StudyResult.open(out), StudyResult.open(tmp_path / "whole")
+    assert_frame_equal(a.robots(), b.robots(), check_exact=True)
+    assert_frame_equal(a.runs(), b.runs(), check_exact=True)
+    assert (out / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
+
+
+def test_a_lost_share_can_be_made_again_where_it_is_missed(study, tmp_path, capsys):
+    assert sweep(study, "--out", tmp_path / "1", "--runs", "400", "--shard", "1/2") == 0
+    assert main(["merge", str(tmp_path / "joined"), str(tmp_path / "1"), *QUIET]) == 1
+    told = capsys.readouterr().err
+    assert "finish here: vibroswarm sweep" in told
+    assert sweep(tmp_path / "joined" / "study.toml", "--out", tmp_path / "joined") == 0
+    assert StudyResult.open(tmp_path / "joined").runs().height == 800
+
+
+def test_show_tells_what_is_there(study, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert sweep(study, "--out", out) == 0
+    capsys.readouterr()
+    assert main(["show", str(out)]) == 0
+    told = capsys.readouterr().out
+    for words in (
+        "2 cells, runs 20 each, seed 1",
+        "Varied: strategy.name",
+        "40 of 40 runs (100 %)",
+        "Made by vibroswarm",
+    ):
+        assert words in told
+    shard = next((out / "shards").glob("*.parquet"))
+    shard.write_bytes(shard.read_bytes()[:-7])
+    (out / "shards" / ".half.parquet").write_bytes(b"")
+    assert main(["show", str(out), "--json"]) == 0
+    about = json.loads(capsys.readouterr().out)
+    assert (about["runs_there"], about["runs_wanted"], about["left_over_files"]) == (0, 40, 1)
+    assert "is cut off" in about["damaged"][0]
+    assert main(["show", str(out)]) == 0
+    assert f"To go on: vibroswarm sweep '{out}/study.toml' --out '{out}'" in capsys.readouterr().out
+    assert sweep(study, "--out", out) == 0
+    assert "damaged, and made again: " in capsys.readouterr().err
+    assert main(["show", str(out)]) == 0
+    assert "amaged" not in capsys.readouterr().out
+
+
+def test_a_batch_alone(study, tmp_path, capsys):
+    assert sweep(study, "--out", tmp_path / "out", "--batch", "0:5-9") == 0
+    assert "Batch 0:5-9 is done" in capsys.readouterr().out
+    assert StudyResult.open(tmp_path / "out").store.ranges(0) == [(5, 9)]
+
+
+BAD = {
+    "sweep nowhere.toml": ("nowhere.toml", "cannot be read"),
+    "sweep .": ("no plain file",),
+    "sweep binary.toml": ("binary.toml", "UTF-8"),
+    "sweep not.toml": ("not.toml", "is not TOML"),
+    "sweep field.toml": ("grid.swarm.robot", "did you mean 'swarm.robots'?"),
+    "sweep empty.toml": ("grid", "is empty"),
+    "sweep zero.toml": ("runs: 0 is wrong",),
+    "sweep newer.toml": ("is of format", "update vibroswarm"),
+    "sweep one.toml --runs 0": ("runs: 0 is wrong",),
+    "sweep one.toml --runs many": ("--runs", "'many' is no whole number"),
+    "sweep one.toml --workers 0": ("workers: 0 is too few",),
+    "sweep one.toml --workers x": ("--workers", "no whole number"),
+    "sweep one.toml --executor thread": ("executor", "did you mean 'threads'?"),
+    "sweep one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),
+    "sweep one.toml --executor nowhere.json": ("there is no scheduler file 'nowhere.json'",),
+    "sweep one.toml --out out --shard 5/4": ("--shard", "'5/4' is no share"),
+    "sweep one.toml --out out --shard half": ("--shard", "such as 3/16"),
+    "sweep one.toml --shard 1/2": ("--shard", "needs --out"),
+    "sweep one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "say one of the two"),
+    "sweep until.toml --out out --shard 1/2": ("--shard", "goes with a number of runs"),
+    "sweep one.toml --out out --batch 7": ("--batch", "is no batch"),
+    "sweep one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
+    "sweep one.toml --style colum": ("--style", "did you mean 'column'?"),
+    "sweep one.toml --out file": ("file", "is there and no study"),
+    "sweep one.toml --out file/deeper": ("deeper", "cannot be"),
+    "sweep one.toml --out thesis": ("thesis", "is there and no study"),
+    "sweep one.toml --out newer": ("newer", "update vibroswarm"),
+    "sweep one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
+    "sweep one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
+    "evaluate --runs 0": ("runs", "0 is wrong"),
+    "evaluate --runs 5 --until 2%": ("--until", "not both"),
+    "evaluate --until 2": ("until", "per cent"),
+    "evaluate --until 2% --figure rigth": ("figure", "did you mean 'right'?"),
+    "evaluate --until 2% --max-runs 5": ("max_runs", "at least 100"),
+    "evaluate --until 2% --shard 1/2 --out out": ("--shard", "goes with a number of runs"),
+    "evaluate --figure right": ("--figure", "goes with --until"),
+    "evaluate --vary robots=5": ("robots", "did you mean 'swarm.robots'?"),
+    "evaluate --vary swarm.robots": ("--vary", "section.field=value,value"),
+    "evaluate --vary swarm.robots=5,0": ("in the cell with swarm.robots = 0",),
+    "evaluate --vary swarm.robots=5 --vary swarm.robots=6": ("varied twice",),
+    "evaluate --strategy none,sof": ("did you mean 'soft'?",),
+    "evaluate --strategy none,soft --vary strategy.name=none": ("varied by --strategy too",),
+    "evaluate --seed x": ("--seed", "no whole number"),
+    "evaluate --motion evnt": ("motion", "did you mean 'event'?"),
+    "show nowhere": ("nowhere", "is no study of vibroswarm"),
+    "show file": ("file", "is no study of vibroswarm"),
+    "show newer": ("newer", "update vibroswarm"),
+    "merge out nowhere": ("nowhere", "is no study of vibroswarm"),
+    "merge out other another": ("another", "is of another study than 'other'"),
+    "merge file other": ("file", "is there and no study"),
+}
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory) -> Path:
+    place = tmp_path_factory.mktemp("bad")
+    files = {
+        "one": TEXT,
+        "not": "runs = ",
+        "field": TEXT.replace("strategy.name", "swarm.robot"),
+        "empty": "runs = 5\n[grid]\n",
+        "zero": TEXT.replace("runs = 20", "runs = 0"),
+        "newer": f"format = {FORMAT + 1}\n" + TEXT,
+        "until": TEXT.replace("runs = 20", 'until = "2%"'),
+    }
+    for name, text in files.items():
+        (place / f"{name}.toml").write_text(text)
+    (place / "binary.toml").write_bytes(b"\xff\xfe\x00\x00")
+    (place / "file").write_text("mine")
+    (place / "thesis").mkdir()
+    (place / "thesis" / "thesis.tex").write_text("ten years")
+    for name, seed in (("newer", 1), ("other", 9), ("another", 8)):
+        (place / "s.toml").write_text(f"seed = {seed}\n" + TEXT)
+        assert sweep(place / "s.toml", "--out", place / name) == 0
+    about = json.loads((place / "newer" / "study.json").read_text())
+    (place / "newer" / "study.json").write_text(json.dumps(about | {"format": FORMAT + 1}))
+    return place
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_bad_input_is_named_and_ends_with_2(line, workplace, monkeypatch, capsys):
+    monkeypatch.chdir(workplace)
+    monkeypatch.setattr(executors, "CONNECT_S", 1.0)
+    before = sorted(workplace.rglob("*"))
+    arguments = [*line.split(), *([] if line.startswith("show") else QUIET)]
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    last = told.err.splitlines()[-1]
+    assert last.startswith("vibroswarm: error: ")
+    for words in BAD[line]:
+        assert words in last
+    assert sorted(workplace.rglob("*")) == before, "nothing half-written"
+
+
+def test_a_floor_file_beside_the_study(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my floor.txt").write_text("01\n11\n")
+    (tmp_path / "s.toml").write_text(
+        'runs = 5\n[scenario]\nrun = { t_end_s = 60 }\n[grid]\n"floor.source" = ["my floor.txt", "random:0.44"]\n'
+    )
+    monkeypatch.chdir("/")
+    assert sweep(tmp_path / "s.toml", "--out", tmp_path / "out") == 0
+    (tmp_path / "my floor.txt").unlink()
+    result = StudyResult.open(tmp_path / "out")
+    assert result.where(source="my floor.txt").runs()["fill_ratio"].unique().to_list() == [0.75]
+    assert main(["show", str(tmp_path / "out")]) == 0
+
+
+def command(*arguments: object, **more: object) -> subprocess.Popen[str]:
+    env = {**os.environ, "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1]), **dict(more.pop("env", {}))}  # type: ignore[call-overload]
+    line = [sys.executable, "-m", "vibroswarm", *(str(a) for a in arguments)]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, **more)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path):
+    out = tmp_path / "out"
+    line = [
+        "sweep",
+        study,
+        "--out",
+        out,
+        "--runs",
+        "100000",
+        "--executor",
+        executor,
+        "--workers",
+        "2",
+        *QUIET,
+    ]
+    process = command(*line, start_new_session=True)
+    until_s = time.monotonic() + 120.0
+    while process.poll() is None and len(list((out / "shards").glob("*.json"))) < 2:
+        assert time.monotonic() < until_s
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all its processes
+    began_s = time.monotonic()
+    told, err = process.communicate(timeout=60)
+    assert time.monotonic() - began_s < 20.0
+    assert process.returncode == 130, err
+    assert told == ""
+    assert err.splitlines()[-1] == "vibroswarm: interrupted"
+    assert "Traceback" not in err
+    assert "leaked" not in err
+    result = StudyResult.open(out)
+    assert result.store.damaged == []
+    there = int(result.cells["there"].sum())
+    assert 0 < there < 200_000
+    assert not list(out.rglob(".*"))
+
+
+def test_a_disk_that_is_full_ends_with_1_and_is_gone_on_with(study, tmp_path):
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
+
+    out = tmp_path / "out"
+    line = ["sweep", study, "--out", out, "--runs", "3000", *QUIET]
+    process = command(*line, preexec_fn=little)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 1, err
+    assert "could not write" in err
+    assert "File too large" in err
+    assert "Traceback" not in err
+    assert not list(out.rglob(".*"))
+    assert sweep(study, "--out", out, "--runs", "3000") == 0
+    assert StudyResult.open(out).store.damaged == []
+
+
+def test_what_is_not_compiled_yet_is_compiled_before_processes_begin(study, tmp_path, monkeypatch):
+    """Once, by the process that the others are begun by."""
+    order = []
+    monkeypatch.setattr(runner, "is_cached", lambda: False)
+    monkeypatch.setattr(runner, "do", lambda work: order.append(work.name))
+    monkeypatch.setattr(runner._Runner, "do", lambda *_: order.append("the rest"))
+    Study.read(study).run(tmp_path / "out", executor="processes")
+    assert order == ["0:0-1", "the rest"]
+
+
+def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("vibroswarm.cli.progress.LINE_EVERY_S", 0.0)
+    assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
+    assert re.search(r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ a second, \d+ s left", lines[-2])
+    assert "2,000 of 2,000 runs (100 %)" in lines[-1]
+    assert "\x1b" not in "".join(lines)
+
+
+def test_a_bar_on_a_terminal(study, tmp_path):
+    """Through a pseudo-terminal, as a user sees it."""
+    import pty
+
+    ours, theirs = pty.openpty()
+    env = {
+        **os.environ,
+        "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1]),
+        "COLUMNS": "120",
+        "TERM": "xterm",
+    }
+    line = [
+        sys.executable,
+        "-m",
+        "vibroswarm",
+        "sweep",
+        study,
+        "--out",
+        tmp_path / "out",
+        "--runs",
+        "3000",
+        *QUIET,
+    ]
+    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=theirs, env=env) as process:
+        os.close(theirs)
+        told = b""
+        while True:
+            try:
+                data = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not data:
+                break
+            told += data
+    os.close(ours)
+    assert process.returncode == 0
+    assert re.search(rb"/3000", told)
+    assert b"a second" in told
+
+
+def test_dask_from_the_command_line(study, tmp_path, dask_cluster, capsys):
+    with dask_cluster(tmp_path, 1) as cluster:
+        assert sweep(study, "--out", tmp_path / "a", "--executor", cluster.address) == 0
+    assert sweep(study, "--out", tmp_path / "b") == 0
+    a, b = (StudyResult.open(tmp_path / name) for name in "ab")
+    assert_frame_equal(a.robots(), b.robots(), check_exact=True)
+
+
+def test_a_dask_worker_of_another_version_is_refused(study, tmp_path, dask_cluster, capsys):
+    sources = Path(vibroswarm.__file__).parent
+    other = shutil.copytree(
+        sources, tmp_path / "other" / "vibroswarm", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    with (other / "draws.py").open("a") as stream:
+        stream.write("# changed\n")
+    with dask_cluster(tmp_path, 1, sources=tmp_path / "other") as cluster:
+        assert sweep(study, "--out", tmp_path / "a", "--executor", cluster.address) == 2
+    told = capsys.readouterr().err
+    assert "has other versions than this process (code " in told
+    assert "Traceback" not in told
+    assert not (tmp_path / "a").exists()

@@ -1,0 +1,149 @@
+"""Runs until a precision: the looks, their correction, and that the last interval is honest."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.errors import InputError
+from vibroswarm.study.looks import figure_of, settled
+from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import Study
+
+BASE = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
+
+
+@given(st.integers(FIRST_LOOK, 10**7))
+def test_looks_double_and_end_with_the_most(most):
+    looks = list(Precision(0.02, max_runs=most).looks())
+    assert looks[0] == 100
+    assert looks[-1] == most
+    for before, after in pairwise(looks):
+        assert before < after <= 2 * before
+        assert after == 2 * before or after == most
+
+
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
+def test_the_errors_of_all_looks_sum_to_that_of_the_level(level: float) -> None:
+    precision = Precision(0.02, level=level)
+    errors = np.array([1 - precision.level_at(look) for look in range(20_000)])
+    assert errors[0] == pytest.approx((1 - level) * 6 / math.pi**2)
+    assert np.all(np.diff(errors) < 0)
+    assert 0.9999 * (1 - level) < errors.sum() < 1 - level
+
+
+def test_times_are_known_relatively_and_shares_absolutely():
+    assert Precision(0.1, "decision_time_s").reached(500.0, 450.0, 550.0)
+    assert not Precision(0.1, "decision_time_s").reached(500.0, 449.0, 551.0)
+    assert Precision(0.1, "right").reached(0.5, 0.4, 0.6)
+    assert not Precision(0.05, "right").reached(0.5, 0.4, 0.6)
+    assert not Precision(0.1, "right").reached(0.5, 0.5, 0.5), "an interval without a width is not known"
+    assert not Precision(0.1, "right").reached(math.nan, math.nan, math.nan)
+    assert not Precision(0.1, "right").reached(0.5, -math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("text", "share"), [("2%", 0.02), (" 0.5 %", 0.005), ("21.9%", 0.219), ("1e1%", 0.1)]
+)
+def test_a_precision_from_words(text: str, share: float) -> None:
+    precision = Precision.from_words(text)
+    assert precision.half_width == share
+    assert Precision.from_words(precision.as_values()["until"]) == precision
+
+
+@pytest.mark.parametrize("text", ["2", "%", "0%", "-1%", "100%", "nan%", "inf%", "two%", 2, 0.02, None, True])
+def test_what_is_no_precision_is_said(text: object) -> None:
+    with pytest.raises(InputError, match="per cent sign, such as 2%"):
+        Precision.from_words(text)
+
+
+LONG_S, SHORT_S, SHARE = 1200.0, 300.0, 0.1
+TRUTH_S = SHARE * LONG_S + (1 - SHARE) * SHORT_S
+
+
+def stopped(times_s: NDArray[np.float64], precision: Precision, *, corrected: bool) -> bool:
+    """Whether the interval at which a study stops holds the truth."""
+    for look, runs in enumerate(precision.looks()):
+        level = precision.level_at(look) if corrected else precision.level
+        found = mean_interval(times_s[:runs], level)
+        if precision.reached(found.estimate, found.low, found.high):
+            break
+    return found.low <= TRUTH_S <= found.high
+
+
+def test_the_interval_at_which_a_study_stops_holds_the_truth_often_enough():
+    """One run in ten is long. A study that stops at the first narrow interval stops where by luck few were long: with
+    95 % at each look its last interval holds the truth too seldom (the negative control), corrected often enough."""
+    precision, studies = Precision(0.1, max_runs=6400), 1000
+    dice = np.random.default_rng(1)
+    times_s = np.where(dice.random((studies, 6400)) < SHARE, LONG_S, SHORT_S)
+    honest = np.mean([stopped(row, precision, corrected=True) for row in times_s])
+    naive = np.mean([stopped(row, precision, corrected=False) for row in times_s])
+    standard_error = math.sqrt(0.95 * 0.05 / studies)
+    assert naive < 0.95 - 3 * standard_error
+    assert honest > 0.95
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
+    return Study(BASE, {"grid": {"floor.source": ["random:0.44"]}}, 200).run(
+        tmp_path_factory.mktemp("p") / "s"
+    )
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> None:
+    robots, runs = result.robots(), result.runs()
+    joined = robots.join(runs.select("run", "truth"), on="run")
+    hit = {
+        "right": pl.col("decision") == pl.col("truth"),
+        "wrong": (pl.col("decision") != -1) & (pl.col("decision") != pl.col("truth")),
+        "undecided": pl.col("decision") == -1,
+    }
+    if figure in ("decision_time_s", "belief_in_truth"):
+        wanted = robots[figure].fill_null(60.0).mean()
+    elif figure == "consensus_time_s":
+        wanted = runs[figure].fill_null(60.0).mean()
+    elif figure in hit:
+        wanted = joined.select(hit[figure].mean()).item()
+    else:
+        wanted = (runs["consensus"] == figure.removeprefix("consensus_")).mean()
+    found = figure_of(result.store.scan(0, 200), figure, 60.0, 0.95)  # type: ignore[arg-type]
+    assert found.estimate == pytest.approx(wanted, rel=1e-12)
+    assert found.n == 200
+    assert found.low < found.estimate < found.high
+
+
+def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:
+    study = partial(Study, BASE, {"grid": {"strategy.name": ["none", "positive"]}})
+    result = study(200).run(tmp_path / "s")
+    group, half_widths = result.plan.groups[0], []
+    for cell in (0, 1):
+        rows = result.store.scan(0, 100)
+        assert rows is not None
+        found = figure_of(rows.filter(pl.col("cell") == cell), "right", 60.0, Precision(0.5).level_at(0))
+        half_widths.append((found.high - found.low) / 2)
+    worst = max(half_widths)
+    assert settled(result.store, group, Precision(worst, "right")) == (
+        0,
+        100,
+        Precision(0.5).level_at(0),
+        True,
+    )
+    later = settled(result.store, group, Precision((worst + min(half_widths)) / 2, "right"))
+    assert later is None or later.look > 0
+    assert settled(result.store, group, Precision(0.001, "right")) is None, "400 runs are not there"
+    most = settled(result.store, group, Precision(0.001, "right", max_runs=150))
+    assert most is not None
+    assert (most.runs, most.reached) == (150, False)

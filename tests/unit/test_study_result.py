@@ -1,0 +1,141 @@
+"""What came of a study: selecting, grouping, pandas and xarray."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+import vibroswarm
+from vibroswarm import InputError, Study, StudyResult, preset
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
+
+
+@pytest.fixture(scope="module")
+def result() -> StudyResult:
+    return Study.of(
+        SHORT, 12, 3, floor__source=["random:0.44", "diagonal:0.46"], strategy__name=["none", "soft"]
+    ).run()
+
+
+def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
+    assert result.where(floor__source="random:0.44").selected == (0, 1)
+    assert result.where(name="soft").selected == (1, 3)
+    assert result.where(name=["none", "soft"]).selected == (0, 1, 2, 3)
+    one = result.where(source="diagonal:0.46", name="soft")
+    assert one.selected == (3,)
+    assert one.runs().height == 12
+    assert_frame_equal(one.robots(), result.robots().filter(pl.col("cell") == 3))
+    with pytest.raises(InputError, match="no cell has"):
+        result.where(name="positive")
+    with pytest.raises(InputError, match=r"robots: is not varied .*varied are floor\.source, strategy\.name"):
+        result.where(robots=5)
+    with pytest.raises(InputError, match="there is no cell 0 here"):
+        one.cell(0)
+
+
+def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
+    counts = result.runs().group_by("floor.source", "strategy.name", maintain_order=True).len()
+    assert counts.rows() == [
+        ("random:0.44", "none", 12),
+        ("random:0.44", "soft", 12),
+        ("diagonal:0.46", "none", 12),
+        ("diagonal:0.46", "soft", 12),
+    ]
+    assert result.robots().columns[:5] == ["cell", "floor.source", "strategy.name", "run", "robot"]
+    assert result.cells["name"].to_list()[3] == "diagonal:0.46, soft"
+    assert result.cells["there"].to_list() == [12] * 4
+
+
+def test_a_run_is_made_again_with_all_its_samples(result: StudyResult) -> None:
+    again = result.result(3, [5, 7], segments=True)
+    assert again.runs["run"].to_list() == [5, 7]
+    kept = result.tables(3)[0].filter(pl.col("run").is_in([5, 7]))
+    assert_frame_equal(again.robots, kept, check_exact=True)
+    assert again.segments is not None
+    with pytest.raises(InputError, match="keeps no samples"):
+        result.samples()
+
+
+def test_samples_are_kept_on_request(result: StudyResult) -> None:
+    study = Study(SHORT, {"grid": {"strategy.name": ["none", "soft"]}}, 4, keep=("samples",))
+    kept = study.run()
+    samples = kept.samples(1).drop("cell", "strategy.name")
+    made = kept.result(1, 4)
+    for name in ("motion", "observations", "inference"):
+        table = getattr(made, name)
+        assert_frame_equal(samples.select(table.columns), table, check_exact=True)
+    assert kept.samples().height == 2 * samples.height
+
+
+def test_pandas_in_one_call(result: StudyResult) -> None:
+    for table in ("robots", "runs", "cells"):
+        frame = result.to_pandas(table)
+        mine = result.cells if table == "cells" else getattr(result, table)()
+        assert list(frame.columns) == mine.columns
+        assert len(frame) == mine.height
+    mean = result.to_pandas().groupby(["floor.source", "strategy.name"])["distance_m"].mean()
+    assert mean["random:0.44", "none"] == pytest.approx(result.runs(0)["distance_m"].mean())
+    with pytest.raises(InputError, match="did you mean 'runs'"):
+        result.to_pandas("rums")
+
+
+def test_xarray_in_one_call(result: StudyResult) -> None:
+    runs = result.to_xarray()
+    assert dict(runs.sizes) == {"floor.source": 2, "strategy.name": 2, "run": 12}
+    one = runs["right"].sel({"floor.source": "diagonal:0.46", "strategy.name": "soft", "run": 5}).item()
+    assert one == result.runs(3).filter(pl.col("run") == 5)["right"].item()
+    robots = result.to_xarray("robots")
+    assert dict(robots.sizes) == {"floor.source": 2, "strategy.name": 2, "run": 12, "robot": 2}
+    assert dict(result.to_xarray("cells").sizes) == {"floor.source": 2, "strategy.name": 2}
+    with pytest.raises(InputError, match="did you mean 'runs'"):
+        result.to_xarray("rums")
+
+
+def test_xarray_of_one_cell_and_of_cells_that_are_no_grid() -> None:
+    assert dict(Study.of(SHORT, 3).run().to_xarray().sizes) == {"run": 3}
+    twice = Study(SHORT, {"list": [{"strategy.name": "none"}, {"strategy.name": "none"}]}, 3).run()
+    with pytest.raises(InputError, match="told apart by more"):
+        twice.to_xarray()
+
+
+def test_without_a_folder_it_lasts_as_long_as_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    result = Study.of(SHORT, 3).run()
+    part = result.where()
+    del result
+    gc.collect()
+    assert part.runs().height == 3
+    del part
+    gc.collect()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_study_that_has_no_runs_yet(tmp_path: Path) -> None:
+    from vibroswarm.study.store import Store
+
+    study = Study.of(SHORT, 3)
+    Store.open_or_create(tmp_path / "s", study)
+    result = StudyResult.open(tmp_path / "s")
+    assert result.cells["there"].to_list() == [0]
+    with pytest.raises(InputError, match="holds no runs"):
+        result.runs()
+
+
+def test_the_package_stays_cheap_to_import() -> None:
+    heavy = ("numba", "polars", "scipy", "pydantic", "numpy", "pandas", "xarray", "distributed")
+    code = f"import sys, vibroswarm; dir(vibroswarm); print([m for m in {heavy} if m in sys.modules])"
+    env = {"PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env)
+    assert told.stdout.strip() == "[]"
+    code = f"import sys, vibroswarm; vibroswarm.Study; print([m for m in {heavy[-3:]} if m in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env)
+    assert told.stdout.strip() == "[]"
