@@ -53,6 +53,7 @@ def draw_boxes(
         rows += _runs(plane, sizes, group) if group.runs < POINTS_BELOW else [_box(plane, sizes, group)]
     single = [group.runs < POINTS_BELOW for group in plane.groups]
     series_legend(plane, sizes, marks=all(single))
+    plane.rows.settle(sizes)
     boxes = "Line: median; box: 25 % to 75 %; whiskers: 5 % to 95 % of the runs. "
     marks = f"Fewer than {POINTS_BELOW} runs are drawn one by one. "
     caption = f"{label}. {'' if all(single) else boxes}{marks if any(single) else ''}{group_caption(plane, missing)}"

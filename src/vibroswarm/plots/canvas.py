@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 LINE_SPACING = 1.2
 TALLEST_ROW = 2.5
-"""Times the style's row; a slide of few rows has air above and below them."""
+"""Times what a row wishes for; a slide of few rows has air above and below them."""
 LABEL_SHARE = 0.36
 """Of the width, at most, for the names beside rows."""
 
@@ -116,6 +116,17 @@ class Rows(NamedTuple):
     """Of marks in a row: thinner where rows are low."""
     band: float
     """Height of one series' share of a row, in rows."""
+    high_in: float
+    """What the axes should measure."""
+
+    def settle(self, style: Style) -> None:
+        """Give the figure the height by which its axes get theirs; to be called when all else is in place."""
+        self.figure.set_figheight(
+            self.high_in + 4 * style.height_in
+        )  # enough for whatever stands around them
+        spare = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
+        height = spare + self.high_in
+        self.figure.set_figheight(max(height, style.height_in) if style.fixed_height else height)
 
     def place(self, row: int, series: int, of: int) -> float:
         """y of a series in a row; the first series is the upper one."""
@@ -160,7 +171,7 @@ def rows_of(
     lines = max(1, min(3, int(pitch * 72 / (font * LINE_SPACING))))
     figure = new_figure(style, height_in=around + pitch * len(names), title=title)
     axes = figure.add_subplot()
-    air = max(0.0, len(names) * (1 - TALLEST_ROW * style.row_in / pitch)) / 2
+    air = max(0.0, len(names) * (1 - TALLEST_ROW * wished / pitch)) / 2
     axes.set_ylim(len(names) - 0.5 + air, -0.5 - air)
     few_ticks(axes.xaxis, style)
     axes.set_yticks(range(len(names)), labels=fitted_names(names, font, room_pt, lines), fontsize=font)
@@ -173,7 +184,8 @@ def rows_of(
             axes.axhline(between - 0.5, color=LINE, linewidth=style.line_pt * 0.6)
     note_pt = min(font, 0.8 / series * pitch * 72 / 1.05)
     line_pt = min(style.line_pt, 0.8 / series * pitch * 72 / 8)
-    return Rows(figure, axes, note_pt, line_pt, 0.8 / series)
+    high_in = (least if style.fixed_height else pitch) * len(names)
+    return Rows(figure, axes, note_pt, line_pt, 0.8 / series, high_in)
 
 
 def _wished_row_in(style: Style, names: Sequence[object], series: int, room_pt: float) -> float:

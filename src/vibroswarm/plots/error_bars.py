@@ -59,27 +59,15 @@ def draw_error_bars(
     """
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
-    named = series if len(series) > 1 else []
     if frame.schema["x"].is_numeric():
-        figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)
-        few_ticks(axes.xaxis, sizes)
-        nudge = _nudge(frame, len(series), log)
-        for index, name in enumerate(series):
-            part = frame.filter(pl.col("series") == name).sort("x")
-            shift = (index - (len(series) - 1) / 2) * nudge
-            draw_estimates(axes, sizes, part, index, shift=shift, log=log)
-        if log:
-            log_x(axes, frame["x"].to_list())
-        if percent:
-            percent_axis(axes.yaxis)
-        where = x_label or "x"
+        figure = _along(sizes, frame, series, (x_label, label), log, percent, title)
     else:
         figure = _rows(sizes, frame, series, label, percent, title)
-        where = "row"
-    legend_below(figure, sizes, [series_handle(sizes, index) for index in range(len(named))], named)
     missing = frame["estimate"].null_count()
     runs = run_counts(frame)
-    caption = f"{label} by {where}: estimate and {interval}" + (f" over {of_runs(runs)}." if runs else ".")
+    caption = f"{label} by {x_label or 'row'}: estimate and {interval}" + (
+        f" over {of_runs(runs)}." if runs else "."
+    )
     if missing:
         caption += f" {missing} of {frame.height} have no value."
     return Picture(figure, frame.select(*COLUMNS, "runs"), caption)
@@ -153,6 +141,36 @@ def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
     return min(0.6 * gap / series, 0.012 * span)
 
 
+def _along(
+    style: Style,
+    frame: pl.DataFrame,
+    series: Sequence[str],
+    labels: tuple[str, str],
+    log: bool,
+    percent: bool,
+    title: str,
+) -> Any:
+    named = series if len(series) > 1 else []
+    figure, axes = plain_axes(style, *labels, title=title, legend=named)
+    few_ticks(axes.xaxis, style)
+    nudge = _nudge(frame, len(series), log)
+    for index, name in enumerate(series):
+        part = frame.filter(pl.col("series") == name).sort("x")
+        shift = (index - (len(series) - 1) / 2) * nudge
+        draw_estimates(axes, style, part, index, shift=shift, log=log)
+    if log:
+        log_x(axes, frame["x"].to_list())
+    if percent:
+        percent_axis(axes.yaxis)
+    _legend(figure, style, series)
+    return figure
+
+
+def _legend(figure: Any, style: Style, series: Sequence[str]) -> None:
+    named = series if len(series) > 1 else []
+    legend_below(figure, style, [series_handle(style, index) for index in range(len(named))], named)
+
+
 def _rows(
     style: Style, frame: pl.DataFrame, series: Sequence[str], label: str, percent: bool, title: str
 ) -> Any:
@@ -182,4 +200,6 @@ def _rows(
     if percent:
         percent_axis(axes.xaxis)
     axes.margins(x=0.05)
+    _legend(rows.figure, style, series)
+    rows.settle(style)
     return rows.figure

@@ -11,7 +11,7 @@ from vibroswarm.plots.frames import check_bounds, check_once, run_counts, tidy
 from vibroswarm.plots.palette import FAINT, INK, SERIES
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import Style, style_named
-from vibroswarm.plots.words import fitted, of_runs
+from vibroswarm.plots.words import fitted, number, of_runs
 
 
 @drawn
@@ -60,6 +60,7 @@ def draw_forest(
     _axis(rows, frame, better)
     if counts:
         _head(rows, "wins / ties / losses")
+    rows.settle(sizes)
     runs = run_counts(frame)
     caption = (
         f"{label}, paired by run. Mark: mean difference, full where the interval does not hold 0; line: {interval}"
@@ -91,7 +92,7 @@ def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: boo
         )  # fmt: skip
     if counts:
         told = [values[name] for name in ("wins", "ties", "losses")]
-        rows.note(row, " / ".join("–" if count is None else f"{count:.0f}" for count in told))
+        rows.note(row, " / ".join(number(count, 7) for count in told))
 
 
 def _axis(rows: Rows, frame: pl.DataFrame, better: str | None) -> None:

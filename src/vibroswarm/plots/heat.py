@@ -117,7 +117,9 @@ def _draw(
     axes.add_patch(_nothing(columns, rows))
     known = np.isfinite(grid)
     low, high = (float(np.nanmin(grid)), float(np.nanmax(grid))) if known.any() else (0.0, 1.0)
-    low, high = (low, high) if high > low else (low - 0.5, high + 0.5)
+    if high == low:
+        apart = max(0.5, abs(low) / 100)
+        low, high = low - apart, high + apart
     mesh = axes.pcolormesh(
         np.ma.masked_invalid(grid), cmap=COLOUR_MAP, vmin=low, vmax=high, zorder=2, linewidth=0,
         rasterized=grid.size > VECTORS_UP_TO,

@@ -62,6 +62,7 @@ def draw_outcomes(
     rows.axes.set_xticks([0, 0.25, 0.5, 0.75, 1])
     percent_axis(rows.axes.xaxis)
     _legend(rows, sizes, seen, names)
+    rows.settle(sizes)
     with_interval = frame["right_low"].is_not_null().any()
     caption = (
         f"What became of the {unit}s, by cell: {of_runs([int(runs) for runs in frame['runs']], unit)}."

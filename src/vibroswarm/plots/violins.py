@@ -21,6 +21,8 @@ from vibroswarm.plots.style import Style, style_named
 
 POINTS = 120
 """Along each violin."""
+LEAST_WIDTH = 0.5 / POINTS
+"""Of a kernel, of the breadth of the values: narrower ones would fall between the points."""
 
 
 @drawn
@@ -55,6 +57,7 @@ def draw_violins(
         _draw(plane, sizes, group, values, density / peak, at)
         tables.append(_numbers(group, values, density, at))
     series_legend(plane, sizes)
+    plane.rows.settle(sizes)
     caption = (
         f"{label}. Outline: density over runs (Gaussian kernel, Silverman's bandwidth), all to one scale, its "
         "area the share decided; thick line: median; thin line: 25 % to 75 %. "
@@ -71,15 +74,17 @@ def violin(group: Group) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     values = group.values
     if values.size < 2 or values[0] == values[-1]:
         return values[:1], np.empty(0)
-    spread = float(values.std(ddof=1))
-    middle = float(np.subtract(*np.quantile(values, [0.75, 0.25]))) / 1.34
-    width = 0.9 * min(spread, middle or spread) * values.size**-0.2
-    places = np.linspace(values[0], values[-1], POINTS)
+    breadth = float(values[-1] - values[0])
+    scaled = (values - values[0]) / breadth  # so that no square of a value overflows
+    spread = float(scaled.std(ddof=1))
+    middle = float(np.subtract(*np.quantile(scaled, [0.75, 0.25]))) / 1.34
+    width = max(0.9 * min(spread, middle or spread) * values.size**-0.2, LEAST_WIDTH)
+    places = np.linspace(0, 1, POINTS)
     # Binned to a fine grid first, so that 100,000 runs cost no more than 1000.
-    counts, edges = np.histogram(values, bins=min(values.size * 4, 1000))
+    counts, edges = np.histogram(scaled, bins=min(values.size * 4, 1000), range=(0, 1))
     centres = (edges[1:] + edges[:-1]) / 2
     kernels = np.exp(-0.5 * ((places[:, None] - centres) / width) ** 2) / (width * np.sqrt(2 * np.pi))
-    return places, kernels @ counts / group.runs
+    return values[0] + places * breadth, kernels @ counts / group.runs / breadth
 
 
 def _draw(
