@@ -15,9 +15,43 @@
 
 from __future__ import annotations
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
+
+
+class ByRun:
+    """Robots brought together by run; sums in one fixed order, whatever the number of threads.
+
+    Args:
+        robots: table of robots, in any order.
+    """
+
+    def __init__(self, robots: pl.DataFrame) -> None:
+        self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
+        run = self.robots["run"].to_numpy()
+        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
+        self.runs = run[self.first]
+        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
+
+    def sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sums of a value of each robot, shape (runs,)."""
+        sums: NDArray[np.float64] = np.add.reduceat(values, self.first) if self.first.size else np.zeros(0)
+        return sums
+
+    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Means over the robots that have the value; not a number where none has."""
+        there = ~np.isnan(values)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.sum(np.where(there, values, 0.0)) / self.sum(there.astype(np.float64))
+
+
+def capped_time_s(robots: pl.DataFrame, t_end_s: float) -> NDArray[np.float64]:
+    """min(decision time, t_end) of each robot; t_end where there is no decision."""
+    times_s = robots["decision_time_s"].fill_null(t_end_s).to_numpy()
+    return np.minimum(times_s, t_end_s)
 
 
 def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
@@ -30,17 +64,15 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
     """
     if not t_end_s > 0:
         raise InputError(f"{t_end_s!r} is no end of a run; give a time above 0, s", field="t_end_s")
-    time_s = pl.min_horizontal(pl.col("decision_time_s").fill_null(t_end_s), pl.lit(t_end_s))
-    of_robots = (
-        robots.lazy()
-        .group_by("run")
-        .agg(
-            robots=pl.len().cast(pl.Int64),
-            decision_time_s=time_s.mean(),
-            belief_in_truth=pl.col("belief_in_truth").mean(),
-        )
-        .collect()
-    )
+    by_run = ByRun(robots)
+    of_robots = pl.DataFrame(
+        {
+            "run": by_run.runs,
+            "robots": by_run.count,
+            "decision_time_s": by_run.mean(capped_time_s(by_run.robots, t_end_s)),
+            "belief_in_truth": by_run.mean(by_run.robots["belief_in_truth"].to_numpy()),
+        }
+    ).with_columns(pl.col("belief_in_truth").fill_nan(None))
     joined = runs.join(of_robots, on="run", how="inner").sort("run")
     if joined.height != runs.height or of_robots.height != runs.height:
         raise InputError("the tables of robots and of runs are not of the same runs", field="runs")

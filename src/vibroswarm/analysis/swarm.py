@@ -35,7 +35,7 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
     wilson,
 )
-from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.analysis.per_run import ByRun, capped_time_s, run_figures
 
 
 @dataclass(frozen=True)
@@ -150,16 +150,11 @@ def swarm_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval
 
 def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
     """Intra-run correlation of min(decision time, t_end)."""
-    time_s = pl.min_horizontal(pl.col("decision_time_s").fill_null(t_end_s), pl.lit(t_end_s))
-    of_run = (
-        robots.lazy()
-        .select("run", time_s=time_s)
-        .group_by("run")
-        .agg(n=pl.len(), mean=pl.col("time_s").mean(), spread=pl.col("time_s").var(ddof=0))
-        .collect()
-    )
-    size = of_run["n"].to_numpy().astype(np.float64)
-    return icc(of_run["mean"].to_numpy(), of_run["spread"].to_numpy() * size, size)
+    by_run = ByRun(robots)
+    time_s = capped_time_s(by_run.robots, t_end_s)
+    means = by_run.mean(time_s)
+    within = by_run.sum((time_s - np.repeat(means, by_run.count)) ** 2)
+    return icc(means, within, by_run.count.astype(np.float64))
 
 
 def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
