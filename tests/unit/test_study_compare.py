@@ -69,7 +69,9 @@ def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, S
     result, again = compared
     found = comparisons(result, again)
     assert len(found) == 4 * 5  # four pairs, five figures
-    one = next(c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s")
+    one = next(
+        c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s"
+    )
     capped = pl.col("decision_time_s").fill_null(200.0).mean()
     by_run = [
         result.robots(number).group_by("run", maintain_order=True).agg(capped)["decision_time_s"]

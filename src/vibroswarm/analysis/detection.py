@@ -75,10 +75,15 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
     if sizes.len() != 1:
         raise InputError("a cell is of one scenario, with one number of robots", field="cells")
     return {
-        "fill_ratio": float(runs["fill_ratio"].mean()),  # type: ignore[arg-type]
+        "fill_ratio": _fill_ratio(runs["fill_ratio"]),
         "robots": int(sizes[0]),
         "runs": runs.height,
     }
+
+
+def _fill_ratio(fills: pl.Series) -> float:
+    """The mean, and just the value where all are equal."""
+    return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:

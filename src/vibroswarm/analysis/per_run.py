@@ -50,7 +50,7 @@ class ByRun:
 
 def capped_time_s(robots: pl.DataFrame, t_end_s: float) -> NDArray[np.float64]:
     """min(decision time, t_end) of each robot; t_end where there is no decision."""
-    times_s = robots["decision_time_s"].fill_null(t_end_s).to_numpy()
+    times_s: NDArray[np.float64] = robots["decision_time_s"].fill_null(t_end_s).to_numpy()
     return np.minimum(times_s, t_end_s)
 
 

@@ -1,0 +1,219 @@
+"""What studies show: pictures, the report in a browser, detection, trade-off, warnings; as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+
+SMALL = ["--set", "run.t_end_s=120", "--set", "decision.min_observations=20", "--robots", "3"]
+STUDY = """
+name = "Strategies <b>and</b> thresholds"
+runs = 24
+[scenario]
+run = { t_end_s = 120 }
+decision = { min_observations = 20 }
+swarm = { robots = 3 }
+[grid]
+"floor.source" = ["random:0.44", "random:0.48", "random:0.56"]
+"strategy.name" = ["none", "soft"]
+"""
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = main([str(argument) for argument in arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("my studies") / "first one"
+    file = folder.with_suffix(".toml")
+    file.write_text(STUDY, encoding="utf-8")
+    assert main(["sweep", str(file), "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
+    there = {path.name for path in swept.iterdir()}
+    assert {"study.toml", "study.json", "shards", "summary.csv", "comparisons.csv", "references.csv"} <= there
+    assert {"pictures", "report.html", "second-block"} <= there
+    captions = pl.read_csv(swept / "pictures" / "captions.csv")
+    for name in captions["name"]:
+        for suffix in ("svg", "pdf", "png", "csv"):
+            assert (swept / "pictures" / f"{name}.{suffix}").stat().st_size > 0
+    wanted = {
+        "outcomes",
+        "decision_time_s",
+        "incidence-robots-1",
+        "consensus-box",
+        "consensus-violin",
+        "detection",
+    }
+    assert wanted | {"front-1", "compared-decision-time-s", "density", "belief"} <= set(captions["name"])
+
+
+def test_pictures_show_the_numbers_of_the_summary(swept: Path) -> None:
+    summary = pl.read_csv(swept / "summary.csv")
+    drawn = pl.read_csv(swept / "pictures" / "decision_time_s.csv")
+    assert sorted(drawn["estimate"]) == pytest.approx(sorted(summary["decision_time_s"]))
+    outcomes = pl.read_csv(swept / "pictures" / "outcomes.csv")
+    assert outcomes["right"].to_list() == pytest.approx(summary["swarm_right"].to_list())
+    assert outcomes["runs"].to_list() == [24] * 6
+
+
+def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
+    swept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {
+        path: path.read_bytes() for path in swept.rglob("*") if path.suffix in (".csv", ".svg", ".html")
+    }
+    code, _, err = told(capsys, "sweep", swept / "study.toml", "--out", swept)
+    assert code == 0
+    assert "All of it is there already." in err
+    after = {path: path.read_bytes() for path in before}
+    assert {str(path) for path in before if before[path] != after[path]} == set()
+
+
+def test_references_stand_beside_every_strategy(swept: Path) -> None:
+    table = pl.read_csv(swept / "references.csv")
+    assert table.height == 6
+    assert (table["known_time_s"] <= 120).all()
+    assert (table["strategy_time_s"] <= 120).all()
+    assert table["packet_loss"].to_list() == [0.0] * 6
+    # What could be known does not depend on what is said, but on the floor.
+    assert table["known_time_s"][0] == table["known_time_s"][1] != table["known_time_s"][4]
+
+
+def test_the_report_in_a_browser(swept: Path, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 375, "height": 800})
+    noise: list[str] = []
+    page.on("console", lambda message: noise.append(message.text))
+    page.on("pageerror", lambda error: noise.append(str(error)))
+    page.on(
+        "request", lambda request: noise.append(request.url) if not request.url.startswith("file:") else None
+    )
+    page.goto((swept / "report.html").as_uri())
+    assert page.title() == "Strategies <b>and</b> thresholds"
+    assert page.locator("h1 b").count() == 0
+    pictures = page.locator("figure svg")
+    assert pictures.count() >= 15
+    assert all((pictures.nth(k).bounding_box() or {}).get("height", 0) > 40 for k in range(pictures.count()))
+    assert page.evaluate("document.documentElement.scrollWidth") <= 375
+    text = page.inner_text("body")
+    for words in (
+        "Can it be decided at all",
+        "Compared run by run",
+        "soft - none (random:0.48)",
+        "second block",
+    ):
+        assert words in text
+    page.close()
+    assert noise == []
+
+
+def test_a_floor_on_the_wrong_side_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["evaluate", "--runs", "4", "--no-pictures", *SMALL, "--set", "sensor.rms_threshold=1.55"]
+    code, out, _ = told(capsys, *line, "--floor", "random:0.52")
+    assert code == 0
+    assert "Warning: floor random:0.52, threshold 1.55: " in " ".join(out.split())
+    code, out, _ = told(capsys, *line[:-2], "--floor", "random:0.52")  # the negative control: 1.33 is right
+    assert "Warning" not in out
+
+
+def test_json_holds_all_and_nothing_else_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = told(capsys, "evaluate", "--runs", "12", "--strategy", "none,soft", "--json", *SMALL)
+    assert code == 0
+    about = json.loads(out)
+    assert [cell["name"] for cell in about["cells"]] == ["none", "soft"]
+    cell = about["cells"][0]
+    assert cell["swarm_right"]["n"] == 12
+    assert (
+        cell["decision_time_s"]["low"]
+        <= cell["decision_time_s"]["estimate"]
+        <= cell["decision_time_s"]["high"]
+    )
+    assert {one["figure"] for one in about["comparisons"]} >= {"decision_time_s", "right_share"}
+    assert about["second_block_seed"] != about["seed"]
+
+
+def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "how many"
+    line = ["detect", "--robots", "2,6", "--fills", "0.2,0.48", "--runs", "60", "--error", "20%"]
+    line += ["--set", "run.t_end_s=300", "--set", "decision.min_observations=30"]
+    code, said, _ = told(capsys, *line, "--out", out)
+    assert code == 0
+    assert "needed for 20 %" in said
+    need = pl.read_csv(out / "needed.csv")
+    assert need["fill_ratio"].to_list() == [0.2, 0.2, 0.48, 0.48]
+    assert need["robots"].to_list() == [2, 6, 2, 6]
+    easy = need.filter((pl.col("fill_ratio") == 0.2) & (pl.col("robots") == 6))
+    assert easy["needed_s"][0] < 300
+    assert easy["missed_high"][0] < 0.2
+    assert need.filter(pl.col("fill_ratio") == 0.48)["needed_s"].null_count() == 2
+    assert {"detection.csv", "detection-2-robots.svg", "detection-robots.pdf"} <= {
+        p.name for p in out.iterdir()
+    }
+    code, said, _ = told(capsys, *line, "--json")
+    assert len(json.loads(said)["needed"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("detect --fills 2", "--fills: '2' is no fill ratio"),
+        ("detect --fills 0.461 --runs 2", "the nearest that can be had"),
+        ("detect --error 5", "--error: '5' is no share; write it with a per cent sign"),
+        ("detect --robots x", "--robots: 'x' is no whole number"),
+        ("detect --style poster", "--style: there is no style 'poster'"),
+        ("tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
+        ("tradeoff --observations a", "--observations: 'a' is no whole number"),
+        ("tradeoff --thresholds x", "--thresholds: 'x' is no number"),
+        ("tradeoff --runs 0", "runs: 0 is too few"),
+        ("tradeoff --workers 0", "workers: 0 is too few"),
+        ("evaluate --style poster", "--style: there is no style 'poster'"),
+        ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
+        ("evaluate --vary strategy.eta", "is not of the form section.field=value,value"),
+        ("evaluate --runs 5 --until 2%", "--until: say --runs or --until, not both"),
+        ("evaluate --figure right", "--figure: goes with --until"),
+    ],
+)
+def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = told(capsys, *line.split())
+    assert (code, out) == (2, "")
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "trade"
+    line = [
+        "tradeoff",
+        "--runs",
+        "30",
+        "--thresholds",
+        "0.8,0.95",
+        "--observations",
+        "0,20,40",
+        "--out",
+        out,
+        *SMALL,
+    ]
+    code, said, _ = told(capsys, *line)
+    assert code == 0
+    assert "of 6 settings and 30 runs each" in said
+    table = pl.read_csv(out / "tradeoff.csv")
+    assert table.height == 6
+    front = table.filter(pl.col("pareto")).sort("decision_time_s")
+    assert front["error"].is_sorted(descending=True)
+    assert {"front.svg", "front.csv", "scenario.toml"} <= {path.name for path in out.iterdir()}
+    code, _, err = told(capsys, *line)
+    assert code == 2
+    assert "exists already" in err
+    assert told(capsys, *line, "--force")[0] == 0
