@@ -78,7 +78,13 @@ def studies(draw: st.DrawFn) -> Study:
         else:
             size = draw(st.integers(1, 3))
             values = {f: draw(st.lists(FIELDS[f], min_size=size, max_size=size)) for f in part}
+            if name == "grid" and draw(st.booleans()):  # a range among lists, and tables within tables
+                values = {"decision": {"credible_threshold": {"from": 0.8, "to": 0.9, "steps": 2}}} | values
             blocks[name] = values
+    if draw(st.booleans()):
+        kind = draw(st.sampled_from(["random", "sobol"]))
+        ranges = {"arena.width_m": {"from": 1, "to": 2, "scale": "log"}, "run.stop": ["t_end", "all_decided"]}
+        blocks = {kind: {"points": draw(st.integers(1, 3)), "seed": 5, **ranges}} | blocks
     until = draw(st.none() | st.floats(0.001, 0.5).map(Precision))
     base: dict[str, Any] = {} if "preset" in fields else {"preset": draw(FIELDS["preset"])}
     return Study(

@@ -291,16 +291,26 @@ class Study:
 
 
 def as_toml(values: Mapping[str, Any]) -> str:
-    """A study's values as TOML, block by block: their order is that of the cells, and none may move to the head."""
+    """A study's values as TOML. Blocks and their fields stay in their order, which is the order of the cells."""
     import tomli_w
 
     parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
     for name in (name for name in values if name in BLOCKS):
-        if name == "list":
-            parts += [f"[[{name}]]\n{tomli_w.dumps(flat(entry))}" for entry in values[name]]
-        else:
-            parts.append(tomli_w.dumps({name: values[name]}))
-    return "\n".join(parts)
+        head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
+        for table in tables:
+            parts.append(
+                "\n".join([head, *(f"{json.dumps(k)} = {_inline(v)}" for k, v in flat(table).items())])
+            )
+    return "\n".join(parts) + "\n"
+
+
+def _inline(value: Any) -> str:
+    """A value as TOML; a range in one line, since a table would move behind the fields that follow it."""
+    import tomli_w
+
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_inline(part)}" for name, part in value.items()) + " }"
+    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
 def plain_value(value: Any) -> Any:

@@ -110,7 +110,7 @@ def _spread(block: Any, name: str, draw: Any) -> list[Point]:
         raise InputError(f"{count!r} is no number of points; give 1 to {LARGEST}", field=f"{name}.points")
     if not _is_whole(seed) or seed < 0:
         raise InputError(f"{seed!r} is no seed; give a whole number from 0", field=f"{name}.seed")
-    fields = _fields({k: v for k, v in block.items() if k not in ("points", "seed")}, name)
+    fields = _fields({k: v for k, v in block.items() if k not in _OF_SPREAD}, name)
     if not fields:
         raise InputError("is empty; name at least one field", field=name)
     for field, given in fields.items():
@@ -130,6 +130,7 @@ def _spread(block: Any, name: str, draw: Any) -> list[Point]:
 
 _READERS: Final = {"grid": _grid, "zip": _zip, "list": _list, "random": _random, "sobol": _sobol}
 
+_OF_SPREAD: Final = ("points", "seed")
 _RANGE: Final = ("from", "to", "steps", "scale", "whole")
 
 
@@ -152,8 +153,8 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry of a ``list``, its fields by dotted names."""
-    return _fields(entry, "list", may_have=(LABEL,))
+    """A block, or an entry of a ``list``, its fields by dotted names."""
+    return _fields(entry, "list", may_have=(LABEL, *_OF_SPREAD))
 
 
 def _values(given: Any, name: str) -> list[Any]:
