@@ -52,6 +52,13 @@ def test_blocks_grow_so_that_a_long_study_has_few_files():
     assert len(blocks) < 2000
 
 
+def test_blocks_of_many_cells_and_robots_are_small_enough_for_the_memory():
+    many = {"decision.credible_threshold": [0.5 + k / 1000 for k in range(400)]}
+    (group,) = plan_of(Study({"swarm": {"robots": 100}}, {"grid": many})).groups
+    assert group.rows == 40_000
+    assert {last - first for _, first, last in group.blocks(0, 500)} <= {1, 2}
+
+
 @given(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted), RANGES)
 @settings(max_examples=200, deadline=None)
 def test_what_is_missing_is_what_is_wanted_and_not_there(wanted, there):

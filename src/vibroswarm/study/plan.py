@@ -27,6 +27,8 @@ Range = tuple[int, int]
 OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
 LARGEST_BLOCK_S: Final = 10.0
+MOST_ROWS: Final = 100_000
+"""Rows of a block; a worker holds some 1 kB a row while it makes them."""
 BLOCKS_OF_A_SIZE: Final = 32
 
 
@@ -66,7 +68,14 @@ class Group:
         size = 10
         while 2 * size * self.run_s <= FIRST_BLOCK_S:
             size *= 2
+        while size > 1 and size * self.rows > MOST_ROWS:
+            size //= 2
         return size
+
+    @property
+    def rows(self) -> int:
+        """Rows that a run leaves in the store."""
+        return len(self.cells) * self.first.swarm.robots
 
     @property
     def run_s(self) -> float:
@@ -83,7 +92,8 @@ class Group:
             if first + size > low:
                 yield count, max(first, low), min(first + size, high)
             first, count = first + size, count + 1
-            if count % BLOCKS_OF_A_SIZE == 0 and 2 * size * self.run_s <= LARGEST_BLOCK_S:
+            larger = 2 * size * self.run_s <= LARGEST_BLOCK_S and 2 * size * self.rows <= MOST_ROWS
+            if count % BLOCKS_OF_A_SIZE == 0 and larger:
                 size *= 2
 
 
