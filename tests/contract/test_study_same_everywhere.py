@@ -186,6 +186,15 @@ def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -
     assert_same(STUDY.run(tmp_path / "s"), alone)
 
 
+def test_several_writers_at_once_who_know_nothing_of_each_other(alone: StudyResult, tmp_path: Path) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        writers = [pool.submit(STUDY.run, tmp_path / "s", workers=1) for _ in range(3)]
+        for writer in writers:
+            assert_same(writer.result(), alone)
+    assert_same(StudyResult.open(tmp_path / "s"), alone)
+    assert not list(tmp_path.rglob(".*"))
+
+
 def test_order_and_size_of_the_batches_do_not_matter(alone: StudyResult, tmp_path: Path) -> None:
     store, groups = Store.open_or_create(tmp_path / "s", STUDY), plan_of(STUDY).groups
     dice = random.Random(4)

@@ -293,6 +293,19 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
     assert whole.runs().height == 12_000
 
 
+def test_a_folder_that_can_only_be_read(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("vibroswarm.files.tempfile.mkstemp", refuse)
+    assert STUDY.run(copy).runs().height == 60
+    assert STUDY.with_runs(20).run(copy).runs().height == 40
+    with pytest.raises(InputError, match="Read-only file system"):
+        STUDY.with_runs(31).run(copy)
+    with pytest.raises(RunError, match="Read-only file system"):
+        add(Store.open(copy), 30, 31)
+
+
 def test_failures_are_forgotten_when_their_runs_are_there(copy: Path) -> None:
     store = Store.open(copy)
     work = work_of(STUDY, plan_of(STUDY).groups[0], 30, 40)
