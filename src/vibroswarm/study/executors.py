@@ -6,6 +6,7 @@ one process, which is replaced. What a worker does is ``work.do``; no result dep
 
 from __future__ import annotations
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -30,6 +31,8 @@ CONNECT_S: Final = 10.0
 CLOSE_S: Final = 5.0
 WITHOUT_WORKERS_S: Final = 30.0
 """How long a cluster may be without any worker."""
+ASK_EVERY_S: Final = 5.0
+"""How often a cluster is asked for workers that came or went."""
 GO_ON: Final = "what is done is kept; say the same again to go on from here"
 
 
@@ -52,6 +55,11 @@ class Workers:
         if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
             return self.executor.submit(do, work, self.cancel.is_set)
         return self.executor.submit(do, work)
+
+    @property
+    def width(self) -> int:
+        """Batches that are done at a time, now."""
+        return self.count
 
     def check(self) -> None:
         """Raise RunError where nobody is left who could do a batch; asked when none came back for a while."""
@@ -185,21 +193,36 @@ def _processes(count: int) -> Iterator[Workers]:
         pool.shutdown(cancel_futures=True)
 
 
+class _Seen:
+    """What was last seen of a cluster."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self.asked_s = self.some_s = time.monotonic()
+
+
 @dataclass(frozen=True)
 class _DaskWorkers(Workers):
     """Workers of a cluster may come and go; when none is left for a while, the study stops."""
 
     client: Any = None
-    seen: list[float] = field(default_factory=list)
-    """When there was last a worker."""
+    seen: _Seen = field(default_factory=lambda: _Seen(1))
+
+    @property
+    def width(self) -> int:
+        if time.monotonic() - self.seen.asked_s > ASK_EVERY_S:
+            self.check()
+        return max(self.seen.threads, 1)
 
     def check(self) -> None:
         try:
-            if self.client.nthreads():
-                self.seen[:] = [time.monotonic()]
+            threads = sum(self.client.nthreads().values())
         except Exception as error:  # whatever a client says that is closed or cut off
             raise RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}") from error
-        if time.monotonic() - self.seen[0] > WITHOUT_WORKERS_S:
+        self.seen.threads, self.seen.asked_s = threads, time.monotonic()
+        if threads:
+            self.seen.some_s = self.seen.asked_s
+        elif self.seen.asked_s - self.seen.some_s > WITHOUT_WORKERS_S:
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
 
 
@@ -211,19 +234,7 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
     for name in ("distributed.client", "distributed.core", "distributed.comm"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # what they tell is told by us, once
-    connect: Any = distributed.Client
-    try:
-        if address.endswith(".json"):
-            if not Path(address).is_file():
-                raise InputError(f"there is no scheduler file '{address}'", field="executor")
-            client: Any = connect(scheduler_file=address, timeout=CONNECT_S, set_as_default=False)
-        else:
-            client = connect(address.replace("dask://", "tcp://", 1), timeout=CONNECT_S, set_as_default=False)
-    except InputError:
-        raise
-    except Exception as error:  # an address or a file may be wrong in many ways
-        told = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor") from None
+    client = _connected(distributed.Client, address)
     try:
         threads = client.nthreads()
         if not threads:
@@ -232,11 +243,26 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
             )
         _check_dask_versions(client, mixed)
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
-        yield _DaskWorkers(
-            pool, count, f"{len(threads)} Dask workers", client=client, seen=[time.monotonic()]
-        )
+        yield _DaskWorkers(pool, count, f"{len(threads)} Dask workers", client=client, seen=_Seen(count))
     finally:
         client.close(timeout=CLOSE_S)
+
+
+def _connected(connect: Any, address: str) -> Any:
+    """A client of the scheduler at an address, or named by a file."""
+    if address.endswith(".json") and not Path(address).is_file():
+        raise InputError(f"there is no scheduler file '{address}'", field="executor")
+    where = (
+        {"scheduler_file": address}
+        if address.endswith(".json")
+        else {"address": address.replace("dask://", "tcp://", 1)}
+    )
+    try:
+        return connect(**where, timeout=CONNECT_S, set_as_default=False)
+    except Exception as error:  # an address or a file may be wrong in many ways
+        told = str(error).splitlines()[0] if str(error) else type(error).__name__
+    gc.collect()  # of the client that came to nothing; later, while another begins, Dask would wait for itself
+    raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor")
 
 
 def _check_dask_versions(client: Any, mixed: bool) -> None:

@@ -164,7 +164,7 @@ class _Runner:
         under_way: dict[Future[Done], tuple[Work, int]] = {}
         try:
             while waiting or under_way:
-                while waiting and len(under_way) < 2 * self.crew.count + 1:
+                while waiting and len(under_way) < 2 * self.crew.width + 1:
                     work, tries = waiting.pop()
                     under_way[self._submit(work)] = work, tries
                 finished = wait(under_way, timeout=1.0, return_when=FIRST_COMPLETED).done
