@@ -30,6 +30,8 @@ MOST_AGAIN: Final = 1000
 MOST_VALUES: Final = 8
 """A field with more values is a curve, and is not compared value by value."""
 MOST_PAIRS: Final = 200
+KEPT: Final = 3
+"""Cells whose figures are in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -143,16 +145,20 @@ def _compared(
 
 
 class _Figures:
-    """The figures of runs by cell, each computed once."""
+    """The figures of runs by cell; those of the last few cells are kept, since pairs share their reference."""
 
     def __init__(self, result: StudyResult) -> None:
         self.result, self.found = result, dict[int, pl.DataFrame]()
 
     def __call__(self, cell: Cell) -> pl.DataFrame:
-        if cell.number not in self.found:
+        figures = self.found.pop(cell.number, None)
+        if figures is None:
             robots, runs = self.result.tables(cell.number)
-            self.found[cell.number] = run_figures(robots, runs, cell.scenario.run.t_end_s)
-        return self.found[cell.number]
+            figures = run_figures(robots, runs, cell.scenario.run.t_end_s)
+        self.found[cell.number] = figures  # the newest is last
+        if len(self.found) > KEPT:
+            del self.found[next(iter(self.found))]
+        return figures
 
 
 def _key(point: dict[str, Any]) -> str:
