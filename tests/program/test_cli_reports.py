@@ -217,3 +217,41 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert code == 2
     assert "exists already" in err
     assert told(capsys, *line, "--force")[0] == 0
+
+
+def test_until_a_precision_tells_the_interval_that_was_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["evaluate", "--until", "40%", "--json", "--no-confirm", "--no-pictures", *SMALL]
+    code, out, _ = told(capsys, *line)
+    assert code == 0
+    cell = json.loads(out)["cells"][0]
+    assert cell["runs"] == cell["settled"]["runs"] == 100
+    assert cell["settled"]["reached"]
+    assert (
+        cell["decision_time_s"]["level"]
+        == cell["settled"]["level"]
+        == pytest.approx(1 - 0.05 * 6 / 3.14159**2, abs=1e-5)
+    )
+    assert cell["belief_in_truth"]["level"] == 0.95
+    half = (cell["decision_time_s"]["high"] - cell["decision_time_s"]["low"]) / 2
+    assert half <= 0.4 * cell["decision_time_s"]["estimate"]
+
+
+def test_a_precision_that_is_not_reached_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["evaluate", "--until", "0.5%", "--max-runs", "150", "--no-confirm", "--no-pictures", *SMALL]
+    code, out, _ = told(capsys, *line)
+    assert code == 0
+    assert "decision_time_s is not known to 0.5 % after 150 runs" in " ".join(out.split())
+
+
+def test_a_full_disk_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    line = ["evaluate", "--runs", "3", "--no-confirm", "--no-pictures", "--out", tmp_path / "full", *SMALL]
+    code, _, err = told(capsys, *line)
+    assert code == 1
+    assert "No space left on device" in err
+    assert list((tmp_path / "full" / "shards").glob("*")) == []

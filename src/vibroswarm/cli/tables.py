@@ -30,6 +30,13 @@ def say_tables(outcome: Outcome) -> None:
         "counts with its whole time.",
         style="dim",
     )
+    until, levels = outcome.result.study.until, {one.settled.level for one in outcome.cells if one.settled}
+    if until is not None and levels:
+        told = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
+        console.print(
+            f"Intervals of {until.figure} are at {told}: corrected for the looks, they hold at 95 %.",
+            style="dim",
+        )
     if outcome.comparisons:
         console.print(_comparisons(outcome))
         console.print(

@@ -101,7 +101,7 @@ def write_picture(
         written.append(path)
     path = base.with_name(f"{base.name}.csv")
     with whole_file(path) as part:
-        numbers.write_csv(part)
+        part.write_bytes(numbers.write_csv().encode())
     return [*written, path]
 
 

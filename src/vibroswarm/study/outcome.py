@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +16,7 @@ from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.analysis.swarm import CellSummary, summary
 from vibroswarm.files import whole_file
 from vibroswarm.study.compare import Compared, comparison_table, comparisons
+from vibroswarm.study.looks import Settled, figure_of
 from vibroswarm.study.result import StudyResult
 from vibroswarm.study.spec import Cell
 
@@ -31,6 +33,8 @@ class CellOutcome:
     walk: dict[str, Any]
     """Means over runs, with ``_low`` and ``_high``."""
     decidable: Decidability
+    settled: Settled | None = None
+    """Of a study until a precision: after how many runs, and at which level the figure is then told."""
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
@@ -72,9 +76,11 @@ class Outcome:
                 "runs were made by different versions of the software; they may not be repeatable as a whole."
             )
         until = self.result.study.until
-        if until is not None and any(one.summary.runs >= until.max_runs for one in self.cells):
+        short = [one for one in self.cells if one.settled is not None and not one.settled.reached]
+        if until is not None and short:
             found.append(
-                f"the precision asked for was not reached within {until.max_runs:,} runs in some cells."
+                f"in {len(short)} of {len(self.cells)} cells {until.figure} is not known to "
+                f"{100 * until.half_width:g} % after {until.max_runs:,} runs, the most that were allowed."
             )
         return found
 
@@ -94,6 +100,7 @@ class Outcome:
                     **one.summary.as_dict(),
                     "walk": one.walk,
                     "decidability": one.decidable.as_dict(),
+                    "settled": None if one.settled is None else one.settled._asdict(),
                 }
                 for one in self.cells
             ],
@@ -114,15 +121,33 @@ def outcome_of(result: StudyResult, again: StudyResult | None = None) -> Outcome
     for number in result.selected:
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
-        cells.append(
-            CellOutcome(
-                cell,
-                summary(robots, runs, cell.scenario.run.t_end_s),
-                _walk(runs),
-                decidability(cell.scenario),
-            )
-        )
+        settled = result.settled(number)
+        figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
+        cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), settled))
     return Outcome(result, again, tuple(cells), tuple(comparisons(result, again)))
+
+
+_SETTLED: Final = {
+    "right": "robots_right",
+    "wrong": "robots_wrong",
+    "undecided": "robots_undecided",
+    "consensus_right": "swarm_right",
+    "consensus_wrong": "swarm_wrong",
+}
+"""Figures of a precision by their names in a summary, where these differ."""
+
+
+def _at_the_level(
+    figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
+) -> CellSummary:
+    """The figure that was looked at has the interval that was looked at, corrected for the looks."""
+    until = result.study.until
+    if settled is None or until is None:
+        return figures
+    t_end_s = result.study.cells[cell].scenario.run.t_end_s
+    found = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
+    changed: dict[str, Any] = {_SETTLED.get(until.figure, until.figure): found}
+    return replace(figures, **changed)
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:
@@ -151,8 +176,14 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
 
 
 def write_table(table: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV and Parquet; ``path`` is without a suffix."""
+    """Write a table as CSV and Parquet; ``path`` is without a suffix.
+
+    Raises:
+        RunError: the disk is full or failed.
+    """
     with whole_file(path.with_name(f"{path.name}.csv")) as part:
-        table.write_csv(part)
+        part.write_bytes(table.write_csv().encode())
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
     with whole_file(path.with_name(f"{path.name}.parquet")) as part:
-        table.write_parquet(part)
+        part.write_bytes(buffer.getvalue())

@@ -67,7 +67,8 @@ def write_pictures_and_report(
             if tell is not None:
                 tell((done + 1) / len(named))
         rows = [(one.name, one.title, picture.caption) for one, picture in drawn]
-        pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row").write_csv(part / MARKER)
+        captions = pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row")
+        (part / MARKER).write_bytes(captions.write_csv().encode())
     write_report(folder / REPORT, report_of(outcome, references, drawn))
 
 
