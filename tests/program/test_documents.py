@@ -17,12 +17,13 @@ def blocks(language: str, document: str = "README.md") -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
-def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
-    (example,) = blocks("python")
-    assert len([line for line in example.splitlines() if line.strip()]) <= 11
+def test_the_python_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    exec(compile(example, "README.md", "exec"), {})  # noqa: S102  (our own document)
+    for example in blocks("python"):
+        assert len([line for line in example.splitlines() if line.strip()]) <= 11
+        exec(compile(example, "README.md", "exec"), {})  # noqa: S102  (our own document)
     told = capsys.readouterr().out
+    assert "strategy.name" in told
     assert "consensus" in told
     assert "robots never decided" in told
     assert (tmp_path / "beliefs.csv").stat().st_size > 1000
@@ -50,7 +51,7 @@ def test_the_commands_of_the_readme_are_understood():
     commands = [shlex.split(line)[1:] for line in lines if re.match(r"(\S*/)?vibroswarm ", line)]
     assert len(commands) >= 5
     for command in commands:
-        assert parser().parse_args(command).command in ("run", "floors", "scenario", "bench")
+        assert parser().parse_args(command).command is not None
 
 
 def test_the_public_names_are_there():

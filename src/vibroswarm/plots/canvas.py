@@ -82,6 +82,28 @@ def few_ticks(axis: Any, style: Style) -> None:
     axis.set_major_locator(MaxNLocator(4 if style.width_in < 5 else 7, steps=[1, 2, 2.5, 3, 4, 5, 10]))
 
 
+def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
+    """Fewer numbers along x where, with all else in place, they would run into each other."""
+    from matplotlib.ticker import MaxNLocator
+
+    locator = axes.xaxis.get_major_locator()
+    if not isinstance(locator, MaxNLocator):
+        return
+    low, high = sorted(axes.get_xlim())
+    room_pt = axes_size_pt(figure, axes)[0]
+    for bins in range(4 if style.width_in < 5 else 7, 0, -1):
+        locator.set_params(nbins=bins)
+        ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
+        words = axes.xaxis.get_major_formatter().format_ticks(ticks)
+        wide = max((width_pt(word, style.font_pt) for word in words), default=0.0) + 0.7 * style.font_pt
+        if len(ticks) < 2 or wide <= room_pt * (ticks[1] - ticks[0]) / (high - low):
+            break
+    power = axes.xaxis.get_major_formatter().get_offset()
+    if power:  # it stands where the axis ends, and there the axis's name may stand too
+        axes.xaxis.get_offset_text().set_visible(False)
+        axes.set_xlabel(fitted(f"{axes.get_xlabel()}, {power}", style.font_pt, style.width_in * 72 * 0.62, 2))
+
+
 def hatched(style: Style, hatch: str) -> str:
     """A hatch as dense as the style's lines allow."""
     return hatch if style.font_pt < 12 else hatch[: (len(hatch) + 1) // 2]
@@ -127,6 +149,7 @@ class Rows(NamedTuple):
         spare = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
         height = spare + self.high_in
         self.figure.set_figheight(max(height, style.height_in) if style.fixed_height else height)
+        thin_ticks(self.figure, self.axes, style)
 
     def place(self, row: int, series: int, of: int) -> float:
         """y of a series in a row; the first series is the upper one."""
