@@ -113,12 +113,17 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     It may not allocate. So Numba need not count references to the arrays that it is given: the counting,
     atomic at every call, was half the time of the engines.
     """
-    return _compile(function, _nrt=False)
+    return _compile(function, _nrt=False, no_cfunc_wrapper=True)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """As ``kernel``, put into its callers: for what is called at one or two places, or is as small as a call."""
+    return _compile(function, _nrt=False, no_cfunc_wrapper=True, forceinline=True)
 
 
 def allocating_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """As ``kernel``, for functions that make arrays."""
-    return _compile(function)
+    return _compile(function, no_cfunc_wrapper=True)
 
 
 def _name_records_by_their_fields() -> None:

@@ -10,46 +10,55 @@ the fixed-step engine.
 | look | m | rays matter up to the shorter of range and theta_c |
 | zone | m | nearer than this (two radii and two longest steps), a move may bring two robots into contact |
 | touch | m | the same, with the steps of the two plans in question |
-| reach | m | rays see nothing of a robot further away than this, centre to centre |
-| slack | m | how far a robot may be beside its chord |
+| sight | m | rays see nothing of a robot further away than this, centre to centre |
+| mid, chord | m, m a tick | about where a robot is: mid + chord n after n ticks of its plan; mid is a turn's pivot |
+| slack | m | how far beside that it may be |
+| gap | m | a distance that must not be used up |
+| approach | m a tick | how fast a gap shrinks now |
+| swerve | m a tick^2 | how much faster it may shrink with each tick |
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inlined, kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import arc
-from vibroswarm.motion.plans import Planners, facing_at, pose_at, see_own
+from vibroswarm.motion.plans import Planner, Planners, along_arc, pose_at
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
 
 SIDE_TICKS = 64.0
-"""A wall is looked at again after so many ticks at most."""
+"""A wall, or another robot that is near, is looked at again after so many ticks at most."""
+
+ROUNDING_M = 1e-12
 
 
-@kernel
-def prepare_to_look(planners: Planners, i: int, setup: Setup) -> None:
-    """Chord, slack and rate of a plan that reaches to its ``own_tick``."""
-    row = planners[i]
-    ticks = row.own_tick - row.tick
+@inlined
+def prepare_to_look(row: Planner, setup: Setup) -> None:
+    """Where about a plan that reaches to its ``own_tick`` takes the robot; a driver's pose there."""
+    row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
+    row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
+    if row.mode == STOP:
+        return
     if row.mode == DRIVE:
-        see_own(planners, i, setup)
-    if row.mode == STOP or row.blocked:
-        row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
-    elif row.mode == DRIVE:
-        row.chord_x_m, row.chord_y_m = (row.own_x_m - row.x_m) / ticks, (row.own_y_m - row.y_m) / ticks
-        row.rate_m = abs(row.speed_m_s) * setup.tick_s
-        bend = abs(row.rate_rad_s) * ticks * setup.tick_s
-        row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
-    else:
-        row.chord_x_m = row.chord_y_m = 0.0
-        row.slack_m = 2.0 * abs(row.radius_m)
+        ticks = row.own_tick - row.tick
+        x_m, y_m, heading_rad, sin_h, cos_h = along_arc(row, ticks * setup.tick_s)
+        row.own_x_m, row.own_y_m, row.own_heading_rad = x_m, y_m, heading_rad
+        row.own_sin_h, row.own_cos_h = sin_h, cos_h
+        if not row.blocked:
+            row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
+            row.rate_m = abs(row.speed_m_s) * setup.tick_s
+            bend = abs(row.rate_rad_s) * ticks * setup.tick_s
+            row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
+    elif not row.blocked:
+        row.mid_x_m -= row.radius_m * row.sin_h
+        row.mid_y_m += row.radius_m * row.cos_h
+        row.slack_m = abs(row.radius_m) + ROUNDING_M
         row.rate_m = abs(row.radius_m) * math.radians(100.0 * row.turn_gain)
 
 
@@ -60,7 +69,6 @@ def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
     It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
     """
     row = planners[i]
-    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
     r = setup.radius_m
     for n in range(1, most):
         heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
@@ -69,11 +77,12 @@ def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
         tick = row.tick + n
         for m in range(near[i, 0]):
             j = near[i, m + 1]
-            if hit or not maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
+            other = planners[j]
+            if hit or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
                 continue
-            if planners[j].mode != STOP and planners[j].own_tick <= tick:
+            if other.mode != STOP and other.own_tick <= tick:
                 return n
-            other_x, other_y, _ = pose_at(planners, j, setup, tick + 1 if j < i else tick)
+            other_x, other_y, _ = pose_at(other, setup, tick + 1 if j < i else tick)
             dx, dy = other_x - x, other_y - y
             hit = dx * dx + dy * dy < 4.0 * r * r
         if not hit:
@@ -81,25 +90,24 @@ def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
     return most
 
 
-@kernel
-def maybe_within(planners: Planners, j: int, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Whether robot ``j`` may be within a distance of a point at ``tick``, by its chord."""
-    row = planners[j]
-    dx = row.x_m + (tick - row.tick) * row.chord_x_m - x_m
-    dy = row.y_m + (tick - row.tick) * row.chord_y_m - y_m
+@inlined
+def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
+    """Whether a robot may be within a distance of a point at ``tick``, by its chord."""
+    dx = row.mid_x_m + (tick - row.tick) * row.chord_x_m - x_m
+    dy = row.mid_y_m + (tick - row.tick) * row.chord_y_m - y_m
     far = distance_m + row.slack_m
     return bool(dx * dx + dy * dy < far * far)
 
 
-@kernel
-def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
+@inlined
+def wall_tick(row: Planner, setup: Setup) -> int:
     """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
-    row = planners[i]
     if row.mode == STOP:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
     if row.mode != DRIVE:
-        near = min(min(row.x_m, setup.width_m - row.x_m), min(row.y_m, setup.height_m - row.y_m))
+        x, y = row.mid_x_m, row.mid_y_m
+        near = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         return int(row.tick + 1) if near - row.slack_m < inset else NEVER
     far = max(setup.ray_reach_m, inset) + row.slack_m
     near_left = min(row.x_m, row.own_x_m) < far
@@ -108,9 +116,23 @@ def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
     near_high = max(row.y_m, row.own_y_m) > setup.height_m - far
     if not (near_left or near_right or near_low or near_high):
         return NEVER
+    return tick_at_walls(row, setup, inset, near_left, near_right, near_low, near_high)
+
+
+@kernel
+def tick_at_walls(
+    row: Planner,
+    setup: Setup,
+    inset: float,
+    near_left: bool,
+    near_right: bool,
+    near_low: bool,
+    near_high: bool,
+) -> int:
+    """``wall_tick`` for a driver that comes near these walls."""
     tick = row.tick + 1
     while tick <= row.own_tick:
-        x, y, _, sin_h, cos_h = facing_at(planners, i, setup, tick)
+        x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
         free = SIDE_TICKS
         # A wall is looked at along its normal: the distance to it, and the heading turned into its frame.
         if near_left:
@@ -129,7 +151,7 @@ def wall_tick(planners: Planners, i: int, setup: Setup) -> int:
 
 @kernel
 def free_ticks_to_wall(
-    row: Any, setup: Setup, inset: float, distance_m: float, toward: float, aside: float
+    row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float
 ) -> float:
     """Ticks that surely pass before a ray's end is beyond a wall or the body nearer than its inset; 0 if one is.
 
@@ -152,67 +174,85 @@ def free_ticks_to_wall(
     return free
 
 
-@kernel
-def side_ticks(distance: float, approach: float, change: float) -> float:
-    """Ticks before a distance that shrinks by ``approach`` a tick, and by ``change`` more each tick, is used up."""
-    if distance <= 0.0:
+@inlined
+def side_ticks(gap: float, approach: float, swerve: float) -> float:
+    """Ticks before a gap that shrinks by ``approach`` a tick, and by ``swerve`` more each tick, is used up."""
+    if gap <= 0.0:
         return 0.0
-    below = approach + math.sqrt(approach * approach + 2.0 * change * distance)
-    return 2.0 * distance / below if below * SIDE_TICKS > 2.0 * distance else SIDE_TICKS
+    below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
+    return 2.0 * gap / below if below * SIDE_TICKS > 2.0 * gap else SIDE_TICKS
+
+
+@inlined
+def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
+    """Whether the chords of two plans come so near, as long as both last, that a closer look is due.
+
+    One test for the many pairs that do not: their least distance is where the derivative of its square is 0.
+    """
+    span = min(a.own_tick, b.own_tick) - tick
+    x = a.mid_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
+    y = a.mid_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
+    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
+    nearest = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-30)
+    nearest = min(max(nearest, 0.0), float(span))
+    x, y = x + nearest * dx, y + nearest * dy
+    far = setup.zone_m
+    if a.mode == DRIVE or b.mode == DRIVE:
+        far = max(far, setup.sight_m)
+    far += a.slack_m + b.slack_m
+    return bool(x * x + y * y < far * far)
 
 
 @kernel
-def meeting_tick(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> int:
-    """First tick after ``tick`` at which robot ``i`` or ``j`` sees the other or is blocked by it.
+def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> int:
+    """First tick after ``tick`` at which one of two robots sees the other or is blocked by it.
 
     NEVER if it does not come to that as long as both plans last.
+
+    Args:
+        a_first: whether ``a`` moves before ``b``.
     """
-    a, b = planners[i], planners[j]
     if a.mode == STOP and b.mode == STOP:
         return NEVER
     last = min(a.own_tick, b.own_tick)
     touch = 2.0 * setup.radius_m + a.rate_m + b.rate_m
     reach = touch
     if a.mode == DRIVE or b.mode == DRIVE:
-        reach = max(touch, setup.ray_reach_m + setup.disc_radius_m)
+        reach = max(touch, setup.sight_m)
+    turning = is_turning(a) or is_turning(b)
     now = tick + 1
     while now <= last:
-        free = apart_ticks(planners, i, j, reach, now)
+        free = apart_ticks(a, b, reach, now)
         if free >= last - now + 1:
             return NEVER
         if free < 1.0:
-            free = clear_ticks(planners, i, j, setup, touch, now)
-            if free < 0.0 or (free < 1.0 and now < last and blocks_at(planners, i, j, setup, now)):
+            sight, contact = clear_ticks(a, b, setup, touch, now, turning)
+            if turning and min(sight, contact) < 1.0:
+                sight, contact = clear_ticks(a, b, setup, touch, now, False)
+            if sight <= 0.0:
                 return int(now)
+            if (
+                contact < 1.0
+                and now < last
+                and blocks_at(a if a_first else b, b if a_first else a, setup, now)
+            ):
+                return int(now)
+            free = min(sight, contact)
         now += max(1, int(free))
     return NEVER
 
 
-@kernel
-def may_meet(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> bool:
-    """Whether the chords of two plans come so near, as long as both last, that a closer look is due.
-
-    One test for the many pairs that do not: their least distance is where the derivative of its square is 0.
-    """
-    a, b = planners[i], planners[j]
-    span = min(a.own_tick, b.own_tick) - tick
-    x = a.x_m - b.x_m - (tick - b.tick) * b.chord_x_m
-    y = a.y_m - b.y_m - (tick - b.tick) * b.chord_y_m
-    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
-    nearest = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-30)
-    nearest = min(max(nearest, 0.0), float(span))
-    x, y = x + nearest * dx, y + nearest * dy
-    far = max(2.0 * (setup.radius_m + setup.longest_step_m), setup.ray_reach_m + setup.disc_radius_m)
-    far += a.slack_m + b.slack_m
-    return bool(x * x + y * y < far * far)
+@inlined
+def is_turning(row: Planner) -> bool:
+    """Whether a robot turns in place."""
+    return bool(row.mode != DRIVE and row.mode != STOP)
 
 
-@kernel
-def apart_ticks(planners: Planners, i: int, j: int, reach: float, tick: int) -> float:
+@inlined
+def apart_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
     """Ticks that surely pass from ``tick`` before the two are within ``reach``, by their chords."""
-    a, b = planners[i], planners[j]
-    x = a.x_m + (tick - a.tick) * a.chord_x_m - b.x_m - (tick - b.tick) * b.chord_x_m
-    y = a.y_m + (tick - a.tick) * a.chord_y_m - b.y_m - (tick - b.tick) * b.chord_y_m
+    x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
+    y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
     far = reach + a.slack_m + b.slack_m
     beyond = x * x + y * y - far * far
@@ -229,88 +269,104 @@ def apart_ticks(planners: Planners, i: int, j: int, reach: float, tick: int) -> 
 
 
 @kernel
-def clear_ticks(planners: Planners, i: int, j: int, setup: Setup, touch: float, tick: int) -> float:
-    """Ticks that surely pass from ``tick`` before either sees the other or they come nearer than ``touch``.
+def clear_ticks(
+    a: Planner, b: Planner, setup: Setup, touch: float, tick: int, roughly: bool
+) -> tuple[float, float]:
+    """Ticks that surely pass from ``tick`` before one sees the other, and before they are nearer than ``touch``.
 
-    0 if they are; -1 if one sees the other. Nearer than ``touch`` a single move may bring them into contact.
-    A robot that turns is first taken as standing somewhere within its slack, which is mostly enough.
+    0 if it is so. Nearer than ``touch`` a single move may bring them into contact.
+
+    Args:
+        roughly: robots that turn are taken as standing somewhere within their slack, which is mostly enough.
     """
-    a, b = planners[i], planners[j]
-    if is_turning(a.mode) or is_turning(b.mode):
-        free = clear_from(planners, i, j, setup, touch, a.x_m, a.y_m, b.x_m, b.y_m, tick, True)
-        if free >= 1.0:
-            return free
-    return clear_from(planners, i, j, setup, touch, 0.0, 0.0, 0.0, 0.0, tick, False)
-
-
-@kernel
-def is_turning(mode: int) -> bool:
-    """Whether a robot in this mode turns in place."""
-    return mode != DRIVE and mode != STOP
-
-
-@kernel
-def clear_from(
-    planners: Planners, i: int, j: int, setup: Setup, touch: float,
-    a_x: float, a_y: float, b_x: float, b_y: float, tick: int, roughly: bool,
-) -> float:  # fmt: skip
-    """``clear_ticks``; ``roughly``: robots that turn are about where they began to, as given."""
-    a, b = planners[i], planners[j]
-    a_sin, a_cos, b_sin, b_cos = 0.0, 1.0, 0.0, 1.0
-    slack, rate = 0.0, 1e-12
-    if roughly and is_turning(a.mode):
+    a_x, a_y, a_sin, a_cos = about(a, setup, tick, roughly)
+    b_x, b_y, b_sin, b_cos = about(b, setup, tick, roughly)
+    slack = creep = swerve = a_step = b_step = a_bend = b_bend = 0.0
+    if a.mode == DRIVE:
+        a_step, a_bend = a.speed_m_s * setup.tick_s, a.rate_rad_s * setup.tick_s
+        swerve += abs(a_bend) * a.rate_m
+    elif roughly:
         slack += a.slack_m
     else:
-        a_x, a_y, _, a_sin, a_cos = facing_at(planners, i, setup, tick)
-        rate += a.rate_m
-    if roughly and is_turning(b.mode):
+        creep += a.rate_m
+    if b.mode == DRIVE:
+        b_step, b_bend = b.speed_m_s * setup.tick_s, b.rate_rad_s * setup.tick_s
+        swerve += abs(b_bend) * b.rate_m
+    elif roughly:
         slack += b.slack_m
     else:
-        b_x, b_y, _, b_sin, b_cos = facing_at(planners, j, setup, tick)
-        rate += b.rate_m
-    free = max(0.0, (math.sqrt((b_x - a_x) * (b_x - a_x) + (b_y - a_y) * (b_y - a_y)) - touch - slack) / rate)
+        creep += b.rate_m
+    x, y = b_x - a_x, b_y - a_y
+    dx, dy = b_step * b_cos - a_step * a_cos, b_step * b_sin - a_step * a_sin
+    apart = math.sqrt(x * x + y * y)
+    contact = side_ticks(apart - touch - slack, creep - (x * dx + y * dy) / apart, swerve)
+    sight = SIDE_TICKS
+    far = apart + SIDE_TICKS * (a.rate_m + b.rate_m)
     if a.mode == DRIVE:
-        gap = fan_gap_m(setup, a_x, a_y, a_sin, a_cos, b_x, b_y) - slack
-        if gap <= 0.0:
-            return -1.0
-        free = min(free, gap / (rate + abs(a.rate_rad_s) * setup.tick_s * setup.ray_reach_m))
-    if b.mode == DRIVE:
-        gap = fan_gap_m(setup, b_x, b_y, b_sin, b_cos, a_x, a_y) - slack
-        if gap <= 0.0:
-            return -1.0
-        free = min(free, gap / (rate + abs(b.rate_rad_s) * setup.tick_s * setup.ray_reach_m))
-    return free
+        spin = abs(a_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(a_bend) * far)
+        sight = fan_ticks(setup, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin)
+    if b.mode == DRIVE and sight > 0.0:
+        spin = abs(b_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(b_bend) * far)
+        sight = min(
+            sight, fan_ticks(setup, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin)
+        )
+    return sight, contact
 
 
-@kernel
-def blocks_at(planners: Planners, i: int, j: int, setup: Setup, tick: int) -> bool:
-    """Whether a move from ``tick`` of one of the two would end in the other, by their plans.
+@inlined
+def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, float, float, float]:
+    """Where a robot is at a tick of its plan, and the sine and cosine of its heading.
 
-    The robot of lower index moves first.
+    ``roughly``: one that turns is somewhere about its pivot.
     """
-    first, second = min(i, j), max(i, j)
-    x, y, _ = pose_at(planners, first, setup, tick + 1)
-    there_x, there_y, _ = pose_at(planners, second, setup, tick)
-    next_x, next_y, _ = pose_at(planners, second, setup, tick + 1)
-    touch2 = 4.0 * setup.radius_m * setup.radius_m
-    before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
-    after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)
-    return bool(min(before, after) < touch2 + 1e-12)
+    if row.mode == DRIVE:
+        x_m, y_m, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
+        return x_m, y_m, sin_h, cos_h
+    if roughly or row.mode == STOP:
+        return row.mid_x_m, row.mid_y_m, 0.0, 1.0
+    x_m, y_m, _ = pose_at(row, setup, tick)
+    return x_m, y_m, 0.0, 1.0
 
 
 @kernel
-def fan_gap_m(
-    setup: Setup, x_m: float, y_m: float, sin_h: float, cos_h: float, disc_x_m: float, disc_y_m: float
-) -> float:
-    """Distance of a disc from the nearest of a robot's rays, each ``look`` long; 0 or less when one meets it."""
-    to_x, to_y = disc_x_m - x_m, disc_y_m - y_m
-    ahead = to_x * cos_h + to_y * sin_h - setup.ray_forward_m
-    left = to_y * cos_h - to_x * sin_h
-    nearest2 = math.inf
+def fan_ticks(
+    setup: Setup, sin_h: float, cos_h: float, bend: float, x_m: float, y_m: float, dx: float, dy: float,
+    slack: float, creep: float, swerve: float,
+) -> float:  # fmt: skip
+    """Ticks that surely pass before a robot's rays, each ``look`` long, see the disc of another; 0 if one does.
+
+    The distance of a point from a ray is convex: it falls by no more than the point's way along its gradient.
+
+    Args:
+        bend: rad a tick. x_m, y_m: of the other, seen from the robot. dx, dy: of its motion, m a tick.
+        slack: how far the other may be from there. creep: by how much that may grow, m a tick. swerve: how much
+            its motion may change, seen from the robot as it turns, m a tick^2.
+    """
+    ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
+    d_ahead = dx * cos_h + dy * sin_h + bend * left
+    d_left = dy * cos_h - dx * sin_h - bend * ahead
+    ahead -= setup.ray_forward_m
+    free = SIDE_TICKS
     for k in range(setup.ray_side_m.size):
         beside = left - setup.ray_side_m[k]
         along = ahead * setup.ray_cos[k] + beside * setup.ray_sin[k]
         along = min(max(along, 0.0), setup.look_m)
         off_x, off_y = ahead - along * setup.ray_cos[k], beside - along * setup.ray_sin[k]
-        nearest2 = min(nearest2, off_x * off_x + off_y * off_y)
-    return math.sqrt(nearest2) - setup.disc_radius_m
+        off = math.sqrt(off_x * off_x + off_y * off_y)
+        gap = off - setup.disc_radius_m - slack
+        if gap <= 0.0:
+            return 0.0
+        free = min(free, side_ticks(gap, creep - (off_x * d_ahead + off_y * d_left) / off, swerve))
+    return free
+
+
+@kernel
+def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
+    """Whether a move from ``tick`` of one of the two would end in the other, by their plans."""
+    x, y, _ = pose_at(first, setup, tick + 1)
+    there_x, there_y, _ = pose_at(second, setup, tick)
+    next_x, next_y, _ = pose_at(second, setup, tick + 1)
+    touch2 = 4.0 * setup.radius_m * setup.radius_m
+    before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
+    after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)
+    return bool(min(before, after) < touch2 + 1e-12)

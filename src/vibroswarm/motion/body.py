@@ -38,8 +38,9 @@ tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, driv
 misalignment_min, misalignment_max; speed_redrawn (0, 1); battery_life_s; ray_forward_m and, one entry a ray,
 ray_side_m, ray_cos, ray_sin; look_m: rays matter up to the shorter of their range and theta_c; ray_reach_m: no ray
 sees a thing further than this from the robot's centre; disc_radius_m of other robots to rays; longest_step_m: no
-robot moves further between two ticks; start: x from, x to, y from, y to of the centres at the start; lattice:
-columns and rows of robots that fit side by side into it."""
+robot moves further between two ticks; zone_m: bodies further apart than this, centre to centre, cannot touch at
+the next tick; sight_m: no ray sees a robot further away; start: x from, x to, y from, y to of the centres at
+the start; lattice: columns and rows of robots that fit side by side into it."""
 
 
 @lru_cache(maxsize=16)
@@ -58,6 +59,7 @@ def setup_of(scenario: Scenario) -> Setup:
     """The parameters of a scenario as the kernels read them."""
     robot, rays = scenario.robot, scenario.rays
     look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
+    ray_reach_m = math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m
     angles = [math.radians(angle) for angle in rays.angle_deg]
     values: dict[str, Any] = {
         "tick_s": scenario.tick_s,
@@ -76,9 +78,11 @@ def setup_of(scenario: Scenario) -> Setup:
         "ray_cos": [math.cos(angle) for angle in angles],
         "ray_sin": [math.sin(angle) for angle in angles],
         "look_m": look_m,
-        "ray_reach_m": math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m,
+        "ray_reach_m": ray_reach_m,
         "disc_radius_m": rays.disc_radius_m,
         "longest_step_m": longest_step_m(scenario),
+        "zone_m": 2.0 * (robot.body_radius_m + longest_step_m(scenario)),
+        "sight_m": ray_reach_m + rays.disc_radius_m,
         "start": list(start_region(scenario)),
         "lattice": list(lattice_sites(scenario)),
         **walk_program(scenario)._asdict(),

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, zero_rows
+from vibroswarm.compiled import inlined, kernel, zero_rows
 from vibroswarm.motion.ahead import (
     blocked_ticks,
     may_meet,
@@ -39,14 +39,17 @@ from vibroswarm.motion.neighbours import (
 from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
 from vibroswarm.motion.plans import (
     PLANNER,
+    Planner,
     Planners,
     begin_plan,
     block,
     catch_up,
+    end_stop,
     own_ticks,
     pose_at,
-    take_sample,
+    stand_on,
     turn_command,
+    turned_by,
 )
 from vibroswarm.motion.record import END_ROW, Record, has_room, write_sample, write_segment
 from vibroswarm.motion.wakes import NEVER, awake_at, empty_tree, set_wake, wake_by
@@ -79,79 +82,22 @@ def events(
         if not has_room(record, rows):
             return int(tick)
         count = awake_at(tree, tick, awake)
-        count = sample(planners, tree, awake, count, setup, speeds, record, seed, run, tick)
-        if count > 0:
-            wake(planners, tree, near, awake, count, setup, record, seed, run, tick)
-    if record.segments.size > 0:
-        for i in range(planners.size):
-            write_turn(record, planners, i, setup, run, until)
-    return until
-
-
-@kernel
-def sample(
-    planners: Planners,
-    tree: NDArray[np.int64],
-    awake: NDArray[np.int64],
-    count: int,
-    setup: Setup,
-    speeds: NDArray[np.float64],
-    record: Record,
-    seed: int,
-    run: int,
-    tick: int,
-) -> int:
-    """Of those awake, those whose stop is over sample, and stand until the next tick; gives how many others."""
-    others = 0
-    for k in range(count):
-        i = awake[k]
-        if planners[i].mode == STOP and planners[i].sample_tick == tick:
-            take_sample(planners, i, tick)
-            write_sample(record, planners, run, i, tick)
-            refresh(planners, setup, speeds, seed, run, i, tick)
-            set_wake(tree, i, planners[i].own_tick)
-        else:
-            awake[others] = i
-            others += 1
-    return others
-
-
-@kernel
-def wake(
-    planners: Planners,
-    tree: NDArray[np.int64],
-    near: NDArray[np.int64],
-    awake: NDArray[np.int64],
-    count: int,
-    setup: Setup,
-    record: Record,
-    seed: int,
-    run: int,
-    tick: int,
-) -> None:
-    """What the robots that wake at ``tick`` do there, phase by phase, in index order."""
-    count = rouse(planners, near, awake, count, setup, record, run, tick)
-    for k in range(count):
-        i = awake[k]
-        row = planners[i]
-        if row.mode == DRIVE and row.alert_tick > tick:
-            row.nearest_mm = math.inf
-        elif looks(load(planners, i), setup, row.gyro_deg):
-            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, i, setup, tick)
-    for k in range(count):
-        control_one(planners, setup, seed, run, tick, awake[k])
-        begin_plan(planners, awake[k], setup, tick)
-    for k in range(count):
-        contact_now(planners, near, awake[k], setup, tick)
-    if record.segments.size > 0:
+        count = rouse(planners, near, awake, count, setup, speeds, record, seed, run, tick)
+        step(planners, near, awake, count, setup, record, seed, run, tick)
+        for k in range(count):
+            plan(planners, near, awake[k], setup, tick)
+        for k in range(count):
+            meet(planners, tree, near, awake[k], setup, tick)
         for k in range(count):
             row = planners[awake[k]]
-            pose = (row.x_m, row.y_m, row.heading_rad)
-            write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
-    for k in range(count):
-        plan(planners, tree, near, awake[k], setup, tick)
-    for k in range(count):
-        meet(planners, tree, near, awake[k], setup, tick)
+            set_wake(tree, awake[k], min(row.alert_tick, row.own_tick))
+    for i in range(planners.size):
+        row = planners[i]
+        if row.mode == STOP and row.sampled == 0 and row.sample_tick < until:
+            sample(planners, i, setup, speeds, record, seed, run)
+        if record.segments.size > 0:
+            write_turn(record, row, i, setup, run, until)
+    return until
 
 
 @kernel
@@ -161,54 +107,124 @@ def rouse(
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
+    speeds: NDArray[np.float64],
     record: Record,
+    seed: int,
     run: int,
     tick: int,
 ) -> int:
     """Bring those awake to ``tick``, and with them all that move so near that a new plan might block them.
 
-    Gives how many are awake now; ``awake`` stays in index order.
+    Those that stand have sampled at the tick before. Gives how many are awake now; ``awake`` stays in index order.
     """
-    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
     k = 0
     while k < count:
         i = awake[k]
         k += 1
-        if planners[i].tick == tick:
-            continue
-        if record.segments.size > 0:
-            write_turn(record, planners, i, setup, run, tick)
-        catch_up(planners, i, setup, tick)
         row = planners[i]
-        row.crowded = 0
-        for m in range(near[i, 0]):
-            j = near[i, m + 1]
-            if maybe_within(planners, j, row.x_m, row.y_m, zone, tick):
-                row.crowded = 1
-                if planners[j].tick != tick and planners[j].mode != STOP:
+        if row.tick == tick:
+            continue
+        if row.mode == STOP:
+            if row.sampled == 0:
+                sample(planners, i, setup, speeds, record, seed, run)
+            stand_on(row, tick)
+        else:
+            if record.segments.size > 0:
+                write_turn(record, row, i, setup, run, tick)
+            catch_up(row, setup, tick)
+        if look_around(planners, near, i, setup, tick):
+            for m in range(near[i, 0]):
+                j = near[i, m + 1]
+                other = planners[j]
+                moving = other.tick != tick and other.mode != STOP
+                if moving and maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
                     count += insert(awake, count, j)
                     k = 0
     return count
 
 
+@inlined
+def look_around(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> bool:
+    """Whether another body may be so near robot ``i`` that they might touch; notes that, and who might be seen."""
+    row = planners[i]
+    row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
+    far = max(setup.zone_m, setup.sight_m)
+    row.company = row.crowded = 0
+    for m in range(near[i, 0]):
+        other = planners[near[i, m + 1]]
+        if maybe_within(other, row.x_m, row.y_m, far, tick):
+            row.company = 1
+            if maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
+                row.crowded = 1
+    return bool(row.crowded)
+
+
 @kernel
+def sample(
+    planners: Planners,
+    i: int,
+    setup: Setup,
+    speeds: NDArray[np.float64],
+    record: Record,
+    seed: int,
+    run: int,
+) -> None:
+    """Robot ``i``'s stop is over: it samples. It is woken at the tick after, which is soon enough to write it down."""
+    end_stop(planners[i])
+    tick = planners[i].sample_tick
+    write_sample(record, planners, run, i, tick)
+    refresh(planners, setup, speeds, seed, run, i, tick)
+
+
+@kernel
+def step(
+    planners: Planners,
+    near: NDArray[np.int64],
+    awake: NDArray[np.int64],
+    count: int,
+    setup: Setup,
+    record: Record,
+    seed: int,
+    run: int,
+    tick: int,
+) -> None:
+    """What the robots that are awake do at ``tick``, phase by phase, in index order."""
+    for k in range(count):
+        row = planners[awake[k]]
+        if row.mode == DRIVE and row.alert_tick > tick:
+            row.nearest_mm = math.inf
+        elif looks(load(planners, awake[k]), setup, row.gyro_deg):
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, awake[k], setup, tick)
+    for k in range(count):
+        control_one(planners, setup, seed, run, tick, awake[k])
+        begin_plan(planners[awake[k]], setup, tick)
+    for k in range(count):
+        contact_now(planners, near, awake[k], setup, tick)
+    if record.segments.size > 0:
+        for k in range(count):
+            row = planners[awake[k]]
+            pose = (row.x_m, row.y_m, row.heading_rad)
+            write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
+
+
+@inlined
 def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
-    x, y, reach = planners[i].x_m, planners[i].y_m, setup.ray_reach_m
+    row = planners[i]
+    x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
     nearest = math.inf
-    ahead_x, ahead_y = planners[i].cos_h, planners[i].sin_h
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
-        nearest = rays_to_walls(setup, x, y, ahead_x, ahead_y)
-    reach += setup.disc_radius_m
-    for m in range(near[i, 0]):
-        j = near[i, m + 1]
-        if maybe_within(planners, j, x, y, reach, tick):
-            other_x, other_y, _ = pose_at(planners, j, setup, tick)
-            nearest = min(nearest, rays_to_disc(setup, x, y, ahead_x, ahead_y, other_x, other_y))
+        nearest = rays_to_walls(setup, x, y, row.cos_h, row.sin_h)
+    if row.company:
+        for m in range(near[i, 0]):
+            other = planners[near[i, m + 1]]
+            if maybe_within(other, x, y, setup.sight_m, tick):
+                other_x, other_y, _ = pose_at(other, setup, tick)
+                nearest = min(nearest, rays_to_disc(setup, x, y, row.cos_h, row.sin_h, other_x, other_y))
     return nearest if nearest <= setup.look_m else math.inf
 
 
-@kernel
+@inlined
 def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or a body.
 
@@ -218,40 +234,45 @@ def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setu
     row.from_x_m, row.from_y_m = row.x_m, row.y_m  # where it will be at the next tick, if nobody is near
     if row.speed_m_s == 0.0:
         return
-    zone = 2.0 * (setup.radius_m + setup.longest_step_m)
     inset = setup.radius_m + setup.longest_step_m
     x, y = row.x_m, row.y_m
     at_wall = x < inset or y < inset or setup.width_m - x < inset or setup.height_m - y < inset
-    if not (row.crowded or at_wall):
-        return
+    if row.crowded or at_wall:
+        move_or_block(planners, near, i, setup, tick)
+
+
+@kernel
+def move_or_block(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+    """``contact_now`` for a robot that has a wall or a body near."""
+    row = planners[i]
     x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s)
     r = setup.radius_m
     hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
     for m in range(near[i, 0]):
         j = near[i, m + 1]
-        if not hit and maybe_within(planners, j, x, y, zone, tick):
+        if not hit and maybe_within(planners[j], x, y, setup.zone_m, tick):
             hit = touches_now(planners, i, j, setup, tick, x, y)
     if hit:
-        block(planners, i)
+        block(row)
     else:
         row.from_x_m, row.from_y_m = x, y
 
 
-@kernel
+@inlined
 def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m: float, y_m: float) -> bool:
     """Whether a body at (x, y) would overlap robot ``j``, where it stands when robot ``i`` moves from ``tick``."""
-    if j < i and planners[j].tick == tick and planners[j].mode != STOP:
-        other_x, other_y = planners[j].from_x_m, planners[j].from_y_m
+    other = planners[j]
+    if j < i and other.tick == tick and other.mode != STOP:
+        other_x, other_y = other.from_x_m, other.from_y_m
     else:
-        other_x, other_y, _ = pose_at(planners, j, setup, tick)
+        other_x, other_y, _ = pose_at(other, setup, tick)
     dx, dy = other_x - x_m, other_y - y_m
     return bool(dx * dx + dy * dy < 4.0 * setup.radius_m * setup.radius_m)
 
 
 @kernel
-def write_turn(record: Record, planners: Planners, i: int, setup: Setup, run: int, until: int) -> None:
+def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, until: int) -> None:
     """Write down a turn's further segments, one for each tick before ``until`` at which its command changes."""
-    row = planners[i]
     if row.mode == STOP or row.mode == DRIVE or row.blocked:
         return
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
@@ -261,49 +282,55 @@ def write_turn(record: Record, planners: Planners, i: int, setup: Setup, run: in
         integral_deg_s += error_deg * setup.tick_ms / 1000.0
         command = turn_command(setup, error_deg, integral_deg_s)
         if command != before and tick > row.written_tick:
-            heading = row.heading_rad + math.radians(row.error_deg - error_deg)
-            x_m = row.x_m + row.radius_m * (math.sin(heading) - row.sin_h)
-            y_m = row.y_m - row.radius_m * (math.cos(heading) - row.cos_h)
+            x_m, y_m, heading, _, _ = turned_by(row, row.error_deg - error_deg)
             rate = math.radians(row.turn_gain * command) / setup.tick_s
             write_segment(record, run, i, tick, (x_m, y_m, heading), row.radius_m * rate, rate, row.mode)
         before = command
     row.written_tick = until - 1
 
 
-@kernel
-def plan(
-    planners: Planners, tree: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
-) -> None:
+@inlined
+def plan(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
-    ahead = own_ticks(planners, i, setup, HORIZON_TICKS)
+    ahead = own_ticks(row, setup, HORIZON_TICKS)
     if row.blocked:
         ahead = blocked_ticks(planners, near, i, setup, ahead) if row.mode == DRIVE else 1
     row.own_tick = tick + ahead
-    prepare_to_look(planners, i, setup)
-    row.alert_tick = wall_tick(planners, i, setup)
-    set_wake(tree, i, min(row.alert_tick, row.sample_tick if row.mode == STOP else row.own_tick))
+    prepare_to_look(row, setup)
+    row.alert_tick = wall_tick(row, setup)
 
 
-@kernel
+@inlined
 def meet(
     planners: Planners, tree: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
 ) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
+    row = planners[i]
     for m in range(near[i, 0]):
         j = near[i, m + 1]
-        if not may_meet(planners, i, j, setup, tick):
-            continue
-        look_out(planners, tree, i, j, setup, tick)
+        other = planners[j]
+        met = other.tick == tick and j < i  # robot j is awake too, and has looked already
+        if not met and may_meet(row, other, setup, tick):
+            look_out(planners, tree, i, j, setup, tick)
 
 
 @kernel
 def look_out(planners: Planners, tree: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
     """Wake both by the first tick after ``tick`` at which they may matter to each other."""
-    meeting = meeting_tick(planners, i, j, setup, tick)
+    meeting = meeting_tick(planners[i], planners[j], setup, tick, i < j)
     if meeting < NEVER:
         alert(planners, tree, i, meeting)
         alert(planners, tree, j, meeting)
+
+
+@inlined
+def alert(planners: Planners, tree: NDArray[np.int64], i: int, tick: int) -> None:
+    """Another robot may matter to robot ``i`` at ``tick``; to one that stands, nobody does."""
+    row = planners[i]
+    if row.mode != STOP and tick < row.alert_tick:
+        row.alert_tick = tick
+        wake_by(tree, i, tick)
 
 
 @kernel
@@ -326,18 +353,10 @@ def new_lists(
 
 
 @kernel
-def alert(planners: Planners, tree: NDArray[np.int64], i: int, tick: int) -> None:
-    """Another robot may matter to robot ``i`` at ``tick``; to one that stands, nobody does."""
-    if planners[i].mode != STOP:
-        planners[i].alert_tick = min(planners[i].alert_tick, tick)
-        wake_by(tree, i, tick)
-
-
-@kernel
 def lay_down(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]) -> None:
     """Where the robots are at ``tick``, into rows of ``END_ROW``."""
     for i in range(planners.size):
-        ends[i].x_m, ends[i].y_m, heading = pose_at(planners, i, setup, tick)
+        ends[i].x_m, ends[i].y_m, heading = pose_at(planners[i], setup, tick)
         ends[i].heading_rad = wrapped_rad(heading)
         ends[i].stop_tick = planners[i].stop_tick if planners[i].mode == STOP else -1
 
@@ -355,6 +374,7 @@ class EventRun(KernelRun):
         self.near = empty_lists(self.swarm.size, self.setup)
         self.grid, self.list_radius_m = empty_grid(self.swarm.size, self.setup), list_radius_m(self.setup)
         self.swarm["own_tick"], self.swarm["alert_tick"], self.swarm["stop_ticks"] = 1, NEVER, 0
+        self.swarm["mid_x_m"], self.swarm["mid_y_m"] = self.swarm["x_m"], self.swarm["y_m"]
         self.swarm["sin_h"], self.swarm["cos_h"] = (
             np.sin(self.swarm["heading_rad"]),
             np.cos(self.swarm["heading_rad"]),

@@ -27,9 +27,7 @@ MOST_CELLS: Final = 256
 
 def list_radius_m(setup: Setup) -> float:
     """Robots further apart than this are of no matter to each other for LIST_TICKS, m."""
-    zone = 2.0 * (setup["radius_m"] + setup["longest_step_m"])
-    sight = setup["ray_reach_m"] + setup["disc_radius_m"]
-    return float(max(zone, sight) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
+    return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.int64]:
@@ -72,7 +70,7 @@ def make_lists(
     cells = across * up
     grid[:cells] = -1
     for i in range(planners.size - 1, -1, -1):
-        planners[i].from_x_m, planners[i].from_y_m, _ = pose_at(planners, i, setup, tick)
+        planners[i].from_x_m, planners[i].from_y_m, _ = pose_at(planners[i], setup, tick)
         cell = cell_of(planners, i, setup, across, up)
         grid[cells + i] = grid[cell]
         grid[cell] = i

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inlined, kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import SMALL_RAD, small_sin_cos
 from vibroswarm.motion.phases import ROBOT
@@ -30,23 +30,26 @@ from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, counts
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
     + [(name, np.int64) for name in ("tick", "own_tick", "alert_tick", "sample_tick")]
-    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "crowded", "written_tick")]
+    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "company", "crowded", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
-    + [(name, np.float64) for name in ("chord_x_m", "chord_y_m", "slack_m", "rate_m")]
+    + [(name, np.float64) for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m")]
 )
 """``ROBOT``, and its plan.
 
 tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
 a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
 the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event. blocked: the move at ``tick``
-did not happen, and wish_m_s is the speed that it would have had. crowded: another body is near.
+did not happen, and wish_m_s is the speed that it would have had. company, crowded: another robot may be in sight,
+its body near.
 written_tick: a turn's segments are written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose
-at ``own_tick`` of a robot that drives. chord, slack, rate: moves a tick on average, how far beside that it may be,
-how far it moves at most in a tick."""
+at ``own_tick`` of a robot that drives. mid, chord, slack: where about it is (``ahead``). rate: how far it moves at
+most in a tick."""
 
 Planners = NDArray[np.void]
+Planner = Any
+"""One of them: a row."""
 
 LEAPS: Final[tuple[Any, ...]] = tuple(np.int64(2**k) for k in range(5))
 """Steps of a turn's tail that are taken at once."""
@@ -55,7 +58,7 @@ STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
 
 
-@kernel
+@inlined
 def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float:
     """Wheel command of a turn, %: 2.5 e + 0.15 integral, clipped."""
     command = setup.gain * error_deg + setup.integral_gain * integral_deg_s
@@ -95,7 +98,7 @@ def turn_ahead(
     return n, error_deg, integral_deg_s, gyro_deg
 
 
-@kernel
+@inlined
 def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
     """Whether the rest of a turn is below full command and its error falls to the tolerance without a swing."""
     if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
@@ -104,7 +107,7 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
     return bool(falls and setup.gain * gain < 0.5)
 
 
-@kernel
+@inlined
 def tail_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
 ) -> tuple[int, float, float]:
@@ -139,13 +142,13 @@ def tail_ahead(
     return n, error_deg, integral_deg_s
 
 
-@kernel
+@inlined
 def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
     """The square of the matrix (a b; c d)."""
     return a * a + b * c, b * (a + d), c * (a + d), d * d + b * c
 
 
-@kernel
+@inlined
 def leap(
     setup: Setup, a: float, b: float, c: float, d: float, steps: int,
     error_deg: float, integral_deg_s: float, n: int, most: int,
@@ -158,7 +161,7 @@ def leap(
     return n, error_deg, integral_deg_s
 
 
-@kernel
+@inlined
 def saturated_ticks(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
 ) -> int:
@@ -177,7 +180,7 @@ def saturated_ticks(
     return min(int(max(min(until_command, until_done), 0.0)), most)
 
 
-@kernel
+@inlined
 def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
     """Ticks ahead at which the sample timer interrupts a robot in this mode."""
     if state_mode == AVOID and not setup.interrupts_avoidance:
@@ -189,14 +192,13 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
     return 2 + int((setup.sample_interval_ms - timer_ms) / setup.tick_ms)
 
 
-@kernel
-def own_ticks(planners: Planners, i: int, setup: Setup, horizon: int) -> int:
+@inlined
+def own_ticks(row: Planner, setup: Setup, horizon: int) -> int:
     """Ticks ahead of the robot's next own event, at most ``horizon``; a turn's is worked out and kept."""
-    row = planners[i]
     if row.mode == STOP:
         wait = max(1, math.ceil((setup.stop_ms - row.stopped_ms) / setup.tick_ms))
         row.sample_tick = row.tick + wait
-        return wait + 1  # it walks again at the tick after the sample
+        return wait + 1  # it samples on the way, and walks again at the tick after
     most = min(due_ticks(row.mode, row.timer_ms, setup), horizon)
     if row.mode == DRIVE:
         leg = 1 + max(0, math.ceil((row.leg_ms - row.driven_ms) / setup.tick_ms))
@@ -209,10 +211,9 @@ def own_ticks(planners: Planners, i: int, setup: Setup, horizon: int) -> int:
     return ahead
 
 
-@kernel
-def begin_plan(planners: Planners, i: int, setup: Setup, tick: int) -> None:
+@inlined
+def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
     """Take what ``control`` has just set as the plan from ``tick`` on."""
-    row = planners[i]
     row.tick, row.written_tick, row.blocked, row.turn_ticks_ahead = tick, tick, 0, 0
     if row.mode == DRIVE:
         straight = abs(row.rate_rad_s) < STRAIGHT_RAD_S
@@ -224,18 +225,16 @@ def begin_plan(planners: Planners, i: int, setup: Setup, tick: int) -> None:
         row.turn_gain = math.degrees(2.0 * 0.01 * full / setup.turn_track_m * setup.tick_s)
 
 
-@kernel
-def block(planners: Planners, i: int) -> None:
+@inlined
+def block(row: Planner) -> None:
     """The move at the plan's tick does not happen; heading and clocks go on."""
-    row = planners[i]
     row.wish_m_s = row.speed_m_s
     row.speed_m_s, row.radius_m, row.blocked = 0.0, 0.0, 1
 
 
-@kernel
-def turned_to(planners: Planners, i: int, setup: Setup, n: int) -> tuple[float, float, float]:
+@inlined
+def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
     """Error, integral and gyro of a turn just before the step ``n`` ticks after its plan's."""
-    row = planners[i]
     if n == row.turn_ticks_ahead:
         return row.ahead_error_deg, row.ahead_integral_deg_s, row.ahead_gyro_deg
     ahead = turn_ahead(setup, row.turn_gain, row.error_deg, row.integral_deg_s, n)
@@ -243,25 +242,28 @@ def turned_to(planners: Planners, i: int, setup: Setup, n: int) -> tuple[float, 
 
 
 @kernel
-def pose_at(planners: Planners, i: int, setup: Setup, tick: int) -> tuple[float, float, float]:
+def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]:
     """Position and heading at a tick of the plan, m, m, rad."""
-    x_m, y_m, heading_rad, _, _ = facing_at(planners, i, setup, tick)
+    x_m, y_m, heading_rad, _, _ = facing_at(row, setup, tick)
     return x_m, y_m, heading_rad
 
 
-@kernel
-def facing_at(
-    planners: Planners, i: int, setup: Setup, tick: int
-) -> tuple[float, float, float, float, float]:
+@inlined
+def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float, float, float]:
     """Position and heading at a tick of the plan, m, m, rad, and the heading's sine and cosine."""
-    row = planners[i]
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
     if row.mode == DRIVE:
         return along_arc(row, n * setup.tick_s)
-    error_deg, _, gyro_deg = turned_to(planners, i, setup, n)
-    heading = row.heading_rad + math.radians(row.error_deg - (error_deg - gyro_deg))
+    error_deg, _, gyro_deg = turned_to(row, setup, n)
+    return turned_by(row, row.error_deg - (error_deg - gyro_deg))
+
+
+@inlined
+def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, float, float]:
+    """``facing_at`` for a robot that turns, so far round from its plan's tick."""
+    heading = row.heading_rad + math.radians(angle_deg)
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     x_m = row.x_m + row.radius_m * (sin_h - row.sin_h)
     y_m = row.y_m - row.radius_m * (cos_h - row.cos_h)
@@ -269,7 +271,7 @@ def facing_at(
 
 
 @kernel
-def along_arc(row: Any, time_s: float) -> tuple[float, float, float, float, float]:
+def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, float]:
     """``facing_at`` for a robot that drives, so long after its plan's tick."""
     turned = row.rate_rad_s * time_s
     heading = row.heading_rad + turned
@@ -287,49 +289,43 @@ def along_arc(row: Any, time_s: float) -> tuple[float, float, float, float, floa
     return row.x_m + row.radius_m * rise, row.y_m - row.radius_m * run, heading, sin_h, cos_h
 
 
-@kernel
-def see_own(planners: Planners, i: int, setup: Setup) -> None:
-    """Work out the pose at ``own_tick``."""
-    row = planners[i]
-    pose = facing_at(planners, i, setup, row.own_tick)
-    row.own_x_m, row.own_y_m, row.own_heading_rad, row.own_sin_h, row.own_cos_h = pose
-
-
-@kernel
-def catch_up(planners: Planners, i: int, setup: Setup, tick: int) -> None:
-    """Bring a robot to ``tick``, just before its step there: pose, clocks, turn, time account."""
-    row = planners[i]
+@inlined
+def catch_up(row: Planner, setup: Setup, tick: int) -> None:
+    """Bring a robot that walks to ``tick``, just before its step there: pose, clocks, turn, time account."""
     n = tick - row.tick
     passed_ms = (n - 1) * setup.tick_ms
-    if row.mode == STOP:
-        row.stop_ticks += n
-        row.stopped_ms += passed_ms
-        row.tick = tick
-        return
+    if counts(row.mode, setup.timer):
+        row.timer_ms += passed_ms
     if row.mode == DRIVE:
         row.drive_ticks += n
         row.driven_ms += passed_ms
-    elif row.mode == TURN:
-        row.turn_ticks += n
+        if tick == row.own_tick:
+            x_m, y_m, heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
+            sin_h, cos_h = row.own_sin_h, row.own_cos_h
+        else:
+            x_m, y_m, heading_rad, sin_h, cos_h = along_arc(row, n * setup.tick_s)
     else:
-        row.avoid_ticks += n
-    if counts(row.mode, setup.timer):
-        row.timer_ms += passed_ms
-    if row.mode == DRIVE and tick == row.own_tick:
-        row.x_m, row.y_m, row.heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
-        row.sin_h, row.cos_h = row.own_sin_h, row.own_cos_h
-    else:
-        x_m, y_m, heading_rad, sin_h, cos_h = facing_at(planners, i, setup, tick)
-        if row.mode != DRIVE:
-            row.error_deg, row.integral_deg_s, row.gyro_deg = turned_to(planners, i, setup, n)
-        row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h = x_m, y_m, heading_rad, sin_h, cos_h
+        if row.mode == TURN:
+            row.turn_ticks += n
+        else:
+            row.avoid_ticks += n
+        error_deg, integral_deg_s, gyro_deg = turned_to(row, setup, n)
+        x_m, y_m, heading_rad, sin_h, cos_h = turned_by(row, row.error_deg - (error_deg - gyro_deg))
+        row.error_deg, row.integral_deg_s, row.gyro_deg = error_deg, integral_deg_s, gyro_deg
+    row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h = x_m, y_m, heading_rad, sin_h, cos_h
     row.tick = tick
 
 
-@kernel
-def take_sample(planners: Planners, i: int, tick: int) -> None:
-    """The stop is over: the robot is at the tick of its sample, and still stands."""
-    row = planners[i]
-    row.stop_ticks += tick - row.tick
-    row.tick, row.sampled = tick, 1
+@inlined
+def end_stop(row: Planner) -> None:
+    """The stop is over: bring a robot that stands to the tick of its sample."""
+    row.stop_ticks += row.sample_tick - row.tick
+    row.tick, row.sampled = row.sample_tick, 1
     row.samples += 1
+
+
+@inlined
+def stand_on(row: Planner, tick: int) -> None:
+    """From the tick of its sample on a robot stands until ``tick``."""
+    row.stop_ticks += tick - row.tick
+    row.tick = tick

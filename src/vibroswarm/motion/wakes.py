@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inlined, kernel
 
 NEVER: Final = 2**62
 
@@ -35,14 +35,14 @@ def set_wake(tree: NDArray[np.int64], i: int, tick: int) -> None:
         tree[node] = earliest
 
 
-@kernel
+@inlined
 def wake_by(tree: NDArray[np.int64], i: int, tick: int) -> None:
     """Robot ``i`` is to wake at ``tick`` or before."""
     if tick < tree[(tree.size >> 1) + i]:
         set_wake(tree, i, tick)
 
 
-@kernel
+@inlined
 def awake_at(tree: NDArray[np.int64], tick: int, awake: NDArray[np.int64]) -> int:
     """The robots that wake at ``tick``, in index order, into ``awake``; gives how many.
 
