@@ -113,7 +113,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     It may not allocate. So Numba need not count references to the arrays that it is given: the counting,
     atomic at every call, was half the time of the engines.
     """
-    return _compile(function, _nrt=False, no_cfunc_wrapper=True)
+    return _compile(function, _nrt=False, no_cfunc_wrapper=True, forceinline=False)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -123,7 +123,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 def allocating_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """As ``kernel``, for functions that make arrays."""
-    return _compile(function, no_cfunc_wrapper=True)
+    return _compile(function, no_cfunc_wrapper=True, forceinline=False)
 
 
 def _name_records_by_their_fields() -> None:

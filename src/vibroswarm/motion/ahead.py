@@ -42,7 +42,7 @@ ROUNDING_M = 1e-12
 def prepare_to_look(row: Planner, setup: Setup) -> None:
     """Where about a plan that reaches to its ``own_tick`` takes the robot; a driver's pose there."""
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
-    row.chord_x_m = row.chord_y_m = row.slack_m = row.rate_m = 0.0
+    row.chord_x_m = row.chord_y_m = row.slack_m = 0.0
     if row.mode == STOP:
         return
     if row.mode == DRIVE:
@@ -52,14 +52,12 @@ def prepare_to_look(row: Planner, setup: Setup) -> None:
         row.own_sin_h, row.own_cos_h = sin_h, cos_h
         if not row.blocked:
             row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
-            row.rate_m = abs(row.speed_m_s) * setup.tick_s
             bend = abs(row.rate_rad_s) * ticks * setup.tick_s
             row.slack_m = row.rate_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
     elif not row.blocked:
         row.mid_x_m -= row.radius_m * row.sin_h
         row.mid_y_m += row.radius_m * row.cos_h
         row.slack_m = abs(row.radius_m) + ROUNDING_M
-        row.rate_m = abs(row.radius_m) * math.radians(100.0 * row.turn_gain)
 
 
 @kernel
@@ -69,25 +67,37 @@ def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
     It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
     """
     row = planners[i]
-    r = setup.radius_m
-    for n in range(1, most):
+    n = 1
+    while n < most:
         heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
         x, y, _ = arc(row.x_m, row.y_m, heading, row.wish_m_s, row.rate_rad_s, setup.tick_s)
-        hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
-        tick = row.tick + n
+        shift = abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s  # of that place, a tick
+        wall = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
+        held = held_ticks(setup.radius_m - wall, shift)
         for m in range(near[i, 0]):
             j = near[i, m + 1]
             other = planners[j]
-            if hit or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
+            if held > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
                 continue
-            if other.mode != STOP and other.own_tick <= tick:
+            if other.mode != STOP and other.own_tick <= row.tick + n:
                 return n
-            other_x, other_y, _ = pose_at(other, setup, tick + 1 if j < i else tick)
-            dx, dy = other_x - x, other_y - y
-            hit = dx * dx + dy * dy < 4.0 * r * r
-        if not hit:
+            other_x, other_y, _ = pose_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
+            apart = math.hypot(other_x - x, other_y - y)
+            held = held_ticks(2.0 * setup.radius_m - apart, shift + other.rate_m)
+            if other.mode != STOP:
+                held = min(held, other.own_tick - row.tick - n)
+        if held == 0:
             return n
+        n += held
     return most
+
+
+@inlined
+def held_ticks(depth: float, shift: float) -> int:
+    """Ticks for which an overlap so deep surely lasts, if it shrinks by no more than ``shift`` a tick; 0: none."""
+    if depth <= 0.0:
+        return 0
+    return max(1, int(min(depth / (shift + ROUNDING_M), SIDE_TICKS)))
 
 
 @inlined
@@ -187,20 +197,23 @@ def side_ticks(gap: float, approach: float, swerve: float) -> float:
 def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
     """Whether the chords of two plans come so near, as long as both last, that a closer look is due.
 
-    One test for the many pairs that do not: their least distance is where the derivative of its square is 0.
+    One test for the many pairs that do not.
     """
-    span = min(a.own_tick, b.own_tick) - tick
     x = a.mid_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
-    nearest = -(x * dx + y * dy) / (dx * dx + dy * dy + 1e-30)
-    nearest = min(max(nearest, 0.0), float(span))
-    x, y = x + nearest * dx, y + nearest * dy
     far = setup.zone_m
     if a.mode == DRIVE or b.mode == DRIVE:
         far = max(far, setup.sight_m)
     far += a.slack_m + b.slack_m
-    return bool(x * x + y * y < far * far)
+    beyond = x * x + y * y - far * far
+    closing = -(x * dx + y * dy)
+    # Their least distance, were the chords endless: beyond - closing^2 / speed^2.
+    if (beyond > 0.0) & ((closing <= 0.0) | (beyond * (dx * dx + dy * dy) > closing * closing)):
+        return False
+    span = min(a.own_tick, b.own_tick) - tick
+    x, y = x + span * dx, y + span * dy
+    return bool((beyond <= 0.0) | (x * dx + y * dy > 0.0) | (x * x + y * y < far * far))
 
 
 @kernel
@@ -228,7 +241,7 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
         if free < 1.0:
             sight, contact = clear_ticks(a, b, setup, touch, now, turning)
             if turning and min(sight, contact) < 1.0:
-                sight, contact = clear_ticks(a, b, setup, touch, now, False)
+                sight, contact = clear_ticks(a, b, setup, touch, now, not turning)
             if sight <= 0.0:
                 return int(now)
             if (

@@ -74,8 +74,20 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
 @kernel
 def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> None:
     """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
+    roll_leg(swarm, i, seed, run, legs)
+    roll_avoidance(swarm, i, seed, run, avoidances)
+
+
+@kernel
+def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
+    """The numbers of the next leg, and of the turn before it."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
+
+
+@kernel
+def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -> None:
+    """The number of the next avoidance."""
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
 
 
@@ -212,8 +224,10 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
     dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
     after = walk_step(before, setup, row.gyro_deg, row.nearest_mm, dice)
     store(swarm, i, after)
-    if after.legs != before.legs or after.avoidances != before.avoidances:
-        roll(swarm, i, seed, run, after.legs, after.avoidances)
+    if after.legs != before.legs:
+        roll_leg(swarm, i, seed, run, after.legs)
+    if after.avoidances != before.avoidances:
+        roll_avoidance(swarm, i, seed, run, after.avoidances)
     if after.mode == STOP and before.mode != STOP:
         row.stop_tick = tick
     left, right = wheel_commands_percent(after, setup)

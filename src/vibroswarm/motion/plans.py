@@ -73,7 +73,7 @@ def turn_ahead(
 
     Gives n, and error, integral and gyro as they stand just before the step n ticks ahead.
     """
-    dt_s = setup.tick_ms / 1000.0
+    dt_s = setup.tick_s
     command = turn_command(setup, error_deg, integral_deg_s)
     gyro_deg = gain * command
     n = 1
@@ -116,7 +116,7 @@ def tail_ahead(
     A step is linear there, (e, integral) <- M (e, integral); as the error only falls, the number of steps is
     found by powers of M to powers of two.
     """
-    dt_s = setup.tick_ms / 1000.0
+    dt_s = setup.tick_s
     a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
     c, d = dt_s * a, 1.0 + dt_s * b
     a2, b2, c2, d2 = square(a, b, c, d)
@@ -154,11 +154,10 @@ def leap(
     error_deg: float, integral_deg_s: float, n: int, most: int,
 ) -> tuple[int, float, float]:  # fmt: skip
     """So many steps at once, unless they would end the turn or go beyond ``most``."""
-    error = a * error_deg + b * integral_deg_s
-    beyond = abs(error) > setup.tolerance_deg and error * error_deg > 0.0
-    if beyond and n + steps <= most:
-        return n + steps, error, c * error_deg + d * integral_deg_s
-    return n, error_deg, integral_deg_s
+    error, integral = a * error_deg + b * integral_deg_s, c * error_deg + d * integral_deg_s
+    # One condition, no branches: which way it goes is a matter of chance.
+    goes = (abs(error) > setup.tolerance_deg) & (error * error_deg > 0.0) & (n + steps <= most)
+    return n + steps * goes, error if goes else error_deg, integral if goes else integral_deg_s
 
 
 @inlined
@@ -218,18 +217,22 @@ def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
     if row.mode == DRIVE:
         straight = abs(row.rate_rad_s) < STRAIGHT_RAD_S
         row.radius_m = 0.0 if straight else row.speed_m_s / row.rate_rad_s
+        row.rate_m = abs(row.speed_m_s) * setup.tick_s
     elif row.mode != STOP:
         row.radius_m = 0.5 * row.misalignment * setup.turn_track_m
         full = setup.full_speed_m_s * row.speed_factor * row.battery
         # Both wheels at 1 % of full speed, one backwards, for one tick.
         row.turn_gain = math.degrees(2.0 * 0.01 * full / setup.turn_track_m * setup.tick_s)
+        row.rate_m = abs(row.radius_m) * math.radians(100.0 * row.turn_gain)
+    else:
+        row.rate_m = 0.0
 
 
 @inlined
 def block(row: Planner) -> None:
     """The move at the plan's tick does not happen; heading and clocks go on."""
     row.wish_m_s = row.speed_m_s
-    row.speed_m_s, row.radius_m, row.blocked = 0.0, 0.0, 1
+    row.speed_m_s, row.radius_m, row.rate_m, row.blocked = 0.0, 0.0, 0.0, 1
 
 
 @inlined
