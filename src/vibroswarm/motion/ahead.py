@@ -103,10 +103,17 @@ def held_ticks(depth: float, shift: float) -> int:
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
     """Whether a robot may be within a distance of a point at ``tick``, by its chord."""
+    far = distance_m + row.slack_m
+    return bool(apart2(row, x_m, y_m, tick) < far * far)
+
+
+@inlined
+def apart2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
+    """Squared distance of a point from where about a robot is at ``tick``, m^2."""
     dx = row.mid_x_m + (tick - row.tick) * row.chord_x_m - x_m
     dy = row.mid_y_m + (tick - row.tick) * row.chord_y_m - y_m
-    far = distance_m + row.slack_m
-    return bool(dx * dx + dy * dy < far * far)
+    squared: float = dx * dx + dy * dy
+    return squared
 
 
 @inlined

@@ -18,6 +18,7 @@ from vibroswarm.compiled import inlined, kernel, zero_rows
 from vibroswarm.motion.ahead import (
     blocked_ticks,
     may_meet,
+    apart2,
     maybe_within,
     meeting_tick,
     prepare_to_look,
@@ -52,7 +53,7 @@ from vibroswarm.motion.plans import (
     turned_by,
 )
 from vibroswarm.motion.record import END_ROW, Record, has_room, write_sample, write_segment
-from vibroswarm.motion.wakes import NEVER, awake_at, empty_tree, set_wake, wake_by
+from vibroswarm.motion.wakes import NEVER, awake_at, next_wake, nobody_wakes, set_wake, wake_by
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
@@ -65,7 +66,7 @@ ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
 @kernel
 def events(
     planners: Planners,
-    tree: NDArray[np.int64],
+    wakes: NDArray[np.int64],
     near: NDArray[np.int64],
     awake: NDArray[np.int64],
     setup: Setup,
@@ -77,20 +78,22 @@ def events(
 ) -> int:
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
     rows = ROOM_TICKS * planners.size
-    while tree[1] < until:
-        tick = tree[1]
+    while True:
+        tick = next_wake(wakes, planners.size)
+        if tick >= until:
+            break
         if not has_room(record, rows):
-            return int(tick)
-        count = awake_at(tree, tick, awake)
+            return tick
+        count = awake_at(wakes, tick, awake, planners.size)
         count = rouse(planners, near, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, awake, count, setup, record, seed, run, tick)
         for k in range(count):
             plan(planners, near, awake[k], setup, tick)
         for k in range(count):
-            meet(planners, tree, near, awake[k], setup, tick)
+            meet(planners, wakes, near, awake[k], setup, tick)
         for k in range(count):
             row = planners[awake[k]]
-            set_wake(tree, awake[k], min(row.alert_tick, row.own_tick))
+            set_wake(wakes, awake[k], min(row.alert_tick, row.own_tick))
     for i in range(planners.size):
         row = planners[i]
         if row.mode == STOP and row.sampled == 0 and row.sample_tick < until:
@@ -100,7 +103,7 @@ def events(
     return until
 
 
-@kernel
+@inlined
 def rouse(
     planners: Planners,
     near: NDArray[np.int64],
@@ -148,18 +151,16 @@ def look_around(planners: Planners, near: NDArray[np.int64], i: int, setup: Setu
     """Whether another body may be so near robot ``i`` that they might touch; notes that, and who might be seen."""
     row = planners[i]
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
-    far = max(setup.zone_m, setup.sight_m)
-    row.company = row.crowded = 0
+    nearest2, slack = math.inf, 0.0
     for m in range(near[i, 0]):
         other = planners[near[i, m + 1]]
-        if maybe_within(other, row.x_m, row.y_m, far, tick):
-            row.company = 1
-            if maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
-                row.crowded = 1
-    return bool(row.crowded)
+        nearest2 = min(nearest2, apart2(other, row.x_m, row.y_m, tick))
+        slack = max(slack, other.slack_m)
+    row.alone_m = math.sqrt(nearest2) - slack
+    return bool(row.alone_m < setup.zone_m)
 
 
-@kernel
+@inlined
 def sample(
     planners: Planners,
     i: int,
@@ -176,7 +177,7 @@ def sample(
     refresh(planners, setup, speeds, seed, run, i, tick)
 
 
-@kernel
+@inlined
 def step(
     planners: Planners,
     near: NDArray[np.int64],
@@ -215,7 +216,7 @@ def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
     nearest = math.inf
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
         nearest = rays_to_walls(setup, x, y, row.cos_h, row.sin_h)
-    if row.company:
+    if row.alone_m < setup.sight_m:
         for m in range(near[i, 0]):
             other = planners[near[i, m + 1]]
             if maybe_within(other, x, y, setup.sight_m, tick):
@@ -237,7 +238,7 @@ def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setu
     inset = setup.radius_m + setup.longest_step_m
     x, y = row.x_m, row.y_m
     at_wall = x < inset or y < inset or setup.width_m - x < inset or setup.height_m - y < inset
-    if row.crowded or at_wall:
+    if row.alone_m < setup.zone_m or at_wall:
         move_or_block(planners, near, i, setup, tick)
 
 
@@ -303,40 +304,42 @@ def plan(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick
 
 @inlined
 def meet(
-    planners: Planners, tree: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
+    planners: Planners, wakes: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
 ) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     row = planners[i]
+    if (row.own_tick - tick) * (row.rate_m + setup.longest_step_m) < row.alone_m - max(setup.zone_m, setup.sight_m):
+        return  # nobody can come so near before it looks around again
     for m in range(near[i, 0]):
         j = near[i, m + 1]
         other = planners[j]
         met = other.tick == tick and j < i  # robot j is awake too, and has looked already
         if not met and may_meet(row, other, setup, tick):
-            look_out(planners, tree, i, j, setup, tick)
+            look_out(planners, wakes, i, j, setup, tick)
 
 
 @kernel
-def look_out(planners: Planners, tree: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
+def look_out(planners: Planners, wakes: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
     """Wake both by the first tick after ``tick`` at which they may matter to each other."""
     meeting = meeting_tick(planners[i], planners[j], setup, tick, i < j)
     if meeting < NEVER:
-        alert(planners, tree, i, meeting)
-        alert(planners, tree, j, meeting)
+        alert(planners, wakes, i, meeting)
+        alert(planners, wakes, j, meeting)
 
 
 @inlined
-def alert(planners: Planners, tree: NDArray[np.int64], i: int, tick: int) -> None:
+def alert(planners: Planners, wakes: NDArray[np.int64], i: int, tick: int) -> None:
     """Another robot may matter to robot ``i`` at ``tick``; to one that stands, nobody does."""
     row = planners[i]
     if row.mode != STOP and tick < row.alert_tick:
         row.alert_tick = tick
-        wake_by(tree, i, tick)
+        wake_by(wakes, i, tick)
 
 
 @kernel
 def new_lists(
     planners: Planners,
-    tree: NDArray[np.int64],
+    wakes: NDArray[np.int64],
     near: NDArray[np.int64],
     grid: NDArray[np.int64],
     setup: Setup,
@@ -349,7 +352,7 @@ def new_lists(
         for m in range(near[i, 0]):
             j = near[i, m + 1]
             if j > i:
-                look_out(planners, tree, i, j, setup, tick - 1)
+                look_out(planners, wakes, i, j, setup, tick - 1)
 
 
 @kernel
@@ -369,7 +372,7 @@ class EventRun(KernelRun):
     def start(self, seed: int, run: int) -> None:
         """Go to time 0 of a run: all stand; their own next event is the step at tick 1."""
         super().start(seed, run)
-        self.tree = empty_tree(self.swarm.size)
+        self.wakes = nobody_wakes(self.swarm.size)
         self.awake = np.zeros(self.swarm.size, dtype=np.int64)
         self.near = empty_lists(self.swarm.size, self.setup)
         self.grid, self.list_radius_m = empty_grid(self.swarm.size, self.setup), list_radius_m(self.setup)
@@ -379,13 +382,12 @@ class EventRun(KernelRun):
             np.sin(self.swarm["heading_rad"]),
             np.cos(self.swarm["heading_rad"]),
         )
-        for i in range(self.swarm.size):
-            set_wake(self.tree, i, 1)
+        self.wakes.fill(1)
 
     def copy(self) -> EventRun:
         """A branch that does not change with this state."""
         other = super().copy()
-        other.tree, other.near = self.tree.copy(), self.near.copy()
+        other.wakes, other.near = self.wakes.copy(), self.near.copy()
         return other
 
     def move_on(self, until: int) -> int:
@@ -393,13 +395,13 @@ class EventRun(KernelRun):
         if self.swarm.size <= SMALL_SWARM:
             return self.events_until(until)
         if self.tick == 1 or self.tick % LIST_TICKS == 0:
-            new_lists(self.swarm, self.tree, self.near, self.grid, self.setup, self.list_radius_m, self.tick)
+            new_lists(self.swarm, self.wakes, self.near, self.grid, self.setup, self.list_radius_m, self.tick)
         return self.events_until(min(until, self.tick - self.tick % LIST_TICKS + LIST_TICKS))
 
     def events_until(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.tree, self.near, self.awake, self.setup, self.speeds, self.record,
+            self.swarm, self.wakes, self.near, self.awake, self.setup, self.speeds, self.record,
             self.seed, self.run, until,
         )  # fmt: skip
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel
+from vibroswarm.compiled import allocating_kernel, inlined, kernel
 from vibroswarm.draws import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.body import Setup, misalignment, speed_factor
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
@@ -47,7 +47,7 @@ Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
 
 
-@kernel
+@inlined
 def load(swarm: Swarm, i: int) -> WalkState:
     """What robot ``i``'s program remembers."""
     row = swarm[i]
@@ -57,7 +57,7 @@ def load(swarm: Swarm, i: int) -> WalkState:
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def store(swarm: Swarm, i: int, state: WalkState) -> None:
     """The reverse of ``load``."""
     row = swarm[i]
@@ -216,7 +216,7 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
     return sampling
 
 
-@kernel
+@inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
     """``control`` of robot ``i``; gives 1 if it samples now, else 0."""
     before = load(swarm, i)

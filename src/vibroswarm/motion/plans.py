@@ -30,29 +30,25 @@ from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, counts
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
     + [(name, np.int64) for name in ("tick", "own_tick", "alert_tick", "sample_tick")]
-    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "company", "crowded", "written_tick")]
+    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
-    + [(name, np.float64) for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m")]
+    + [(name, np.float64) for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m", "alone_m")]
 )
 """``ROBOT``, and its plan.
 
 tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
 a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
 the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event. blocked: the move at ``tick``
-did not happen, and wish_m_s is the speed that it would have had. company, crowded: another robot may be in sight,
-its body near.
+did not happen, and wish_m_s is the speed that it would have had.
 written_tick: a turn's segments are written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose
 at ``own_tick`` of a robot that drives. mid, chord, slack: where about it is (``ahead``). rate: how far it moves at
-most in a tick."""
+most in a tick. alone_m: nobody's centre is nearer at ``tick``."""
 
 Planners = NDArray[np.void]
 Planner = Any
 """One of them: a row."""
-
-LEAPS: Final[tuple[Any, ...]] = tuple(np.int64(2**k) for k in range(5))
-"""Steps of a turn's tail that are taken at once."""
 
 STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
@@ -113,51 +109,32 @@ def tail_ahead(
 ) -> tuple[int, float, float]:
     """The tail of a turn up to the step before the one that ends it: n, error, integral.
 
-    A step is linear there, (e, integral) <- M (e, integral); as the error only falls, the number of steps is
-    found by powers of M to powers of two.
+    A step is linear there, (e, integral) <- M (e, integral). As the error only falls, four steps are taken at
+    once, by M^4, as long as they do not end the turn.
     """
-    dt_s = setup.tick_s
     a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
-    c, d = dt_s * a, 1.0 + dt_s * b
+    c, d = setup.tick_s * a, 1.0 + setup.tick_s * b
     a2, b2, c2, d2 = square(a, b, c, d)
     a4, b4, c4, d4 = square(a2, b2, c2, d2)
-    a8, b8, c8, d8 = square(a4, b4, c4, d4)
-    a16, b16, c16, d16 = square(a8, b8, c8, d8)
-    moved = True
-    while moved:
-        n16, error_deg, integral_deg_s = leap(
-            setup, a16, b16, c16, d16, LEAPS[4], error_deg, integral_deg_s, n, most
-        )
-        moved = n16 != n
-        n, error_deg, integral_deg_s = leap(
-            setup, a8, b8, c8, d8, LEAPS[3], error_deg, integral_deg_s, n16, most
-        )
-        n, error_deg, integral_deg_s = leap(
-            setup, a4, b4, c4, d4, LEAPS[2], error_deg, integral_deg_s, n, most
-        )
-        n, error_deg, integral_deg_s = leap(
-            setup, a2, b2, c2, d2, LEAPS[1], error_deg, integral_deg_s, n, most
-        )
-        n, error_deg, integral_deg_s = leap(setup, a, b, c, d, LEAPS[0], error_deg, integral_deg_s, n, most)
-    return n, error_deg, integral_deg_s
+    sign = 1.0 if error_deg > 0.0 else -1.0
+    error, integral = sign * error_deg, sign * integral_deg_s
+    after = a4 * error + b4 * integral
+    while after > setup.tolerance_deg and n + 4 <= most:
+        integral = c4 * error + d4 * integral
+        error, n = after, n + 4
+        after = a4 * error + b4 * integral
+    after = a * error + b * integral
+    while after > setup.tolerance_deg and n < most:
+        integral = c * error + d * integral
+        error, n = after, n + 1
+        after = a * error + b * integral
+    return n, sign * error, sign * integral
 
 
 @inlined
 def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
     """The square of the matrix (a b; c d)."""
     return a * a + b * c, b * (a + d), c * (a + d), d * d + b * c
-
-
-@inlined
-def leap(
-    setup: Setup, a: float, b: float, c: float, d: float, steps: int,
-    error_deg: float, integral_deg_s: float, n: int, most: int,
-) -> tuple[int, float, float]:  # fmt: skip
-    """So many steps at once, unless they would end the turn or go beyond ``most``."""
-    error, integral = a * error_deg + b * integral_deg_s, c * error_deg + d * integral_deg_s
-    # One condition, no branches: which way it goes is a matter of chance.
-    goes = (abs(error) > setup.tolerance_deg) & (error * error_deg > 0.0) & (n + steps <= most)
-    return n + steps * goes, error if goes else error_deg, integral if goes else integral_deg_s
 
 
 @inlined

@@ -1,7 +1,7 @@
-"""Who wakes next: a tournament of ticks, one leaf a robot; the root holds the earliest.
+"""Who wakes next: the robots' ticks in blocks of 16, with a bound for each block.
 
-``tree`` has 2 P entries for the P leaves (a power of two); entry 1 is the root, the children of entry n
-are 2 n and 2 n + 1, robot i's leaf is P + i. Unused leaves hold NEVER.
+``wakes`` has a row a block, shape (blocks, 17): a tick before which nobody in the block wakes, then the ticks of
+its robots; NEVER where there is none.
 """
 
 from __future__ import annotations
@@ -16,51 +16,51 @@ from vibroswarm.compiled import inlined, kernel
 NEVER: Final = 2**62
 
 
-def empty_tree(robots: int) -> NDArray[np.int64]:
-    """A tournament in which nobody wakes."""
-    leaves = 1 << max(robots - 1, 0).bit_length()
-    return np.full(2 * leaves, NEVER, dtype=np.int64)
+def nobody_wakes(robots: int) -> NDArray[np.int64]:
+    """Robots of whom nobody wakes."""
+    return np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
+
+
+@inlined
+def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
+    """Robot ``i`` is to wake at ``tick``."""
+    block = wakes[i >> 4]
+    block[(i & 15) + 1] = tick
+    block[0] = min(block[0], tick)
+
+
+@inlined
+def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
+    """Robot ``i`` is to wake at ``tick`` or before."""
+    if tick < wakes[i >> 4, (i & 15) + 1]:
+        set_wake(wakes, i, tick)
 
 
 @kernel
-def set_wake(tree: NDArray[np.int64], i: int, tick: int) -> None:
-    """Robot ``i`` is to wake at ``tick``."""
-    node = (tree.size >> 1) + i
-    tree[node] = tick
-    while node > 1:
-        node >>= 1
-        earliest = min(tree[2 * node], tree[2 * node + 1])
-        if tree[node] == earliest:
-            return
-        tree[node] = earliest
-
-
-@inlined
-def wake_by(tree: NDArray[np.int64], i: int, tick: int) -> None:
-    """Robot ``i`` is to wake at ``tick`` or before."""
-    if tick < tree[(tree.size >> 1) + i]:
-        set_wake(tree, i, tick)
-
-
-@inlined
-def awake_at(tree: NDArray[np.int64], tick: int, awake: NDArray[np.int64]) -> int:
-    """The robots that wake at ``tick``, in index order, into ``awake``; gives how many.
-
-    ``tick`` is the earliest of all, so that subtrees whose root is later hold none of them.
-    """
-    leaves = tree.size >> 1
-    count, node = 0, 1
+def next_wake(wakes: NDArray[np.int64], robots: int) -> int:
+    """The tick at which somebody wakes next; the bounds of the blocks are made exact as far as need be."""
     while True:
-        if tree[node] == tick and node < leaves:
-            node *= 2  # down to the left
-            continue
-        if tree[node] == tick:
-            awake[count] = node - leaves
-            count += 1
-        while node & 1:  # up from right children
-            if node == 1:
-                return count
-            node >>= 1
-        if node == 0:
-            return count
-        node += 1  # over to the right sibling
+        first = 0
+        for k in range(1, wakes.shape[0]):
+            if wakes[k, 0] < wakes[first, 0]:
+                first = k
+        earliest = NEVER
+        for m in range(min(robots - 16 * first, 16)):
+            earliest = min(earliest, wakes[first, m + 1])
+        if earliest == wakes[first, 0]:
+            return int(earliest)
+        wakes[first, 0] = earliest
+        if wakes.shape[0] == 1:
+            return int(earliest)
+
+
+@inlined
+def awake_at(wakes: NDArray[np.int64], tick: int, awake: NDArray[np.int64], robots: int) -> int:
+    """The robots that wake at ``tick``, the earliest of all, in index order into ``awake``; gives how many."""
+    count = 0
+    for k in range(wakes.shape[0]):
+        if wakes[k, 0] == tick:
+            for i in range(16 * k, min(robots, 16 * k + 16)):
+                awake[count] = i
+                count += wakes[k, (i & 15) + 1] == tick
+    return count

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inlined, kernel
 
 DRIVE: Final = 0
 TURN: Final = 1
@@ -82,14 +82,14 @@ class Dice(NamedTuple):
     avoid: float
 
 
-@kernel
+@inlined
 def leg_duration_ms(program: WalkProgram, u: float) -> float:
     """T_r ~ Cauchy(gamma_0, gamma) clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
     leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))
     return min(max(leg_ms, program.leg_min_ms), program.leg_max_ms)
 
 
-@kernel
+@inlined
 def turn_angle_deg(program: WalkProgram, u: float) -> float:
     """phi ~ U(-turn_max, turn_max), deg, anticlockwise positive."""
     return program.turn_max_deg * (2.0 * u - 1.0)
@@ -102,7 +102,7 @@ def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
     return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0)
 
 
-@kernel
+@inlined
 def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
     """Whether the step at this tick reads the rays: only when the robot is about to drive."""
     mode = state.mode
@@ -115,7 +115,7 @@ def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
     return abs(state.error_deg - gyro_deg) <= program.tolerance_deg
 
 
-@kernel
+@inlined
 def walk_step(
     state: WalkState, program: WalkProgram, gyro_deg: float, nearest_mm: float, dice: Dice
 ) -> WalkState:
@@ -169,7 +169,7 @@ def walk_step(
                      error_deg, integral_deg_s, legs, avoidances, samples)  # fmt: skip
 
 
-@kernel
+@inlined
 def counts(mode: int, timer: int) -> bool:
     """Whether the sample timer runs in this mode."""
     if mode == DRIVE:
@@ -179,14 +179,14 @@ def counts(mode: int, timer: int) -> bool:
     return mode == TURN and timer == ALWAYS
 
 
-@kernel
+@inlined
 def turn_command_percent(state: WalkState, program: WalkProgram) -> float:
     """Wheel command of a turn in place, % of full, anticlockwise positive: 2.5 e + 0.15 integral, clipped."""
     command = program.gain * state.error_deg + program.integral_gain * state.integral_deg_s
     return min(max(command, -100.0), 100.0)
 
 
-@kernel
+@inlined
 def wheel_commands_percent(state: WalkState, program: WalkProgram) -> tuple[float, float]:
     """Left and right wheel, % of full speed, until the next tick."""
     if state.mode == DRIVE:
