@@ -369,19 +369,20 @@ class EventRun(KernelRun):
 
     fields = PLANNER
 
+    def prepare(self) -> None:
+        """Make the lists of neighbours and what else is the same for all runs."""
+        robots = self.swarm.size
+        self.wakes, self.awake = nobody_wakes(robots), np.zeros(robots, dtype=np.int64)
+        self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
+        self.list_radius_m = list_radius_m(self.setup)
+
     def start(self, seed: int, run: int) -> None:
         """Go to time 0 of a run: all stand; their own next event is the step at tick 1."""
         super().start(seed, run)
-        self.wakes = nobody_wakes(self.swarm.size)
-        self.awake = np.zeros(self.swarm.size, dtype=np.int64)
-        self.near = empty_lists(self.swarm.size, self.setup)
-        self.grid, self.list_radius_m = empty_grid(self.swarm.size, self.setup), list_radius_m(self.setup)
-        self.swarm["own_tick"], self.swarm["alert_tick"], self.swarm["stop_ticks"] = 1, NEVER, 0
-        self.swarm["mid_x_m"], self.swarm["mid_y_m"] = self.swarm["x_m"], self.swarm["y_m"]
-        self.swarm["sin_h"], self.swarm["cos_h"] = (
-            np.sin(self.swarm["heading_rad"]),
-            np.cos(self.swarm["heading_rad"]),
-        )
+        swarm = self.swarm
+        swarm["own_tick"], swarm["alert_tick"] = 1, NEVER
+        swarm["sin_h"], swarm["cos_h"] = np.sin(swarm["heading_rad"]), np.cos(swarm["heading_rad"])
+        swarm["mid_x_m"], swarm["mid_y_m"], swarm["stop_ticks"] = swarm["x_m"], swarm["y_m"], 0
         self.wakes.fill(1)
 
     def copy(self) -> EventRun:

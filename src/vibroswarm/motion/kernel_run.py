@@ -15,7 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.motion.body import setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import begin
-from vibroswarm.motion.record import Rows, copy_record, empty_record, tables, write_segments
+from vibroswarm.motion.record import Rows, copy_record, empty_record, joined, tables, write_segments
 from vibroswarm.scenario import Scenario
 
 BUFFER_TICKS = 2048
@@ -34,12 +34,16 @@ class KernelRun(ABC):
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
         self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
+        self.prepare()
         self.start(seed, run)
+
+    def prepare(self) -> None:
+        """Make what is the same for all runs, once."""
 
     def start(self, seed: int, run: int) -> None:
         """Go to time 0 of a run, whatever this state was before."""
         self.seed, self.run, self.tick = seed, run, 0
-        self.swarm[:] = np.zeros((), dtype=self.fields)
+        self.swarm.view(np.uint8).fill(0)
         self.record.latest[:], self.record.filled[:] = -1.0, 0
         begin(self.swarm, self.setup, self.speeds, seed, run)
 
@@ -73,14 +77,13 @@ class KernelRun(ABC):
                 self.tick = 1
             else:
                 self.tick = self.move_on(until)
-            samples.append(self.record.samples[: self.record.filled[0]].copy())
-            segments.append(self.record.segments[: self.record.filled[1]].copy())
+            count = self.record.filled
+            samples.append(joined([self.record.samples[: count[0]]]))
+            segments.append(joined([self.record.segments[: count[1]]]))
             self.record.filled[:] = 0
         return Rows(
-            np.concatenate(samples or [self.record.samples[:0]]),
-            in_order(np.concatenate(segments or [self.record.segments[:0]]))
-            if self.record.segments.size
-            else None,
+            joined(samples or [self.record.samples[:0]]),
+            in_order(joined(segments or [self.record.segments[:0]])) if self.record.segments.size else None,
             self.ends(),
         )
 
