@@ -28,11 +28,12 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inlined, kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import arc
-from vibroswarm.motion.plans import Planner, Planners, along_arc, pose_at
+from vibroswarm.motion.neighbours import how_many, listed
+from vibroswarm.motion.plans import Planner, Planners, along_arc, peek, pose_at
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
 
-SIDE_TICKS = 64.0
+SIDE_TICKS = 128.0
 """A wall, or another robot that is near, is looked at again after so many ticks at most."""
 
 ROUNDING_M = 1e-12
@@ -61,7 +62,7 @@ def prepare_to_look(row: Planner, setup: Setup) -> None:
 
 
 @kernel
-def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, most: int) -> int:
+def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
     """Ticks for which a robot that drives, and whose move has just been blocked, stays blocked, at most ``most``.
 
     It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
@@ -74,8 +75,8 @@ def blocked_ticks(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
         shift = abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s  # of that place, a tick
         wall = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         held = held_ticks(setup.radius_m - wall, shift)
-        for m in range(near[i, 0]):
-            j = near[i, m + 1]
+        for m in range(how_many(near, i)):
+            j = listed(near, i, m)
             other = planners[j]
             if held > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
                 continue
@@ -239,16 +240,17 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
     reach = touch
     if a.mode == DRIVE or b.mode == DRIVE:
         reach = max(touch, setup.sight_m)
-    turning = is_turning(a) or is_turning(b)
+    roughly = is_turning(a) or is_turning(b)
     now = tick + 1
     while now <= last:
         free = apart_ticks(a, b, reach, now)
         if free >= last - now + 1:
             return NEVER
         if free < 1.0:
-            sight, contact = clear_ticks(a, b, setup, touch, now, turning)
-            if turning and min(sight, contact) < 1.0:
-                sight, contact = clear_ticks(a, b, setup, touch, now, not turning)
+            sight, contact = clear_ticks(a, b, setup, touch, now, roughly)
+            if roughly and min(sight, contact) < 1.0:
+                roughly = not roughly
+                continue
             if sight <= 0.0:
                 return int(now)
             if (
@@ -344,7 +346,7 @@ def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, 
         return x_m, y_m, sin_h, cos_h
     if roughly or row.mode == STOP:
         return row.mid_x_m, row.mid_y_m, 0.0, 1.0
-    x_m, y_m, _ = pose_at(row, setup, tick)
+    x_m, y_m = peek(row, setup, tick)
     return x_m, y_m, 0.0, 1.0
 
 
@@ -383,9 +385,9 @@ def fan_ticks(
 @kernel
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
     """Whether a move from ``tick`` of one of the two would end in the other, by their plans."""
-    x, y, _ = pose_at(first, setup, tick + 1)
-    there_x, there_y, _ = pose_at(second, setup, tick)
-    next_x, next_y, _ = pose_at(second, setup, tick + 1)
+    there_x, there_y, _, _ = about(second, setup, tick, False)
+    next_x, next_y, _, _ = about(second, setup, tick + 1, False)
+    x, y, _, _ = about(first, setup, tick + 1, False)
     touch2 = 4.0 * setup.radius_m * setup.radius_m
     before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
     after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)

@@ -33,8 +33,10 @@ from vibroswarm.motion.neighbours import (
     SMALL_SWARM,
     empty_grid,
     empty_lists,
+    how_many,
     insert,
     list_radius_m,
+    listed,
     make_lists,
 )
 from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
@@ -67,7 +69,7 @@ ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
 def events(
     planners: Planners,
     wakes: NDArray[np.int64],
-    near: NDArray[np.int64],
+    near: NDArray[np.uint32],
     awake: NDArray[np.int64],
     setup: Setup,
     speeds: NDArray[np.float64],
@@ -106,7 +108,7 @@ def events(
 @inlined
 def rouse(
     planners: Planners,
-    near: NDArray[np.int64],
+    near: NDArray[np.uint32],
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
@@ -136,8 +138,8 @@ def rouse(
                 write_turn(record, row, i, setup, run, tick)
             catch_up(row, setup, tick)
         if look_around(planners, near, i, setup, tick):
-            for m in range(near[i, 0]):
-                j = near[i, m + 1]
+            for m in range(how_many(near, i)):
+                j = listed(near, i, m)
                 other = planners[j]
                 moving = other.tick != tick and other.mode != STOP
                 if moving and maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
@@ -147,13 +149,13 @@ def rouse(
 
 
 @inlined
-def look_around(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> bool:
+def look_around(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> bool:
     """Whether another body may be so near robot ``i`` that they might touch; notes that, and who might be seen."""
     row = planners[i]
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     nearest2, slack = math.inf, 0.0
-    for m in range(near[i, 0]):
-        other = planners[near[i, m + 1]]
+    for m in range(how_many(near, i)):
+        other = planners[listed(near, i, m)]
         nearest2 = min(nearest2, apart2(other, row.x_m, row.y_m, tick))
         slack = max(slack, other.slack_m)
     row.alone_m = math.sqrt(nearest2) - slack
@@ -180,7 +182,7 @@ def sample(
 @inlined
 def step(
     planners: Planners,
-    near: NDArray[np.int64],
+    near: NDArray[np.uint32],
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
@@ -209,7 +211,7 @@ def step(
 
 
 @inlined
-def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> float:
+def nearest_now_m(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
     row = planners[i]
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
@@ -217,8 +219,8 @@ def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
         nearest = rays_to_walls(setup, x, y, row.cos_h, row.sin_h)
     if row.alone_m < setup.sight_m:
-        for m in range(near[i, 0]):
-            other = planners[near[i, m + 1]]
+        for m in range(how_many(near, i)):
+            other = planners[listed(near, i, m)]
             if maybe_within(other, x, y, setup.sight_m, tick):
                 other_x, other_y, _ = pose_at(other, setup, tick)
                 nearest = min(nearest, rays_to_disc(setup, x, y, row.cos_h, row.sin_h, other_x, other_y))
@@ -226,7 +228,7 @@ def nearest_now_m(planners: Planners, near: NDArray[np.int64], i: int, setup: Se
 
 
 @inlined
-def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+def contact_now(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or a body.
 
     Robots before ``i`` have moved already (those that could be touched are awake), those after it have not.
@@ -243,14 +245,14 @@ def contact_now(planners: Planners, near: NDArray[np.int64], i: int, setup: Setu
 
 
 @kernel
-def move_or_block(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+def move_or_block(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
     """``contact_now`` for a robot that has a wall or a body near."""
     row = planners[i]
     x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s)
     r = setup.radius_m
     hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
-    for m in range(near[i, 0]):
-        j = near[i, m + 1]
+    for m in range(how_many(near, i)):
+        j = listed(near, i, m)
         if not hit and maybe_within(planners[j], x, y, setup.zone_m, tick):
             hit = touches_now(planners, i, j, setup, tick, x, y)
     if hit:
@@ -291,7 +293,7 @@ def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, unt
 
 
 @inlined
-def plan(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick: int) -> None:
+def plan(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
     ahead = own_ticks(row, setup, HORIZON_TICKS)
@@ -304,14 +306,14 @@ def plan(planners: Planners, near: NDArray[np.int64], i: int, setup: Setup, tick
 
 @inlined
 def meet(
-    planners: Planners, wakes: NDArray[np.int64], near: NDArray[np.int64], i: int, setup: Setup, tick: int
+    planners: Planners, wakes: NDArray[np.int64], near: NDArray[np.uint32], i: int, setup: Setup, tick: int
 ) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     row = planners[i]
     if (row.own_tick - tick) * (row.rate_m + setup.longest_step_m) < row.alone_m - max(setup.zone_m, setup.sight_m):
         return  # nobody can come so near before it looks around again
-    for m in range(near[i, 0]):
-        j = near[i, m + 1]
+    for m in range(how_many(near, i)):
+        j = listed(near, i, m)
         other = planners[j]
         met = other.tick == tick and j < i  # robot j is awake too, and has looked already
         if not met and may_meet(row, other, setup, tick):
@@ -340,7 +342,7 @@ def alert(planners: Planners, wakes: NDArray[np.int64], i: int, tick: int) -> No
 def new_lists(
     planners: Planners,
     wakes: NDArray[np.int64],
-    near: NDArray[np.int64],
+    near: NDArray[np.uint32],
     grid: NDArray[np.int64],
     setup: Setup,
     radius_m: float,
@@ -349,8 +351,8 @@ def new_lists(
     """Make the lists anew, and let those that are on them now look ahead on each other."""
     make_lists(planners, near, grid, setup, radius_m, tick)
     for i in range(planners.size):
-        for m in range(near[i, 0]):
-            j = near[i, m + 1]
+        for m in range(how_many(near, i)):
+            j = listed(near, i, m)
             if j > i:
                 look_out(planners, wakes, i, j, setup, tick - 1)
 

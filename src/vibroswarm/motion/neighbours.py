@@ -3,18 +3,19 @@
 In a small swarm that is everybody, for ever. In a large one the lists are made anew every LIST_TICKS from a
 grid of cells: a robot further away than ``radius`` can neither be seen nor touched before, whatever both do.
 
-``near`` has a row a robot: how many, then who, in index order.
+``near`` has a row a robot: how many, then who, in index order. Its numbers have no sign, so that compiled code
+need not ask whether an index counts from the end.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inlined, kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.plans import Planners, pose_at
 
@@ -30,16 +31,28 @@ def list_radius_m(setup: Setup) -> float:
     return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
-def empty_lists(robots: int, setup: Setup) -> NDArray[np.int64]:
+def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
     """Lists of everybody else, with room for as many as can lie within the radius."""
     discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
     room = min(robots - 1, math.ceil(discs))
-    near = np.zeros((robots, room + 1), dtype=np.int64)
+    near = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
         for i in range(robots):
             near[i, 0] = robots - 1
             near[i, 1:] = [j for j in range(robots) if j != i]
     return near
+
+
+@inlined
+def how_many(near: NDArray[np.uint32], i: int) -> int:
+    """The number of robots on the list of robot ``i``."""
+    return np.int64(near[i, 0])  # type: ignore[return-value]
+
+
+@inlined
+def listed(near: NDArray[np.uint32], i: int, m: int) -> int:
+    """The robot at place ``m`` of the list of robot ``i``."""
+    return np.int64(near[i, m + 1])  # type: ignore[return-value]
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
@@ -59,7 +72,7 @@ def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, in
 @kernel
 def make_lists(
     planners: Planners,
-    near: NDArray[np.int64],
+    near: NDArray[np.uint32],
     grid: NDArray[np.int64],
     setup: Setup,
     radius_m: float,
@@ -88,7 +101,7 @@ def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> i
 
 @kernel
 def list_one(
-    planners: Planners, near: NDArray[np.int64], grid: NDArray[np.int64], setup: Setup,
+    planners: Planners, near: NDArray[np.uint32], grid: NDArray[np.int64], setup: Setup,
     radius_m: float, across: int, up: int, i: int,
 ) -> None:  # fmt: skip
     """Robot ``i``'s list: those within the radius, from its own and the eight cells around."""
@@ -108,7 +121,7 @@ def list_one(
 
 
 @kernel
-def insert(numbers: NDArray[np.int64], count: int, j: int) -> int:
+def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
     """Put ``j`` among the first ``count`` numbers, which are in order; gives 1, or 0 if it is there."""
     place = count
     while place > 0 and numbers[place - 1] >= j:

@@ -34,13 +34,16 @@ PLANNER = np.dtype(
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
+    + [("peek_ticks", np.int64)]
+    + [(name, np.float64) for name in ("peek_error_deg", "peek_integral_deg_s", "peek_x_m", "peek_y_m")]
     + [(name, np.float64) for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m", "alone_m")]
 )
 """``ROBOT``, and its plan.
 
 tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
 a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
-the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event. blocked: the move at ``tick``
+the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event; peek_*: the same,
+as far as others have looked ahead on it. blocked: the move at ``tick``
 did not happen, and wish_m_s is the speed that it would have had.
 written_tick: a turn's segments are written down up to here. sin_h, cos_h: of the heading at ``tick``; own_*: the pose
 at ``own_tick`` of a robot that drives. mid, chord, slack: where about it is (``ahead``). rate: how far it moves at
@@ -190,7 +193,8 @@ def own_ticks(row: Planner, setup: Setup, horizon: int) -> int:
 @inlined
 def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
     """Take what ``control`` has just set as the plan from ``tick`` on."""
-    row.tick, row.written_tick, row.blocked, row.turn_ticks_ahead = tick, tick, 0, 0
+    row.tick, row.written_tick, row.blocked = tick, tick, 0
+    row.turn_ticks_ahead = row.peek_ticks = 0
     if row.mode == DRIVE:
         straight = abs(row.rate_rad_s) < STRAIGHT_RAD_S
         row.radius_m = 0.0 if straight else row.speed_m_s / row.rate_rad_s
@@ -238,6 +242,26 @@ def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, floa
         return along_arc(row, n * setup.tick_s)
     error_deg, _, gyro_deg = turned_to(row, setup, n)
     return turned_by(row, row.error_deg - (error_deg - gyro_deg))
+
+
+@kernel
+def peek(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
+    """Position at a tick of a turn, m, m. It is kept, so that the next ticks are found from there."""
+    n = tick - row.tick
+    if n == 0 or row.blocked:
+        return row.x_m, row.y_m
+    if n == row.peek_ticks:
+        return row.peek_x_m, row.peek_y_m
+    first, error_deg, integral_deg_s = 1, row.error_deg, row.integral_deg_s
+    if 0 < row.peek_ticks < n:
+        first, error_deg, integral_deg_s = row.peek_ticks, row.peek_error_deg, row.peek_integral_deg_s
+    _, error_deg, integral_deg_s, gyro_deg = turn_ahead(
+        setup, row.turn_gain, error_deg, integral_deg_s, n - first + 1
+    )
+    x_m, y_m, _, _, _ = turned_by(row, row.error_deg - (error_deg - gyro_deg))
+    row.peek_ticks, row.peek_error_deg, row.peek_integral_deg_s = n, error_deg, integral_deg_s
+    row.peek_x_m, row.peek_y_m = x_m, y_m
+    return x_m, y_m
 
 
 @inlined
