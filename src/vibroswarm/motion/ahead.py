@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.compiled import inlined, inner
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import arc
 from vibroswarm.motion.neighbours import how_many, listed
@@ -61,7 +61,7 @@ def prepare_to_look(row: Planner, setup: Setup) -> None:
         row.slack_m = abs(row.radius_m) + ROUNDING_M
 
 
-@kernel
+@inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
     """Ticks for which a robot that drives, and whose move has just been blocked, stays blocked, at most ``most``.
 
@@ -137,7 +137,7 @@ def wall_tick(row: Planner, setup: Setup) -> int:
     return tick_at_walls(row, setup, inset, near_left, near_right, near_low, near_high)
 
 
-@kernel
+@inner
 def tick_at_walls(
     row: Planner,
     setup: Setup,
@@ -167,7 +167,7 @@ def tick_at_walls(
     return NEVER
 
 
-@kernel
+@inner
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float
 ) -> float:
@@ -224,7 +224,7 @@ def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
     return bool((beyond <= 0.0) | (x * dx + y * dy > 0.0) | (x * x + y * y < far * far))
 
 
-@kernel
+@inner
 def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> int:
     """First tick after ``tick`` at which one of two robots sees the other or is blocked by it.
 
@@ -290,7 +290,7 @@ def apart_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
     return beyond / (closing + math.sqrt(root))
 
 
-@kernel
+@inner
 def clear_ticks(
     a: Planner, b: Planner, setup: Setup, touch: float, tick: int, roughly: bool
 ) -> tuple[float, float]:
@@ -350,7 +350,7 @@ def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, 
     return x_m, y_m, 0.0, 1.0
 
 
-@kernel
+@inner
 def fan_ticks(
     setup: Setup, sin_h: float, cos_h: float, bend: float, x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
@@ -382,7 +382,7 @@ def fan_ticks(
     return free
 
 
-@kernel
+@inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
     """Whether a move from ``tick`` of one of the two would end in the other, by their plans."""
     there_x, there_y, _, _ = about(second, setup, tick, False)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.checks import lattice_sites, longest_step_m, start_region
-from vibroswarm.compiled import kernel, zero_rows
+from vibroswarm.compiled import inner, zero_rows
 from vibroswarm.draws import ALONE, FIRST, HARDWARE, SPEED, uniform
 from vibroswarm.fields import Robot
 from vibroswarm.robot.walk import TIMERS, WalkProgram
@@ -124,14 +124,14 @@ def walk_program(scenario: Scenario) -> WalkProgram:
     )
 
 
-@kernel
+@inner
 def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
     """m_d of a robot."""
     u = uniform(seed, run, robot, HARDWARE, FIRST, ALONE)
     return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
 
 
-@kernel
+@inner
 def speed_factor(
     setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
 ) -> float:

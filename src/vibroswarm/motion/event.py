@@ -14,11 +14,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, kernel, zero_rows
+from vibroswarm.compiled import inlined, inner, kernel, zero_rows
 from vibroswarm.motion.ahead import (
+    apart2,
     blocked_ticks,
     may_meet,
-    apart2,
     maybe_within,
     meeting_tick,
     prepare_to_look,
@@ -244,7 +244,7 @@ def contact_now(planners: Planners, near: NDArray[np.uint32], i: int, setup: Set
         move_or_block(planners, near, i, setup, tick)
 
 
-@kernel
+@inner
 def move_or_block(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
     """``contact_now`` for a robot that has a wall or a body near."""
     row = planners[i]
@@ -273,7 +273,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
     return bool(dx * dx + dy * dy < 4.0 * setup.radius_m * setup.radius_m)
 
 
-@kernel
+@inner
 def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, until: int) -> None:
     """Write down a turn's further segments, one for each tick before ``until`` at which its command changes."""
     if row.mode == STOP or row.mode == DRIVE or row.blocked:
@@ -310,7 +310,9 @@ def meet(
 ) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     row = planners[i]
-    if (row.own_tick - tick) * (row.rate_m + setup.longest_step_m) < row.alone_m - max(setup.zone_m, setup.sight_m):
+    if (row.own_tick - tick) * (row.rate_m + setup.longest_step_m) < row.alone_m - max(
+        setup.zone_m, setup.sight_m
+    ):
         return  # nobody can come so near before it looks around again
     for m in range(how_many(near, i)):
         j = listed(near, i, m)
@@ -320,7 +322,7 @@ def meet(
             look_out(planners, wakes, i, j, setup, tick)
 
 
-@kernel
+@inner
 def look_out(planners: Planners, wakes: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
     """Wake both by the first tick after ``tick`` at which they may matter to each other."""
     meeting = meeting_tick(planners[i], planners[j], setup, tick, i < j)

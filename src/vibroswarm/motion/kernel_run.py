@@ -37,7 +37,7 @@ class KernelRun(ABC):
         self.prepare()
         self.start(seed, run)
 
-    def prepare(self) -> None:
+    def prepare(self) -> None:  # noqa: B027 - most have nothing to make
         """Make what is the same for all runs, once."""
 
     def start(self, seed: int, run: int) -> None:

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.compiled import inlined, inner, kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.plans import Planners, pose_at
 
@@ -69,7 +69,7 @@ def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, in
     return across, up
 
 
-@kernel
+@inner
 def make_lists(
     planners: Planners,
     near: NDArray[np.uint32],
@@ -91,7 +91,7 @@ def make_lists(
         list_one(planners, near, grid, setup, radius_m, across, up, i)
 
 
-@kernel
+@inner
 def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
     """The cell in which robot ``i`` lies."""
     column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
@@ -99,7 +99,7 @@ def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> i
     return row * across + column
 
 
-@kernel
+@inner
 def list_one(
     planners: Planners, near: NDArray[np.uint32], grid: NDArray[np.int64], setup: Setup,
     radius_m: float, across: int, up: int, i: int,
@@ -120,7 +120,7 @@ def list_one(
     near[i, 0] = count
 
 
-@kernel
+@inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
     """Put ``j`` among the first ``count`` numbers, which are in order; gives 1, or 0 if it is there."""
     place = count

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, inlined, kernel
+from vibroswarm.compiled import allocating_kernel, inlined, inner, kernel
 from vibroswarm.draws import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.body import Setup, misalignment, speed_factor
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
@@ -71,21 +71,21 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
     row.legs, row.avoidances, row.samples = state.legs, state.avoidances, state.samples
 
 
-@kernel
+@inner
 def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> None:
     """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
     roll_leg(swarm, i, seed, run, legs)
     roll_avoidance(swarm, i, seed, run, avoidances)
 
 
-@kernel
+@inner
 def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
     """The numbers of the next leg, and of the turn before it."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
 
 
-@kernel
+@inner
 def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -> None:
     """The number of the next avoidance."""
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
@@ -140,7 +140,7 @@ def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
         swarm[i].y_m = setup.start[2] + pitch_y * (sites[i] // columns)
 
 
-@kernel
+@inner
 def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: float) -> bool:
     """Whether a body at (x, y) would overlap one of the first ``count`` robots, robot ``i`` left out."""
     apart = 4.0 * setup.radius_m * setup.radius_m
@@ -179,7 +179,7 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     return nearest if nearest <= setup.look_m else math.inf
 
 
-@kernel
+@inner
 def rays_to_walls(setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float) -> float:
     """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
     nearest = math.inf
@@ -192,7 +192,7 @@ def rays_to_walls(setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y:
     return nearest
 
 
-@kernel
+@inner
 def rays_to_disc(
     setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float, disc_x_m: float, disc_y_m: float
 ) -> float:
@@ -278,7 +278,7 @@ def contact(swarm: Swarm, setup: Setup) -> None:
         swarm[i].heading_rad, swarm[i].from_heading_rad = swarm[i].from_heading_rad, swarm[i].heading_rad
 
 
-@kernel
+@inner
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
@@ -302,7 +302,7 @@ def account(swarm: Swarm) -> None:
             row.stop_ticks += 1
 
 
-@kernel
+@inner
 def clear_account(swarm: Swarm, i: int) -> None:
     """Begin a new account, at a sample."""
     row = swarm[i]

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.compiled import inlined, inner
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.geometry import SMALL_RAD, small_sin_cos
 from vibroswarm.motion.phases import ROBOT
@@ -36,7 +36,10 @@ PLANNER = np.dtype(
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]
     + [("peek_ticks", np.int64)]
     + [(name, np.float64) for name in ("peek_error_deg", "peek_integral_deg_s", "peek_x_m", "peek_y_m")]
-    + [(name, np.float64) for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m", "alone_m")]
+    + [
+        (name, np.float64)
+        for name in ("mid_x_m", "mid_y_m", "chord_x_m", "chord_y_m", "slack_m", "rate_m", "alone_m")
+    ]
 )
 """``ROBOT``, and its plan.
 
@@ -64,7 +67,7 @@ def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float
     return min(max(command, -100.0), 100.0)
 
 
-@kernel
+@inner
 def turn_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
@@ -225,7 +228,7 @@ def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
     return ahead[1], ahead[2], ahead[3]
 
 
-@kernel
+@inner
 def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]:
     """Position and heading at a tick of the plan, m, m, rad."""
     x_m, y_m, heading_rad, _, _ = facing_at(row, setup, tick)
@@ -244,7 +247,7 @@ def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, floa
     return turned_by(row, row.error_deg - (error_deg - gyro_deg))
 
 
-@kernel
+@inner
 def peek(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
     """Position at a tick of a turn, m, m. It is kept, so that the next ticks are found from there."""
     n = tick - row.tick
@@ -274,7 +277,7 @@ def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, floa
     return x_m, y_m, heading, sin_h, cos_h
 
 
-@kernel
+@inner
 def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, float]:
     """``facing_at`` for a robot that drives, so long after its plan's tick."""
     turned = row.rate_rad_s * time_s

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, zero_rows
+from vibroswarm.compiled import inner, kernel, zero_rows
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.phases import Swarm, clear_account
@@ -80,7 +80,7 @@ def copy_record(record: Record) -> Record:
     return Record(samples, segments, record.filled.copy(), record.latest.copy())
 
 
-@kernel
+@inner
 def room(record: Record, robots: int) -> int:
     """Ticks for which the buffers suffice even if every robot writes a row at each."""
     ticks = (record.samples.size - record.filled[0]) // robots
@@ -89,7 +89,7 @@ def room(record: Record, robots: int) -> int:
     return int(ticks)
 
 
-@kernel
+@inner
 def has_room(record: Record, rows: int) -> bool:
     """Whether the buffers take so many more rows."""
     if record.filled[0] + rows > record.samples.size:
@@ -97,7 +97,7 @@ def has_room(record: Record, rows: int) -> bool:
     return bool(record.segments.size == 0 or record.filled[1] + rows <= record.segments.size)
 
 
-@kernel
+@inner
 def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
     """One row for the sample that robot ``i`` takes at this tick; its time account starts anew."""
     row = record.samples[record.filled[0]]
@@ -127,7 +127,7 @@ def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move
         write_segment(record, run, i, tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
 
 
-@kernel
+@inner
 def write_segment(
     record: Record,
     run: int,

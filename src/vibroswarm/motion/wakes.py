@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.compiled import inlined, inner
 
 NEVER: Final = 2**62
 
@@ -36,7 +36,7 @@ def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
         set_wake(wakes, i, tick)
 
 
-@kernel
+@inner
 def next_wake(wakes: NDArray[np.int64], robots: int) -> int:
     """The tick at which somebody wakes next; the bounds of the blocks are made exact as far as need be."""
     while True:
