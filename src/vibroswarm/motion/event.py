@@ -70,6 +70,7 @@ def events(
     planners: Planners,
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
+    apart: NDArray[np.float64],
     awake: NDArray[np.int64],
     setup: Setup,
     speeds: NDArray[np.float64],
@@ -87,12 +88,12 @@ def events(
         if not has_room(record, rows):
             return tick
         count = awake_at(wakes, tick, awake, planners.size)
-        count = rouse(planners, near, awake, count, setup, speeds, record, seed, run, tick)
+        count = rouse(planners, near, apart, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, awake, count, setup, record, seed, run, tick)
         for k in range(count):
             plan(planners, near, awake[k], setup, tick)
         for k in range(count):
-            meet(planners, wakes, near, awake[k], setup, tick)
+            meet(planners, wakes, near, apart, awake[k], setup, tick)
         for k in range(count):
             row = planners[awake[k]]
             set_wake(wakes, awake[k], min(row.alert_tick, row.own_tick))
@@ -109,6 +110,7 @@ def events(
 def rouse(
     planners: Planners,
     near: NDArray[np.uint32],
+    apart: NDArray[np.float64],
     awake: NDArray[np.int64],
     count: int,
     setup: Setup,
@@ -137,7 +139,7 @@ def rouse(
             if record.segments.size > 0:
                 write_turn(record, row, i, setup, run, tick)
             catch_up(row, setup, tick)
-        if look_around(planners, near, i, setup, tick):
+        if look_around(planners, near, apart, i, setup, tick):
             for m in range(how_many(near, i)):
                 j = listed(near, i, m)
                 other = planners[j]
@@ -149,15 +151,28 @@ def rouse(
 
 
 @inlined
-def look_around(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> bool:
-    """Whether another body may be so near robot ``i`` that they might touch; notes that, and who might be seen."""
+def look_around(
+    planners: Planners,
+    near: NDArray[np.uint32],
+    apart: NDArray[np.float64],
+    i: int,
+    setup: Setup,
+    tick: int,
+) -> bool:
+    """Whether another body may be so near robot ``i`` that they might touch.
+
+    Notes how far the others on its list are: ``apart`` has a row a robot, the most that these distances may be
+    wrong, m, and then their squares.
+    """
     row = planners[i]
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     nearest2, slack = math.inf, 0.0
     for m in range(how_many(near, i)):
         other = planners[listed(near, i, m)]
-        nearest2 = min(nearest2, apart2(other, row.x_m, row.y_m, tick))
+        apart[i, m + 1] = apart2(other, row.x_m, row.y_m, tick)
+        nearest2 = min(nearest2, apart[i, m + 1])
         slack = max(slack, other.slack_m)
+    apart[i, 0] = slack
     row.alone_m = math.sqrt(nearest2) - slack
     return bool(row.alone_m < setup.zone_m)
 
@@ -306,15 +321,24 @@ def plan(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tic
 
 @inlined
 def meet(
-    planners: Planners, wakes: NDArray[np.int64], near: NDArray[np.uint32], i: int, setup: Setup, tick: int
+    planners: Planners,
+    wakes: NDArray[np.int64],
+    near: NDArray[np.uint32],
+    apart: NDArray[np.float64],
+    i: int,
+    setup: Setup,
+    tick: int,
 ) -> None:
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     row = planners[i]
-    if (row.own_tick - tick) * (row.rate_m + setup.longest_step_m) < row.alone_m - max(
-        setup.zone_m, setup.sight_m
-    ):
-        return  # nobody can come so near before it looks around again
+    # Who is further away than this cannot come near before it looks around again.
+    far = max(setup.zone_m, setup.sight_m) + (row.own_tick - tick) * (row.rate_m + setup.longest_step_m)
+    if far < row.alone_m:
+        return
+    far += apart[i, 0]
     for m in range(how_many(near, i)):
+        if apart[i, m + 1] > far * far:
+            continue
         j = listed(near, i, m)
         other = planners[j]
         met = other.tick == tick and j < i  # robot j is awake too, and has looked already
@@ -378,6 +402,7 @@ class EventRun(KernelRun):
         robots = self.swarm.size
         self.wakes, self.awake = nobody_wakes(robots), np.zeros(robots, dtype=np.int64)
         self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
+        self.apart = np.zeros(self.near.shape)
         self.list_radius_m = list_radius_m(self.setup)
 
     def start(self, seed: int, run: int) -> None:
@@ -406,7 +431,7 @@ class EventRun(KernelRun):
     def events_until(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.wakes, self.near, self.awake, self.setup, self.speeds, self.record,
+            self.swarm, self.wakes, self.near, self.apart, self.awake, self.setup, self.speeds, self.record,
             self.seed, self.run, until,
         )  # fmt: skip
 
