@@ -86,6 +86,8 @@ def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it
                 continue
             names = {alias.name for alias in node.names}
             if above:
-                assert not names & {"kernel", "allocating_kernel", "numba", "njit"}, source
+                assert not names & {"kernel", "inner", "inlined", "allocating_kernel", "numba", "njit"}, (
+                    source
+                )
             elif source.relative_to(package).parts[0] not in BESIDE:
                 assert not any(node.module.startswith(f"vibroswarm.{room}") for room in ABOVE), source
