@@ -54,8 +54,8 @@ from vibroswarm.motion.plans import (
     turn_command,
     turned_by,
 )
-from vibroswarm.motion.record import END_ROW, Record, has_room, write_sample, write_segment
-from vibroswarm.motion.wakes import NEVER, awake_at, next_wake, nobody_wakes, set_wake, wake_by
+from vibroswarm.motion.record import END_ROW, Record, room_for, write_sample, write_segment
+from vibroswarm.motion.wakes import KEY_BITS, NEVER, ROBOT_BITS, all_wake, next_wake, set_wake, wake_by
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
@@ -71,7 +71,7 @@ def events(
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
     apart: NDArray[np.float64],
-    awake: NDArray[np.int64],
+    awake: NDArray[np.uint32],
     setup: Setup,
     speeds: NDArray[np.float64],
     record: Record,
@@ -80,23 +80,29 @@ def events(
     until: int,
 ) -> int:
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
-    rows = ROOM_TICKS * planners.size
+    last_sample, last_segment = room_for(record, ROOM_TICKS * planners.size)
     while True:
-        tick = next_wake(wakes, planners.size)
+        key = next_wake(wakes, planners.size, -1)
+        tick = key >> KEY_BITS
         if tick >= until:
             break
-        if not has_room(record, rows):
+        if record.filled[0] > last_sample or record.filled[1] > last_segment:
             return tick
-        count = awake_at(wakes, tick, awake, planners.size)
+        count = 0
+        while key >> KEY_BITS == tick:
+            awake[count] = key & ROBOT_BITS
+            count += 1
+            key = next_wake(wakes, planners.size, key)
         count = rouse(planners, near, apart, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, awake, count, setup, record, seed, run, tick)
         for k in range(count):
-            plan(planners, near, awake[k], setup, tick)
+            plan(planners, near, one_of(awake, k), setup, tick)
         for k in range(count):
-            meet(planners, wakes, near, apart, awake[k], setup, tick)
+            meet(planners, wakes, near, apart, one_of(awake, k), setup, tick)
         for k in range(count):
-            row = planners[awake[k]]
-            set_wake(wakes, awake[k], min(row.alert_tick, row.own_tick))
+            i = one_of(awake, k)
+            row = planners[i]
+            set_wake(wakes, i, min(row.alert_tick, row.own_tick))
     for i in range(planners.size):
         row = planners[i]
         if row.mode == STOP and row.sampled == 0 and row.sample_tick < until:
@@ -107,11 +113,17 @@ def events(
 
 
 @inlined
+def one_of(awake: NDArray[np.uint32], k: int) -> int:
+    """The robot at place ``k`` of those awake; kept without a sign, so that no index may count from the end."""
+    return np.int64(awake[k])  # type: ignore[return-value]
+
+
+@inlined
 def rouse(
     planners: Planners,
     near: NDArray[np.uint32],
     apart: NDArray[np.float64],
-    awake: NDArray[np.int64],
+    awake: NDArray[np.uint32],
     count: int,
     setup: Setup,
     speeds: NDArray[np.float64],
@@ -126,7 +138,7 @@ def rouse(
     """
     k = 0
     while k < count:
-        i = awake[k]
+        i = one_of(awake, k)
         k += 1
         row = planners[i]
         if row.tick == tick:
@@ -198,7 +210,7 @@ def sample(
 def step(
     planners: Planners,
     near: NDArray[np.uint32],
-    awake: NDArray[np.int64],
+    awake: NDArray[np.uint32],
     count: int,
     setup: Setup,
     record: Record,
@@ -208,21 +220,21 @@ def step(
 ) -> None:
     """What the robots that are awake do at ``tick``, phase by phase, in index order."""
     for k in range(count):
-        row = planners[awake[k]]
+        row = planners[one_of(awake, k)]
         if row.mode == DRIVE and row.alert_tick > tick:
             row.nearest_mm = math.inf
-        elif looks(load(planners, awake[k]), setup, row.gyro_deg):
-            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, awake[k], setup, tick)
+        elif looks(load(planners, one_of(awake, k)), setup, row.gyro_deg):
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, one_of(awake, k), setup, tick)
     for k in range(count):
-        control_one(planners, setup, seed, run, tick, awake[k])
-        begin_plan(planners[awake[k]], setup, tick)
+        control_one(planners, setup, seed, run, tick, one_of(awake, k))
+        begin_plan(planners[one_of(awake, k)], setup, tick)
     for k in range(count):
-        contact_now(planners, near, awake[k], setup, tick)
+        contact_now(planners, near, one_of(awake, k), setup, tick)
     if record.segments.size > 0:
         for k in range(count):
-            row = planners[awake[k]]
+            row = planners[one_of(awake, k)]
             pose = (row.x_m, row.y_m, row.heading_rad)
-            write_segment(record, run, awake[k], tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
+            write_segment(record, run, one_of(awake, k), tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
 
 
 @inlined
@@ -400,7 +412,8 @@ class EventRun(KernelRun):
     def prepare(self) -> None:
         """Make the lists of neighbours and what else is the same for all runs."""
         robots = self.swarm.size
-        self.wakes, self.awake = nobody_wakes(robots), np.zeros(robots, dtype=np.int64)
+        self.all_wake = all_wake(robots, 1)
+        self.wakes, self.awake = self.all_wake.copy(), np.zeros(robots, dtype=np.uint32)
         self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
         self.apart = np.zeros(self.near.shape)
         self.list_radius_m = list_radius_m(self.setup)
@@ -412,7 +425,7 @@ class EventRun(KernelRun):
         swarm["own_tick"], swarm["alert_tick"] = 1, NEVER
         swarm["sin_h"], swarm["cos_h"] = np.sin(swarm["heading_rad"]), np.cos(swarm["heading_rad"])
         swarm["mid_x_m"], swarm["mid_y_m"], swarm["stop_ticks"] = swarm["x_m"], swarm["y_m"], 0
-        self.wakes.fill(1)
+        self.wakes[:] = self.all_wake
 
     def copy(self) -> EventRun:
         """A branch that does not change with this state."""

@@ -90,11 +90,10 @@ def room(record: Record, robots: int) -> int:
 
 
 @inner
-def has_room(record: Record, rows: int) -> bool:
-    """Whether the buffers take so many more rows."""
-    if record.filled[0] + rows > record.samples.size:
-        return False
-    return bool(record.segments.size == 0 or record.filled[1] + rows <= record.segments.size)
+def room_for(record: Record, rows: int) -> tuple[int, int]:
+    """Up to how many samples and segments there may be if so many more rows are to fit; any number of none kept."""
+    segments = record.segments.size
+    return record.samples.size - rows, segments - rows if segments > 0 else 0
 
 
 @inner

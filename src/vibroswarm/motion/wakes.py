@@ -1,7 +1,8 @@
-"""Who wakes next: the robots' ticks in blocks of 16, with a bound for each block.
+"""Who wakes next: a key for each robot, in blocks of 16 with a bound for each block.
 
-``wakes`` has a row a block, shape (blocks, 17): a tick before which nobody in the block wakes, then the ticks of
-its robots; NEVER where there is none.
+A key is the tick at which the robot wakes, times 2^16, plus its number: the least key says when and who at
+once, and who wakes at the same tick follows in index order. ``wakes`` has a row a block, shape (blocks, 17): a
+key below which there is none in the block, then those of its robots; NEVER where there is none.
 """
 
 from __future__ import annotations
@@ -14,53 +15,61 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inlined, inner
 
 NEVER: Final = 2**62
+KEY_BITS: Final = 16
+ROBOT_BITS: Final = 2**KEY_BITS - 1
+"""Robots are numbered with 16 bits, as in the tables."""
 
 
-def nobody_wakes(robots: int) -> NDArray[np.int64]:
-    """Robots of whom nobody wakes."""
-    return np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
+def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
+    """Robots that all wake at ``tick``."""
+    wakes = np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
+    for i in range(robots):
+        wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i
+    wakes[:, 0] = wakes[:, 1]
+    return wakes
 
 
 @inlined
 def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
     """Robot ``i`` is to wake at ``tick``."""
     block = wakes[i >> 4]
-    block[(i & 15) + 1] = tick
-    block[0] = min(block[0], tick)
+    key = (tick << KEY_BITS) + i
+    block[(i & 15) + 1] = key
+    block[0] = min(block[0], key)
 
 
 @inlined
 def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
     """Robot ``i`` is to wake at ``tick`` or before."""
-    if tick < wakes[i >> 4, (i & 15) + 1]:
+    if (tick << KEY_BITS) + i < wakes[i >> 4, (i & 15) + 1]:
         set_wake(wakes, i, tick)
 
 
 @inner
-def next_wake(wakes: NDArray[np.int64], robots: int) -> int:
-    """The tick at which somebody wakes next; the bounds of the blocks are made exact as far as need be."""
+def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
+    """The least key above ``beyond``: that of the latest who has woken at a tick, and is told his next only at its end.
+
+    The bounds of the blocks are made exact as far as need be.
+    """
+    if wakes.shape[0] == 1:
+        return least_of(wakes, 0, robots, beyond)
     while True:
         first = 0
         for k in range(1, wakes.shape[0]):
             if wakes[k, 0] < wakes[first, 0]:
                 first = k
-        earliest = NEVER
-        for m in range(min(robots - 16 * first, 16)):
-            earliest = min(earliest, wakes[first, m + 1])
+        earliest = least_of(wakes, first, min(robots - 16 * first, 16), beyond)
         if earliest == wakes[first, 0]:
-            return int(earliest)
+            return earliest
         wakes[first, 0] = earliest
-        if wakes.shape[0] == 1:
-            return int(earliest)
 
 
 @inlined
-def awake_at(wakes: NDArray[np.int64], tick: int, awake: NDArray[np.int64], robots: int) -> int:
-    """The robots that wake at ``tick``, the earliest of all, in index order into ``awake``; gives how many."""
-    count = 0
-    for k in range(wakes.shape[0]):
-        if wakes[k, 0] == tick:
-            for i in range(16 * k, min(robots, 16 * k + 16)):
-                awake[count] = i
-                count += wakes[k, (i & 15) + 1] == tick
-    return count
+def least_of(wakes: NDArray[np.int64], block: int, robots: int, beyond: int) -> int:
+    """The least key above ``beyond`` of the robots of a block."""
+    earliest = NEVER
+    for m in range(robots):
+        key = wakes[block, m + 1]
+        if key > beyond:
+            earliest = min(earliest, key)
+    return int(earliest)
