@@ -210,7 +210,9 @@ class _Runner:
         for future in under_way:
             if not future.cancel() and future.done():
                 with suppress(Exception):
-                    self.store.add(future.result())
+                    done = future.result()
+                    check_worker(done.versions, self.mixed)
+                    self.store.add(done)
 
 
 def _gone(error: BaseException) -> RunError:
