@@ -30,7 +30,19 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
-    from vibroswarm.cli import bench, detect, evaluate, floors, merge, run, scenario, show, sweep, tradeoff
+    from vibroswarm.cli import (
+        bench,
+        detect,
+        evaluate,
+        floors,
+        merge,
+        optimize,
+        run,
+        scenario,
+        show,
+        sweep,
+        tradeoff,
+    )
 
     top = _Parser(
         prog="vibroswarm",
@@ -45,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
     sweep.add_parser(commands)
     detect.add_parser(commands)
     tradeoff.add_parser(commands)
+    optimize.add_parser(commands)
     merge.add_parser(commands)
     show.add_parser(commands)
     scenario.add_parser(commands)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from vibroswarm.optimize.method import Told as SearchTold
     from vibroswarm.study.runner import Told
 
 LINE_EVERY_S = 10.0
@@ -104,6 +105,27 @@ class _StudyLines:
         failed = f", {told.failed} batches failed" if told.failed else ""
         print(
             f"{self.what}: {told.done:,} of {told.wanted:,} runs ({share:.0f} %), {rate:,.0f} a second{left}{failed}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+class SearchLines:
+    """Plain lines on how far a search is."""
+
+    def __init__(self) -> None:
+        self.latest_s = time.monotonic()
+
+    def __call__(self, told: SearchTold) -> None:
+        """Say so, if some time has passed since the last line."""
+        now_s = time.monotonic()
+        if now_s - self.latest_s < LINE_EVERY_S:
+            return
+        self.latest_s = now_s
+        failed = f", {told.failed} failed" if told.failed else ""
+        print(
+            f"{told.method}: iteration {told.iteration} of {told.iterations}, {told.runs:,} of {told.wanted:,} runs, "
+            f"best so far {told.best:.4g}{failed}",
             file=sys.stderr,
             flush=True,
         )

@@ -151,6 +151,13 @@ class Study:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
             raise InputError(f"is not TOML: {error}", field=name) from None
+        return cls.from_values(values, name=name, folder=folder)
+
+    @classmethod
+    def from_values(
+        cls, values: Mapping[str, Any], *, name: str = "study", folder: Path | None = None
+    ) -> Study:
+        """A study from what its TOML says."""
         for key in values:
             if key not in KEYS:
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)

@@ -60,7 +60,7 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
 
 
 def _grid(block: Any, name: str) -> list[Point]:
-    values = {field: _values(given, f"{name}.{field}") for field, given in _fields(block, name).items()}
+    values = {field: _values(given, f"{name}.{field}") for field, given in fields_in(block, name).items()}
     if not values:
         raise InputError("is empty; name at least one field", field=name)
     if math.prod(len(v) for v in values.values()) > LARGEST:
@@ -69,7 +69,7 @@ def _grid(block: Any, name: str) -> list[Point]:
 
 
 def _zip(block: Any, name: str) -> list[Point]:
-    values = {field: _values(given, f"{name}.{field}") for field, given in _fields(block, name).items()}
+    values = {field: _values(given, f"{name}.{field}") for field, given in fields_in(block, name).items()}
     lengths = {field: len(found) for field, found in values.items()}
     if not lengths:
         raise InputError("is empty; name at least one field", field=name)
@@ -82,7 +82,7 @@ def _zip(block: Any, name: str) -> list[Point]:
 def _list(block: Any, name: str) -> list[Point]:
     if not isinstance(block, Sequence) or isinstance(block, str) or not block:
         raise InputError("is a list of tables, at least one: [[list]]", field=name)
-    return [_fields(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
+    return [fields_in(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
 
 
 def _random(block: Any, name: str) -> list[Point]:
@@ -110,7 +110,7 @@ def _spread(block: Any, name: str, draw: Any) -> list[Point]:
         raise InputError(f"{count!r} is no number of points; give 1 to {LARGEST}", field=f"{name}.points")
     if not _is_whole(seed) or seed < 0:
         raise InputError(f"{seed!r} is no seed; give a whole number from 0", field=f"{name}.seed")
-    fields = _fields({k: v for k, v in block.items() if k not in _OF_SPREAD}, name)
+    fields = fields_in({k: v for k, v in block.items() if k not in _OF_SPREAD}, name)
     if not fields:
         raise InputError("is empty; name at least one field", field=name)
     for field, given in fields.items():
@@ -134,7 +134,7 @@ _OF_SPREAD: Final = ("points", "seed")
 _RANGE: Final = ("from", "to", "steps", "scale", "whole")
 
 
-def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
+def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
     """Dotted names to what is given for them; tables within tables are names with dots."""
     if not isinstance(block, Mapping):
         raise InputError("is a table of fields and their values", field=name)
@@ -143,7 +143,7 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
         if key in known:
             found[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
-            found |= _fields({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
+            found |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
         else:
             last = key.rpartition(".")[2]
             same = [k for k in known if k.rpartition(".")[2] == last]
@@ -154,7 +154,7 @@ def _fields(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
     """A block, or an entry of a ``list``, its fields by dotted names."""
-    return _fields(entry, "list", may_have=(LABEL, *_OF_SPREAD))
+    return fields_in(entry, "list", may_have=(LABEL, *_OF_SPREAD))
 
 
 def _values(given: Any, name: str) -> list[Any]:
@@ -180,20 +180,22 @@ def _at(given: Any, u: float, name: str) -> Any:
         if not given:
             raise InputError("is empty; give at least one value", field=name)
         return given[min(int(u * len(given)), len(given) - 1)]
-    low, high, scale, whole = _bounds(given, name)
+    low, high, scale, whole = bounds_of(given, name)
     if whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
     if u in (0.0, 1.0):  # the ends as they are written
-        return _rounded((low, high)[int(u)], whole)
+        return rounded((low, high)[int(u)], whole)
     value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
-    return _rounded(value, whole)
+    return rounded(value, whole)
 
 
-def _rounded(value: float, whole: bool) -> float | int:
+def rounded(value: float, whole: bool) -> float | int:
+    """A value as a field has it: whole, or of 15 digits."""
     return round(value) if whole else float(f"{value:.15g}")
 
 
-def _bounds(given: Any, name: str) -> tuple[float, float, str, bool]:
+def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
+    """The ends, the scale (linear or log) and whether it is of whole numbers, of a range of the field ``name``."""
     if not isinstance(given, Mapping):
         raise InputError(f"{given!r} is no range; write {{from = 1, to = 2}}", field=name)
     for key in given:

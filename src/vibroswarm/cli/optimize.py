@@ -1,0 +1,283 @@
+"""``vibroswarm optimize``: search for good parameters, and score any parameters against any others."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    from vibroswarm.optimize.check import Checked
+    from vibroswarm.optimize.loop import Found, Tell
+    from vibroswarm.optimize.spec import Search
+    from vibroswarm.optimize.truth import Scored, Truth
+
+EPILOG = """\
+a search's file (all of it may be left out: then it is the paper's five parameters, begun from its P0):
+  start = ["paper-empirical"]
+  [scenario]
+  preset = "paper"
+  [space]
+  "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
+  "decision.min_observations" = { from = 1, to = 500, scale = "log" }
+  [objective]
+  cost = "time_at_error"        # or authors_code (default), intended, printed, errors, expected_time_to_right, ...
+  [grid]                        # the cases in which each candidate is tried; the worst counts
+  "floor.source" = ["stripe:0.48", "diagonal:0.48"]
+
+examples:
+  vibroswarm optimize --method pso --out out/pso           again: goes on where it was
+  vibroswarm optimize search.toml --method tpe --budget 5000
+  vibroswarm optimize --check out/pso/best.toml --against paper
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Make the command known."""
+    parser = commands.add_parser(
+        "optimize",
+        help="search for good parameters; score parameters against others",
+        description="Search for good parameters, and say what is true of them.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("search", metavar="STUDY.toml", type=Path, nargs="?", help="the search")
+    how = parser.add_argument_group("how")
+    how.add_argument(
+        "--method", metavar="NAME", help="pso (default), tpe, gp, cmaes, nsga2, random, sobol, grid"
+    )
+    how.add_argument("--noise", metavar="NAME", help="of pso: ocba (default), rescore, or fixed (the paper)")
+    how.add_argument("--cost", metavar="NAME", help="what is minimised, in place of the file's")
+    how.add_argument("--budget", metavar="N", help="runs that the search may take")
+    how.add_argument("--fresh", metavar="N", help="fresh runs on which the winner is scored (default 2000)")
+    how.add_argument("--seed", metavar="S", help="same search and seed: same optimum")
+    check = parser.add_argument_group("score parameters")
+    check.add_argument(
+        "--check", metavar="P", help="score this scenario (a file or a preset) on fresh runs ..."
+    )
+    check.add_argument(
+        "--against", metavar="Q", help="... against this one, in pairs (default: preset paper)"
+    )
+    check.add_argument("--runs", metavar="N", help="fresh runs of each with --check (default 2000)")
+    who = parser.add_argument_group("who does the work")
+    who.add_argument("--workers", metavar="N", help="threads or processes (default: all processors)")
+    who.add_argument("--executor", metavar="WHERE", default="threads",
+                     help="threads (default), processes, dask://HOST:PORT, or a Dask scheduler file")  # fmt: skip
+    who.add_argument("--mixed", action="store_true", help="go on where other versions began")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="keep the search here, and go on with it")
+    parser.add_argument(
+        "--json", action="store_true", help="give the outcome as JSON, and nothing else, on stdout"
+    )
+    parser.set_defaults(run=run, parser=parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, or search."""
+    if arguments.check is not None:
+        return _check(arguments)
+    for name in ("against", "runs"):
+        if getattr(arguments, name) is not None:
+            raise InputError("goes with --check", field=f"--{name}")
+    return _search(search_from(arguments), arguments)
+
+
+def search_from(arguments: argparse.Namespace) -> Search:
+    """The search of the file, with what the options change."""
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.optimize.objective import Objective
+    from vibroswarm.optimize.spec import Search
+
+    search = Search() if arguments.search is None else Search.read(arguments.search)
+    changed: dict[str, Any] = {}
+    for name in ("budget", "fresh"):
+        if getattr(arguments, name) is not None:
+            changed[name] = whole_number(getattr(arguments, name), f"--{name}")
+    if arguments.method is not None:
+        changed["method"] = arguments.method
+    pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
+    study = search.study
+    if arguments.seed is not None:
+        study = replace(study, seed=whole_number(arguments.seed, "--seed"))
+    objectives = search.objectives
+    if arguments.cost is not None:
+        objectives = (Objective(arguments.cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+    settings = replace(search.settings, **changed)
+    return replace(search, study=study, pso=pso, objectives=objectives, settings=settings)
+
+
+def _search(search: Search, arguments: argparse.Namespace) -> int:
+    from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.optimize.loop import run_search
+    from vibroswarm.optimize.report import as_dict, write_report
+    from vibroswarm.optimize.truth import truth_of
+    from vibroswarm.study.runner import Told
+
+    workers = _workers(arguments)
+    say_compiling()
+    runs = search.search_runs + search.final_runs
+    print(f"{search.settings.method}: {search.space.size} fields, {search.objectives[0].words}, {runs:,} runs, seed "
+          f"{search.seed}", file=sys.stderr, flush=True)  # fmt: skip
+    with search_progress() as tell:
+        found = run_search(
+            search,
+            arguments.out,
+            executor=arguments.executor,
+            workers=workers,
+            mixed=arguments.mixed,
+            tell=tell,
+        )
+    truth: Truth | None = None
+    if len(search.objectives) == 1:
+        wanted = search.settings.fresh * (1 + len(search.starts))
+        with study_progress("scoring on fresh runs", workers) as told:
+            truth = truth_of(
+                found, executor=arguments.executor, workers=workers,
+                tell=lambda done: told(Told(done, wanted, 0)),
+            )  # fmt: skip
+    if arguments.out is not None:
+        write_report(found, truth, arguments.out)
+    if arguments.json:
+        print(json.dumps(as_dict(found, truth), indent=2, allow_nan=False))
+        return 0
+    _say(found, truth)
+    if arguments.out is None:
+        print("Nothing was kept; --out DIR keeps the search, and goes on with it.")
+    else:
+        print(
+            f"Kept in {arguments.out}: best.toml, result.json, history.csv, candidates.csv, the search itself."
+        )
+    return 0
+
+
+def _workers(arguments: argparse.Namespace) -> int | None:
+    from vibroswarm.cli.scenarios import whole_number
+
+    return None if arguments.workers is None else whole_number(arguments.workers, "--workers")
+
+
+def _say(found: Found, truth: Truth | None) -> None:
+    """What was found, in words."""
+    from vibroswarm.cli.tables import number
+
+    archive = found.archive
+    print(f"{len(archive):,} candidates in {found.runs:,} runs; {_failures(archive.failed)}")
+    for why in sorted({c.why for c in archive.candidates if c.why})[:3]:
+        print(f"  failed: {why}")
+    if truth is None:
+        print(f"{len(found.front)} candidates are beaten by none in all objectives:")
+        for key in found.front:
+            scores = ", ".join(f"{score:.4g}" for score in archive.scores(key))
+            print(f"  {scores}: {_values(archive[key].values)}")
+        return
+    unit = found.search.objectives[0].unit
+    print(f"Best: {_values(found.values)}")
+    print(f"  the search believed  {truth.believed:.4g} {unit}")
+    print(f"  true, on fresh runs  {number(truth.winner.score, 2)} {unit} ({truth.winner.score.n:,} runs)")
+    print(f"  {truth.words}")
+    _say_parts(truth.winner)
+    for other, paired in zip(truth.others, truth.against, strict=True):
+        print(
+            f"{other.name}: {number(other.score, 2)} {unit}; the winner less this {number(paired, 2, sign=True)}"
+        )
+
+
+def _say_parts(scored: Scored) -> None:
+    from vibroswarm.cli.tables import number, percent
+
+    if scored.parts is None:
+        return
+    where = " (each in the case where it is worst)" if scored.cases else ""
+    print(f"  decision time {number(scored.parts['decision_time_s'], 0)} s, wrong of those who decide "
+          f"{percent(scored.parts['robot_error'])}, undecided {percent(scored.parts['robots_undecided'])}{where}")  # fmt: skip
+
+
+def _failures(failed: int) -> str:
+    return (
+        "none failed" if not failed else f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
+    )
+
+
+def _values(values: dict[str, Any]) -> str:
+    return ", ".join(f"{k.rpartition('.')[2]} {v:.6g}" if isinstance(v, float) else f"{k.rpartition('.')[2]} {v}"
+                     for k, v in values.items())  # fmt: skip
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.optimize.check import check, scenario_named
+    from vibroswarm.study.runner import Told
+
+    for name in ("method", "noise", "budget", "fresh"):
+        if getattr(arguments, name) is not None:
+            raise InputError("is for a search, not for --check", field=f"--{name}")
+    search = search_from(arguments)
+    runs = 2000 if arguments.runs is None else whole_number(arguments.runs, "--runs")
+    first, second = (
+        scenario_named(arguments.check, "--check"),
+        scenario_named(arguments.against or "paper", "--against"),
+    )
+    workers = _workers(arguments)
+    say_compiling()
+    with study_progress("scoring on fresh runs", workers) as told:
+        found = check(
+            first, second, search.objectives[0], runs, search.seed,
+            names=(arguments.check, arguments.against or "paper"), executor=arguments.executor, workers=workers,
+            tell=lambda done: told(Told(done, 4 * runs, 0)),
+        )  # fmt: skip
+    if arguments.json:
+        print(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+    else:
+        _say_check(found)
+    return 0
+
+
+def _say_check(found: Checked) -> None:
+    from vibroswarm.cli.tables import number
+
+    print(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
+    for scored in (found.first, found.second):
+        print(f"  {scored.name}: {number(scored.score, 2)} {found.objective.unit}")
+        _say_parts(scored)
+    print(f"  difference: {number(found.difference, 2, sign=True)}; again on other seeds "
+          f"{number(found.again, 2, sign=True)}")  # fmt: skip
+    print(f"  {found.says}")
+    for paired in found.figures:
+        print(f"  {paired.figure}: {number(paired.difference, 3, sign=True)} "
+              f"({paired.first:.4g} against {paired.second:.4g})")  # fmt: skip
+
+
+@contextmanager
+def search_progress() -> Iterator[Tell]:
+    """Give a function to be told how far a search is: a bar with the best so far, or lines now and then."""
+    from vibroswarm.cli.progress import SearchLines
+
+    if not sys.stderr.isatty():
+        yield SearchLines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from vibroswarm.optimize.method import Told
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs"),
+               TimeRemainingColumn(), TextColumn("{task.fields[best]}"))  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task("searching", total=None, best="")
+
+        def tell(told: Told) -> None:
+            failed = f", {told.failed} failed" if told.failed else ""
+            bars.update(
+                task, total=told.wanted, completed=told.runs, best=f"best so far {told.best:.4g}{failed}",
+                description=f"{told.method} {told.iteration}/{told.iterations}",
+            )  # fmt: skip
+
+        yield tell

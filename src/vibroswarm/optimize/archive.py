@@ -1,0 +1,104 @@
+"""All candidates that were ever tried, with the figures of their runs: what every method reads, and nothing else keeps.
+
+Figures accumulate: a candidate asked for again gets further runs, never the same ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibroswarm.optimize.objective import Objective, Rows, corrected
+from vibroswarm.optimize.space import Point, Space, Values
+
+
+@dataclass
+class Candidate:
+    """One point of the space and what came of its runs."""
+
+    key: int
+    point: Point
+    values: Values
+    origin: str
+    """What made it: "start", "pso 3", ..."""
+    rows: list[Rows] = field(default_factory=list)
+    failed: int = 0
+    """Runs that could not be done. One is enough for a candidate not to win."""
+    why: str = ""
+    count: int = 0
+    """Runs asked for, done or failed."""
+
+    def all_rows(self) -> Rows:
+        """(runs, cases, columns)."""
+        if len(self.rows) > 1:
+            self.rows = [np.concatenate(self.rows)]
+        return self.rows[0] if self.rows else np.empty((0, 1, 1))
+
+
+class Archive:
+    """Candidates by key (0, 1, ...), and their scores under the objectives."""
+
+    def __init__(self, space: Space, objectives: Sequence[Objective]) -> None:
+        self.space, self.objectives = space, tuple(objectives)
+        self.candidates: list[Candidate] = []
+        self.columns: list[slice] = []
+        """The columns of each objective; known with the first rows."""
+        self._corrected: dict[int, tuple[int, float, float]] = {}
+
+    def __getitem__(self, key: int) -> Candidate:
+        return self.candidates[key]
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def new(self, point: Point, origin: str) -> int:
+        """Add a candidate; gives its key."""
+        point = np.clip(np.asarray(point, dtype=np.float64), 0.0, 1.0)
+        key = len(self.candidates)
+        self.candidates.append(Candidate(key, point, self.space.values(point), origin))
+        return key
+
+    def count(self, key: int) -> int:
+        """Runs of a candidate that came to an end."""
+        return sum(rows.shape[0] for rows in self[key].rows)
+
+    @property
+    def failed(self) -> int:
+        """Runs that failed."""
+        return sum(c.failed for c in self.candidates)
+
+    @property
+    def runs(self) -> int:
+        """Runs asked for so far."""
+        return sum(c.count for c in self.candidates)
+
+    def score(self, key: int, objective: int = 0) -> float:
+        """The score; infinite without runs, or where one failed."""
+        found = self[key]
+        if found.failed or not found.rows:
+            return math.inf
+        return self.objectives[objective].score(found.all_rows()[:, :, self.columns[objective]])
+
+    def scores(self, key: int) -> list[float]:
+        """The score under each objective."""
+        return [self.score(key, k) for k in range(len(self.objectives))]
+
+    def estimate(self, key: int) -> tuple[float, float]:
+        """The score under the first objective, freed of its bias for few runs, and its standard error."""
+        found, count = self[key], self.count(key)
+        if found.failed or not count:
+            return math.inf, math.inf
+        known = self._corrected.get(key)
+        if known is None or known[0] != count:
+            rows = found.all_rows()[:, :, self.columns[0]]
+            known = (count, *corrected(self.objectives[0].score, rows))
+            self._corrected[key] = known
+        return known[1], known[2]
+
+    def best(self, keys: Sequence[int] | None = None) -> int:
+        """The candidate with the smallest estimate; the first of equals."""
+        among = range(len(self)) if keys is None else keys
+        return min(among, key=lambda k: (self.estimate(k)[0], k))

@@ -1,0 +1,138 @@
+"""What one run costs: figures of each run, from which an objective makes the score of a candidate.
+
+| cost | figure of a run | source |
+|---|---|---|
+| intended | sum over robots of (1 + abs(f - f*) N_tiles) e_d; e_d = t/T_end right, 5 wrong, 1 undecided | the words |
+| printed | the same with (1 + abs(f - f*) / N_tiles) | the equation |
+| authors_code | the same with abs(f - f*) / 0.04; undecided 3 | the program that ran |
+| decision_time | mean over robots of min(t, T_end), s | - |
+| errors | mean over robots of t/T_end right, ``false_alarm`` or ``miss`` wrong, ``undecided`` undecided | - |
+| consensus | min(consensus time, T_end), s; whether it was right | - |
+| at_error | mean over robots of min(t, T_end), s; how many wrong, decided, all | - |
+
+A false alarm says that more than the boundary vibrates where less does; a miss says less where more does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.outcomes import Array, Outcomes
+
+WRONG: Final = 5.0
+UNDECIDED: Final = 1.0
+UNDECIDED_IN_CODE: Final = 3.0
+TILE_IN_CODE: Final = 0.04
+"""One of 25 tiles; the program has the number, whatever the floor."""
+
+Figures = Callable[..., Array]
+"""(outcomes, parameters) -> (runs, columns)."""
+
+
+def intended(outcomes: Outcomes) -> Array:
+    """The paper's cost as its words say: the error of the estimate in tiles."""
+    return _paper(outcomes, 1.0 + _error(outcomes) * outcomes.tiles, UNDECIDED)
+
+
+def printed(outcomes: Outcomes) -> Array:
+    """The paper's cost as its equation has it: the error of the estimate all but vanishes."""
+    return _paper(outcomes, 1.0 + _error(outcomes) / outcomes.tiles, UNDECIDED)
+
+
+def authors_code(outcomes: Outcomes) -> Array:
+    """The cost that the paper's search minimised: nothing is paid for time where the estimate is right."""
+    return _paper(outcomes, _error(outcomes) / TILE_IN_CODE, UNDECIDED_IN_CODE)
+
+
+def decision_time(outcomes: Outcomes) -> Array:
+    """Mean over robots, s."""
+    return np.asarray(outcomes.time_s.mean(axis=1, keepdims=True))
+
+
+def errors(
+    outcomes: Outcomes, false_alarm: float = WRONG, miss: float = WRONG, undecided: float = UNDECIDED
+) -> Array:
+    """Mean over robots; a wrong decision costs by its kind."""
+    check_truth(outcomes)
+    of_wrong = np.where(outcomes.truth[:, None] == 0.0, false_alarm, miss)
+    cost = np.where(outcomes.wrong, of_wrong, outcomes.time_s / outcomes.t_end_s)
+    cost = np.where(outcomes.undecided, undecided, cost)
+    return np.asarray(cost.mean(axis=1, keepdims=True))
+
+
+def consensus(outcomes: Outcomes) -> Array:
+    """How long the inspection took, s, and whether its outcome was a right consensus."""
+    check_truth(outcomes)
+    time_s, right = outcomes.time_s, outcomes.right.all(axis=1)
+    alike = ~outcomes.undecided.any(axis=1) & (right | outcomes.wrong.all(axis=1))
+    return np.column_stack([np.where(alike, time_s.max(axis=1), outcomes.t_end_s), right])
+
+
+def at_error(outcomes: Outcomes) -> Array:
+    """Time, and the counts from which shares of wrong and undecided robots are made."""
+    check_truth(outcomes)
+    decided = (~outcomes.undecided).sum(axis=1)
+    robots = np.full(decided.size, float(outcomes.robots))
+    return np.column_stack([outcomes.time_s.mean(axis=1), outcomes.wrong.sum(axis=1), decided, robots])
+
+
+COSTS: Final[dict[str, Figures]] = {
+    "intended": intended,
+    "printed": printed,
+    "authors_code": authors_code,
+    "decision_time": decision_time,
+    "errors": errors,
+}
+"""Costs of one figure a run, to which a statistic is applied."""
+
+
+def check_truth(outcomes: Outcomes) -> None:
+    """Refuse runs in which no decision is right.
+
+    Raises:
+        InputError: the fill ratio of a floor is the boundary itself.
+    """
+    if np.isnan(outcomes.truth).any():
+        raise InputError(
+            "the fill ratio of a floor is the decision boundary itself, where no decision is right; "
+            "choose another floor or boundary",
+            field="floor.source",
+        )
+
+
+def check_figures(values: Any, runs: int, name: str) -> Array:
+    """The figures of a cost as an array of (runs, columns).
+
+    Raises:
+        InputError: of another shape, no numbers, or not a number in a run.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"gives {type(values).__name__}, not one number a run", field=name) from None
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or array.shape[0] != runs or array.shape[1] < 1:
+        raise InputError(f"gives shape {np.shape(values)} for {runs} runs; one number a run", field=name)
+    if bad := np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist():
+        told = array[bad[0]].tolist()
+        raise InputError(
+            f"gives {told[0] if len(told) == 1 else told} for {len(bad)} of {runs} runs; a cost is a finite number",
+            field=name,
+        )
+    return array
+
+
+def _error(outcomes: Outcomes) -> Array:
+    return np.abs(outcomes.estimate - outcomes.fill_ratio[:, None])
+
+
+def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
+    """Sum over robots of the two factors, (runs, 1)."""
+    check_truth(outcomes)
+    of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)
+    of_decision = np.where(outcomes.undecided, undecided, of_decision)
+    return np.asarray((of_estimate * of_decision).sum(axis=1, keepdims=True))

@@ -1,0 +1,152 @@
+"""The record of a search: a folder whose journal grows by a line a step, so that nothing done is done again.
+
+    search.toml     the search, standing alone
+    search.json     format, hash, versions
+    journal.jsonl   a line a step: what was asked for and the figures of every run
+
+A search is resumed by asking its method anew, from the beginning, and telling it what the journal holds: nothing is
+unpickled, and the same history gives the same next question, bit by bit. A line that was being written when the process
+was killed is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.files import whole_file
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.method import Ask
+from vibroswarm.optimize.spec import FORMAT, Search, differences
+from vibroswarm.simulation import versions
+
+SEARCH: Final = "search.toml"
+HEAD: Final = "search.json"
+JOURNAL: Final = "journal.jsonl"
+
+
+@dataclass
+class Step:
+    """One step: runs asked for, and what came of them."""
+
+    asks: list[Ask]
+    origins: list[str]
+    found: list[list[Any]]
+    """For each ask, the pieces: rows, or why there are none, with the number of runs."""
+
+
+class Journal:
+    """A search's folder."""
+
+    def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
+        """Open the folder of this search, or make it.
+
+        Raises:
+            InputError: something else is there, another search, other versions.
+            RunError: it cannot be written.
+        """
+        self.folder = Path(folder)
+        text = search.to_toml()
+        if (self.folder / HEAD).is_file():
+            self._check(search, mixed)
+            return
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise InputError("is there and no search; give the name of a new folder", field=str(self.folder))
+        head = {"format": FORMAT, "hash": search.hash, "versions": versions()}
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for name, content in ((SEARCH, text), (JOURNAL, ""), (HEAD, json.dumps(head, indent=1) + "\n")):
+                with whole_file(self.folder / name) as part:
+                    part.write_text(content, encoding="utf-8")
+        except OSError as error:
+            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+
+    def steps(self) -> Iterator[Step]:
+        """The steps that are there, in order.
+
+        Raises:
+            InputError: the journal is damaged before its last line.
+        """
+        lines = (self.folder / JOURNAL).read_bytes().split(b"\n")
+        for k, line in enumerate(lines[:-1]):
+            try:
+                step = json.loads(line)
+                asks = [Ask(int(key), int(count)) for key, count in step["asks"]]
+                found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
+                yield Step(asks, [str(origin) for origin in step["origins"]], found)
+            except (ValueError, KeyError, TypeError):
+                raise InputError(f"line {k + 1} is damaged", field=str(self.folder / JOURNAL)) from None
+
+    def cut(self) -> None:
+        """Drop a last line that was not written whole."""
+        path = self.folder / JOURNAL
+        data = path.read_bytes()
+        end = data.rfind(b"\n") + 1
+        if end < len(data):
+            with path.open("r+b") as stream:
+                stream.truncate(end)
+
+    def add(self, archive: Archive, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
+        """A step is done."""
+        step = {
+            "asks": [list(ask) for ask in asks],
+            "origins": [archive[ask.key].origin for ask in asks],
+            "values": [archive[ask.key].values for ask in asks],
+            "found": [
+                [
+                    piece.tolist() if isinstance(piece, np.ndarray) else [piece[0], piece[1]]
+                    for piece in pieces
+                ]
+                for pieces in found
+            ],
+        }
+        line = json.dumps(step, separators=(",", ":"), allow_nan=False) + "\n"
+        try:
+            with (self.folder / JOURNAL).open("a", encoding="utf-8") as stream:
+                stream.write(line)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise RunError(f"could not write '{self.folder / JOURNAL}': {error.strerror or error}") from error
+
+    def _check(self, search: Search, mixed: bool) -> None:
+        try:
+            head = json.loads((self.folder / HEAD).read_text(encoding="utf-8"))
+            version, told, made_by = int(head["format"]), str(head["hash"]), dict(head["versions"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError(f"{HEAD} is damaged", field=str(self.folder)) from None
+        if version > FORMAT:
+            raise InputError(f"is of format {version}; update vibroswarm", field=str(self.folder))
+        if told != search.hash:
+            different = differences(Search.read(self.folder / SEARCH), search)
+            raise InputError(
+                f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                field=str(self.folder),
+            )
+        mine = versions()
+        if different := [
+            f"{k} {made_by.get(k)} there, {v} here" for k, v in mine.items() if made_by.get(k) != v
+        ]:
+            if not mixed:
+                raise InputError(
+                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or "
+                    "say --mixed to go on all the same",
+                    field=str(self.folder),
+                )
+
+
+def _piece(given: Any) -> Any:
+    """Rows as an array; a failure as (why, runs)."""
+    if isinstance(given[0], str):
+        return str(given[0]), int(given[1])
+    rows = np.array(given, dtype=np.float64)
+    if rows.ndim != 3:
+        raise ValueError("no rows")
+    return rows

@@ -1,0 +1,238 @@
+"""The score of a candidate: a statistic of its runs' figures, the smaller the better; several floors, several aims.
+
+| statistic | score of the runs |
+|---|---|
+| mean+sd | mean + standard deviation with ddof 0: the paper's |
+| mean | mean |
+| quantile 0.9 | the ceil(0.9 n)-th smallest |
+
+| aim | score of the runs |
+|---|---|
+| expected_time_to_right | sum of times / runs with a right consensus, s: a failed inspection is done again |
+| time_at_error | mean time + T_end (excess of errors / max_error + excess of undecided / max_undecided), s |
+
+Cases are the cells of the study: the same runs on several floors, say. The score is that of the worst, or their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.intervals import (
+    Interval,
+    generator,
+    mean_interval,
+    quantile_interval,
+)
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.optimize import costs
+from vibroswarm.optimize.outcomes import Array, Outcomes
+
+AIMS: Final = ("expected_time_to_right", "time_at_error")
+NAMES: Final = (*costs.COSTS, *AIMS)
+OVER: Final = ("worst", "mean")
+PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
+    "errors": ("false_alarm", "miss", "undecided"),
+    "time_at_error": ("max_error", "max_undecided"),
+}
+DRAWS: Final = 1000
+OWN: Final = "own"
+
+Rows = NDArray[np.float64]
+"""Figures of a candidate: (runs, cases, columns)."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What is minimised.
+
+    Args:
+        name: of ``NAMES``, or ``own`` with a function.
+        statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure a run.
+        over: the ``worst`` case, or the ``mean`` over cases.
+        parameters: of the cost, see ``costs`` and above.
+        function: a cost of the user's: ``Outcomes`` to one number a run. Never read from a file.
+    Raises:
+        InputError: no such name, statistic or parameter.
+    """
+
+    name: str = "authors_code"
+    statistic: str = "mean+sd"
+    over: str = "worst"
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    function: Callable[[Outcomes], Any] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.function is not None and self.name in NAMES:
+            object.__setattr__(self, "name", OWN)
+        if self.function is None and self.name not in NAMES:
+            raise InputError(
+                f"there is no cost '{self.name}'{nearest(self.name, NAMES)} (there are {', '.join(NAMES)})",
+                field="objective.cost",
+            )
+        if self.over not in OVER:
+            raise InputError(f"{self.over!r} is not one of {', '.join(OVER)}", field="objective.over")
+        self._quantile()
+        known = PARAMETERS.get(self.name, ())
+        for name, value in self.parameters.items():
+            if name not in known:
+                raise InputError(f"the cost '{self.name}' has no such parameter{nearest(name, known)}",
+                                 field=f"objective.{name}")  # fmt: skip
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+                raise InputError(f"{value!r} is wrong; give a number from 0", field=f"objective.{name}")
+            if self.name == "time_at_error" and not 0 < value < 1:
+                raise InputError(f"{value!r} is no share; give one above 0", field=f"objective.{name}")
+
+    @classmethod
+    def of(cls, block: Mapping[str, Any]) -> Objective:
+        """From a table with ``cost``, ``statistic``, ``over`` and the cost's parameters."""
+        values = dict(block)
+        named = {"name": values.pop("cost", "authors_code")}
+        named |= {key: values.pop(key) for key in ("statistic", "over") if key in values}
+        for key, value in named.items():
+            if not isinstance(value, str):
+                key = "cost" if key == "name" else key
+                raise InputError(f"{value!r} is no text", field=f"objective.{key}")
+        return cls(**named, parameters=values)
+
+    def as_values(self) -> dict[str, Any]:
+        """What ``of`` reads."""
+        return {"cost": self.name, "statistic": self.statistic, "over": self.over, **self.parameters}
+
+    @property
+    def words(self) -> str:
+        """In a few words."""
+        if self.name in AIMS:
+            return self.name.replace("_", " ")
+        return f"{self.name}, {self.statistic}"
+
+    @property
+    def unit(self) -> str:
+        """Of the score."""
+        return "s" if self.name in (*AIMS, "decision_time") else ""
+
+    def figures(self, outcomes: Outcomes) -> Array:
+        """The figures of each run, (runs, columns).
+
+        Raises:
+            InputError: a user's cost gives no number.
+        """
+        if self.function is not None:
+            return costs.check_figures(self.function(outcomes), outcomes.run.size, f"cost '{self.name}'")
+        if self.name == "expected_time_to_right":
+            return costs.consensus(outcomes)
+        if self.name == "time_at_error":
+            rows = costs.at_error(outcomes)
+            return np.column_stack([rows, np.full(rows.shape[0], outcomes.t_end_s)])
+        parameters = dict(self.parameters) if self.name == "errors" else {}
+        return costs.check_figures(
+            costs.COSTS[self.name](outcomes, **parameters), outcomes.run.size, self.name
+        )
+
+    def score(self, rows: Rows) -> float:
+        """The score of a candidate; infinite without runs."""
+        if rows.shape[0] == 0:
+            return math.inf
+        by_case = [self._of_case(rows[:, case]) for case in range(rows.shape[1])]
+        return max(by_case) if self.over == "worst" else float(np.mean(by_case))
+
+    def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
+        """The score with its limits: t for a mean, order statistics for a quantile, else bootstrap over runs."""
+        quantile = self._quantile()
+        if rows.shape[1] == 1 and self.name not in AIMS and rows.shape[0] > 1:
+            if quantile is not None:
+                return quantile_interval(rows[:, 0, 0], quantile, level)
+            if self.statistic == "mean":
+                return mean_interval(rows[:, 0, 0], level)
+        return bootstrap(self.score, rows, level, seed)
+
+    def _quantile(self) -> float | None:
+        kind, _, share = self.statistic.partition(" ")
+        if kind == "quantile":
+            try:
+                value = float(share)
+            except ValueError:
+                value = math.nan
+            if 0 < value < 1:
+                return value
+        elif self.statistic in ("mean", "mean+sd"):
+            return None
+        raise InputError(
+            f"'{self.statistic}' is none of mean+sd, mean, and quantile with a share, such as 'quantile 0.9'",
+            field="objective.statistic",
+        )
+
+    def _of_case(self, rows: Array) -> float:
+        if self.name == "expected_time_to_right":
+            return float(rows[:, 0].sum() / max(rows[:, 1].sum(), 0.5))
+        if self.name == "time_at_error":
+            return self._time_at_error(rows)
+        costs_of = rows[:, 0]
+        quantile = self._quantile()
+        if quantile is not None:
+            rank = math.ceil(quantile * costs_of.size) - 1
+            return float(np.partition(costs_of, rank)[rank])
+        mean = float(costs_of.mean())
+        return mean if self.statistic == "mean" else mean + float(costs_of.std())
+
+    def _time_at_error(self, rows: Array) -> float:
+        time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
+        max_error = self.parameters.get("max_error", 0.05)
+        max_undecided = self.parameters.get("max_undecided", 0.10)
+        error, undecided = wrong / max(decided, 1.0), 1.0 - decided / robots
+        excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
+        return float(time_s / rows.shape[0] + rows[0, 4] * excess)
+
+
+def bootstrap(
+    score: Callable[[Rows], float], rows: Rows, level: float = 0.95, seed: int = 0, draws: int = DRAWS
+) -> Interval:
+    """Any statistic of runs with the percentiles of its bootstrap over runs, their middle moved to the estimate.
+
+    A bootstrap of a standard deviation lies too low by its own bias; without the shift the interval would too.
+    """
+    runs, estimate = rows.shape[0], score(rows)
+    if runs < 2:
+        return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap")
+    random = generator(seed, "bootstrap of a score")
+    drawn = np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])
+    low, high = np.quantile(drawn - (drawn.mean() - estimate), [0.5 - level / 2, 0.5 + level / 2])
+    return Interval(estimate, float(low), float(high), level, runs, "bootstrap")
+
+
+def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:
+    """A score freed of its bias for few runs, and its standard error (jackknife, a group of runs left out at a time).
+
+    mean + sd of 10 runs is some tenth too low, so candidates of few runs would look better than those of many.
+    """
+    runs = rows.shape[0]
+    count = min(groups, runs)
+    whole = score(rows)
+    if count < 2:
+        return whole, math.inf
+    bounds = np.linspace(0, runs, count + 1).astype(np.int64)
+    keep = np.ones(runs, dtype=np.bool_)
+    left = np.empty(count)
+    for g in range(count):
+        keep[bounds[g] : bounds[g + 1]] = False
+        left[g] = score(rows[keep])
+        keep[bounds[g] : bounds[g + 1]] = True
+    mean = float(left.mean())
+    error = math.sqrt((count - 1) / count * float(((left - mean) ** 2).sum()))
+    return count * whole - (count - 1) * mean, error
+
+
+def several(block: Any) -> tuple[Objective, ...]:
+    """One objective from a table, several from a list of tables."""
+    if isinstance(block, Mapping):
+        return (Objective.of(block),)
+    many = isinstance(block, Sequence) and not isinstance(block, str)
+    if many and block and all(isinstance(entry, Mapping) for entry in block):
+        return tuple(Objective.of(entry) for entry in block)
+    raise InputError("is a table with a cost, or a list of such tables", field="objective")

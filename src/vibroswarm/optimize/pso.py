@@ -1,0 +1,208 @@
+"""The noise-resistant particle swarm of the paper, asked and told.
+
+| name | symbol | equation |
+|---|---|---|
+| velocity | v_i | v' = w v + w_p R_1 (p_b - p) + w_g R_2 (g_b - p) |
+| position | p_i | p' = p + v', clipped to the bounds |
+| inertia | w | from 1.0 to 0.4, linear over the iterations |
+| weights | w_p, w_g | 0.75, 0.75 |
+| chance | R_1, R_2 | diagonal, uniform in (0, 1), one a particle, dimension and iteration |
+| evaluations | N_e | 10, and 10 more for the best 20 % |
+
+What happens to the further evaluations, and to the personal bests, is the choice of ``noise``:
+
+* ``fixed``, the paper: the best 20 % of the particles are evaluated further; a personal best keeps the score with which
+  it became one, and the luckiest wins.
+* ``rescore``: the further evaluations go to the best 20 % of particles and personal bests together, and every score is
+  that of all evaluations so far.
+* ``ocba`` (default): as many further evaluations, where they tell most about which is best (see ``allocation``).
+
+In the last two, scores are freed of their bias for few evaluations before they are compared.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.allocation import ask_for
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.method import Ask, Iteration, chance
+from vibroswarm.optimize.space import Point
+
+NOISE: Final = ("ocba", "rescore", "fixed")
+
+
+@dataclass(frozen=True)
+class PsoSettings:
+    """The swarm's settings; those of the paper but for ``noise``.
+
+    Raises:
+        InputError: no particles, no iterations, a weight that is no number.
+    """
+
+    particles: int = 25
+    iterations: int = 50
+    evaluations: int = 10
+    extra: int = 10
+    extra_share: float = 0.2
+    inertia_first: float = 1.0
+    inertia_last: float = 0.4
+    weight_personal: float = 0.75
+    weight_global: float = 0.75
+    first_velocity: float = 0.1
+    """Velocities begin uniform between minus and plus this share of the bounds."""
+    noise: str = "ocba"
+
+    def __post_init__(self) -> None:
+        for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < low:
+                raise InputError(f"{value!r} is wrong; give a whole number from {low}", field=f"pso.{name}")
+        for name in (
+            "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global", "first_velocity"
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1e3:
+                raise InputError(f"{value!r} is wrong; give a number from 0", field=f"pso.{name}")
+        if self.extra_share > 1:
+            raise InputError(
+                f"{self.extra_share!r} is no share; give one from 0 to 1", field="pso.extra_share"
+            )
+        if self.noise not in NOISE:
+            raise InputError(f"{self.noise!r} is not one of {', '.join(NOISE)}", field="pso.noise")
+
+    @property
+    def best_of(self) -> int:
+        """How many particles are evaluated further."""
+        return math.ceil(self.extra_share * self.particles - 1e-9)
+
+    @property
+    def runs_an_iteration(self) -> int:
+        """Runs that one iteration takes."""
+        return self.particles * self.evaluations + self.extra_runs
+
+    @property
+    def extra_runs(self) -> int:
+        """Of which further ones."""
+        return self.best_of * self.extra
+
+
+class Pso:
+    """The swarm; positions in the unit cube."""
+
+    name = "pso"
+
+    def __init__(
+        self, archive: Archive, seed: int, settings: PsoSettings, starts: list[Point] | None = None
+    ) -> None:
+        self.archive, self.seed, self.settings = archive, seed, settings
+        self.iterations, self.iteration, self.extras = settings.iterations, 0, False
+        self.history: list[Iteration] = []
+        shape = (settings.particles, archive.space.size)
+        random = chance(seed, "pso begins")
+        self.position = random.random(shape)
+        self.velocity = settings.first_velocity * (2.0 * random.random(shape) - 1.0)
+        if starts and len(starts) > settings.particles:
+            raise InputError(f"{len(starts)} starts for {settings.particles} particles", field="start")
+        for k, start in enumerate(starts or []):
+            self.position[k] = start
+        self.current: list[int] = []
+        self.personal: list[int] = []
+        self.kept = np.full(settings.particles, math.inf)
+        """Scores of the personal bests as they were kept, for ``fixed``."""
+
+    def ask(self) -> list[Ask]:
+        """All particles; then the further evaluations."""
+        if self.iteration == self.iterations:
+            return []
+        if not self.extras:
+            origin = f"pso {self.iteration + 1}"
+            self.current = [self.archive.new(point, origin) for point in self.position]
+            return [Ask(key, self.settings.evaluations) for key in self.current]
+        return self._further()
+
+    def tell(self) -> None:
+        """After the further evaluations: personal bests, then the next positions."""
+        if not self.extras and self.settings.extra_runs:
+            self.extras = True
+            if self._further():
+                return
+        self.extras = False
+        self._update_bests()
+        self._write_down()
+        self.iteration += 1
+        if self.iteration < self.iterations:
+            self._move()
+
+    def best(self) -> int:
+        """The global best."""
+        return self.personal[int(np.argmin(self._personal_scores()))]
+
+    def finalists(self, count: int) -> list[int]:
+        """The best of the personal bests, each once."""
+        order = np.argsort(self._personal_scores(), kind="stable")
+        return list(dict.fromkeys(self.personal[k] for k in order))[:count]
+
+    def _further(self) -> list[Ask]:
+        settings, archive = self.settings, self.archive
+        if settings.noise == "fixed":
+            order = sorted(self.current, key=lambda k: (archive.score(k), k))
+            return [Ask(key, settings.extra) for key in order[: settings.best_of]]
+        among = list(dict.fromkeys([*self.personal, *self.current]))
+        if settings.noise == "rescore":
+            among.sort(key=lambda k: (archive.estimate(k)[0], k))
+            return [Ask(key, settings.extra) for key in among[: settings.best_of]]
+        return ask_for(archive, among, settings.extra_runs)
+
+    def _update_bests(self) -> None:
+        now = np.array([self._score(key) for key in self.current])
+        if not self.personal:
+            self.personal, self.kept = list(self.current), now
+            return
+        before = self.kept if self.settings.noise == "fixed" else self._personal_scores()
+        for k in np.flatnonzero(now < before):
+            self.personal[k], self.kept[k] = self.current[k], now[k]
+
+    def _score(self, key: int) -> float:
+        return self.archive.score(key) if self.settings.noise == "fixed" else self.archive.estimate(key)[0]
+
+    def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        if self.settings.noise == "fixed":
+            return self.kept
+        return np.array([self._score(key) for key in self.personal])
+
+    def _write_down(self) -> None:
+        scores = [self.archive.score(key) for key in self.current]
+        there = [s for s in scores if math.isfinite(s)]
+        personal = self._personal_scores()
+        self.history.append(
+            Iteration(
+                number=self.iteration + 1,
+                runs=self.archive.runs,
+                best_key=self.best(),
+                best=float(personal.min()),
+                mean=float(np.mean(there)) if there else math.inf,
+                mean_point=tuple(float(u) for u in self.position.mean(axis=0)),
+                personal=tuple(float(s) for s in personal),
+            )
+        )
+
+    def _move(self) -> None:
+        settings = self.settings
+        share = self.iteration / max(self.iterations - 1, 1)
+        inertia = settings.inertia_first + share * (settings.inertia_last - settings.inertia_first)
+        random = chance(self.seed, f"pso {self.iteration + 1}")
+        r_1, r_2 = random.random((2, *self.position.shape))
+        to_personal = np.array([self.archive[key].point for key in self.personal]) - self.position
+        to_global = self.archive[self.best()].point - self.position
+        self.velocity = (
+            inertia * self.velocity
+            + settings.weight_personal * r_1 * to_personal
+            + settings.weight_global * r_2 * to_global
+        )
+        self.position = np.clip(self.position + self.velocity, 0.0, 1.0)

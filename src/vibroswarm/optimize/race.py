@@ -1,0 +1,69 @@
+"""The last stage of a search: those that may be the best run again, on fresh runs that no choice was made by.
+
+A candidate that looked good on the runs by which it was chosen was partly lucky. So each finalist begins anew, gets a
+first share of the runs, and the rest goes where it tells most about which is best (see ``allocation``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from vibroswarm.optimize.allocation import ask_for
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.method import Ask, Iteration
+
+FIRST_SHARE: Final = 0.4
+"""Of the runs, given to all alike."""
+ROUNDS: Final = 6
+
+
+class Race:
+    """Finalists of a search against each other."""
+
+    name = "race"
+
+    def __init__(self, archive: Archive, finalists: list[int], runs: int) -> None:
+        self.archive, self.runs = archive, runs
+        self.iterations, self.iteration = ROUNDS + 1, 0
+        self.history: list[Iteration] = []
+        self.came_from = {archive.new(archive[key].point, f"finalist {key}"): key for key in finalists}
+        self.keys = list(self.came_from)
+
+    def ask(self) -> list[Ask]:
+        """All alike first, then in rounds."""
+        if self.iteration == self.iterations:
+            return []
+        first = max(int(FIRST_SHARE * self.runs) // len(self.keys), 1)
+        if self.iteration == 0:
+            return [Ask(key, first) for key in self.keys]
+        left = self.runs - first * len(self.keys)
+        each = max(left, 0) // ROUNDS
+        if self.iteration == ROUNDS:
+            each = max(left, 0) - each * (ROUNDS - 1)
+        return ask_for(self.archive, self.keys, each)
+
+    def tell(self) -> None:
+        """A round is done."""
+        self.iteration += 1
+        best = self.best()
+        scores = [self.archive.estimate(key)[0] for key in self.keys]
+        there = [s for s in scores if math.isfinite(s)]
+        self.history.append(
+            Iteration(
+                number=self.iteration,
+                runs=self.archive.runs,
+                best_key=best,
+                best=self.archive.estimate(best)[0],
+                mean=sum(there) / len(there) if there else math.inf,
+                mean_point=tuple(float(u) for u in self.archive[best].point),
+            )
+        )
+
+    def best(self) -> int:
+        """The winner so far."""
+        return self.archive.best(self.keys)
+
+    def finalists(self, count: int) -> list[int]:
+        """The best, in order."""
+        return sorted(self.keys, key=lambda k: (self.archive.estimate(k)[0], k))[:count]

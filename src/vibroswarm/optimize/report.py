@@ -1,0 +1,113 @@
+"""A search written down: numbers as CSV and JSON, the winner as a scenario.
+
+result.json      believed, true and the difference, the starts beside it, runs, failures
+history.csv      a row an iteration: best, mean, personal bests, mean of each field (as itself and between bounds)
+candidates.csv   a row a candidate: its values, runs, failures, scores
+best.toml        the winner's scenario; ``vibroswarm run --scenario`` takes it
+front.csv        with several objectives: the candidates that none beats in all
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.errors import RunError
+from vibroswarm.files import whole_file
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.truth import Truth
+from vibroswarm.scenario import Scenario
+
+
+def best_scenario(found: Found) -> Scenario:
+    """The search's first scenario with the winner's values."""
+    return found.search.cases[0].scenario.with_values(found.values)
+
+
+def history_table(found: Found) -> pl.DataFrame:
+    """One row an iteration of the search, then of the race."""
+    rows = []
+    space = found.search.space
+    for stage, history in (("search", found.history), ("race", found.race)):
+        for one in history:
+            row: dict[str, Any] = {
+                "stage": stage, "iteration": one.number, "runs": one.runs, "best": _finite(one.best),
+                "mean": _finite(one.mean), "best_key": one.best_key,
+            }  # fmt: skip
+            for name, value, share in zip(
+                space.names, space.values(np.array(one.mean_point)).values(), one.mean_point, strict=True
+            ):
+                row |= {f"mean {name}": value, f"mean {name}, of its bounds": share}
+            row |= {f"personal {k}": _finite(score) for k, score in enumerate(one.personal)}
+            rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def candidate_table(found: Found) -> pl.DataFrame:
+    """One row a candidate."""
+    rows = []
+    for c in found.archive.candidates:
+        row: dict[str, Any] = {"key": c.key, "origin": c.origin, **c.values}
+        row |= {"runs": c.count, "failed": c.failed}
+        for k, objective in enumerate(found.search.objectives):
+            row[f"score {objective.words}" if k else "score"] = _finite(found.archive.score(c.key, k))
+        rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
+    """What came of a search, as plain values for JSON."""
+    search, archive = found.search, found.archive
+    failures = sorted({c.why for c in archive.candidates if c.why})
+    return {
+        "method": search.settings.method,
+        "objective": [o.as_values() for o in search.objectives],
+        "seed": search.seed,
+        "runs": {
+            "search": found.runs,
+            "failed": archive.failed,
+            "failed_because": failures[:5],
+            "candidates": len(archive),
+            "fresh": 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others)),
+        },
+        "best": found.values,
+        "believed": _finite(found.believed),
+        "truth": None if truth is None else truth.as_dict(),
+        "front": [{**archive[key].values, "scores": archive.scores(key)} for key in found.front],
+    }
+
+
+def write_report(found: Found, truth: Truth | None, folder: str | Path) -> None:
+    """Keep all of it in ``folder``.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    folder = Path(folder)
+    tables = {"history.csv": history_table(found), "candidates.csv": candidate_table(found)}
+    if found.front:
+        keys = pl.DataFrame({"key": list(found.front)})
+        tables["front.csv"] = keys.join(tables["candidates.csv"], on="key", how="left", maintain_order="left")
+    texts = {
+        "result.json": json.dumps(as_dict(found, truth), indent=2, allow_nan=False) + "\n",
+        "best.toml": best_scenario(found).to_toml(),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in tables.items():
+            with whole_file(folder / name) as part:
+                table.write_csv(part)
+        for name, text in texts.items():
+            with whole_file(folder / name) as part:
+                part.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

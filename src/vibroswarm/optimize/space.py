@@ -1,0 +1,177 @@
+"""What a search may change: fields of a scenario with their bounds, seen as a unit cube.
+
+    [space]
+    "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
+    "decision.min_observations" = { from = 1, to = 500, scale = "log" }
+    "strategy.name" = ["none", "soft"]
+
+A method knows nothing but points of the cube. A field of whole numbers is rounded when a point becomes values; a list
+stands for its values at equal shares of [0, 1].
+
+| name | symbol | bounds in the paper |
+|---|---|---|
+| walk.walk_duration_location_ms, walk.walk_duration_scale_ms | gamma_0, gamma | 0 to 20000 ms |
+| sample.sample_interval_ms | tau | 1000 to 6000 ms |
+| walk.avoidance_threshold_mm | theta_c | 50 to 150 mm |
+| decision.min_observations | O_c | 0 to 500 |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.errors import InputError
+from vibroswarm.scenario import Scenario
+from vibroswarm.study.varied import bounds_of, fields_in, rounded
+
+Point = NDArray[np.float64]
+"""A place in the unit cube, (dimensions,)."""
+Values = dict[str, Any]
+"""Fields by dotted name, and their values."""
+
+PAPER: Final[dict[str, Any]] = {
+    "walk.walk_duration_location_ms": {"from": 0, "to": 20000},
+    "walk.walk_duration_scale_ms": {"from": 0, "to": 20000},
+    "sample.sample_interval_ms": {"from": 1000, "to": 6000},
+    "walk.avoidance_threshold_mm": {"from": 50, "to": 150},
+    "decision.min_observations": {"from": 0, "to": 500},
+}
+"""The paper's space."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One field: its ends and scale, or its choices."""
+
+    name: str
+    low: float
+    high: float
+    scale: str = "linear"
+    whole: bool = False
+    choices: tuple[Any, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, given: Any) -> Dimension:
+        """From ``{from, to, scale, whole}`` or a list.
+
+        Raises:
+            InputError: bounds that are crossed, a log scale from 0, an empty list.
+        """
+        where = f"space.{name}"
+        if isinstance(given, Sequence) and not isinstance(given, str):
+            if len(given) < 2:
+                raise InputError(
+                    "is a list of one value or none; give at least two to choose from", field=where
+                )
+            return cls(name, 0.0, float(len(given)), choices=tuple(given))
+        if isinstance(given, Mapping) and "steps" in given:
+            raise InputError("'steps' is for a grid; leave it out", field=where)
+        low, high, scale, whole = bounds_of(given, where)
+        return cls(name, float(low), float(high), scale, whole)
+
+    def value(self, u: float) -> Any:
+        """The value at the share ``u`` in [0, 1]."""
+        if self.choices:
+            return self.choices[min(int(u * len(self.choices)), len(self.choices) - 1)]
+        if u in (0.0, 1.0):
+            return rounded((self.low, self.high)[int(u)], self.whole)
+        if self.scale == "log":
+            return rounded(self.low * (self.high / self.low) ** u, self.whole)
+        return rounded(self.low + u * (self.high - self.low), self.whole)
+
+    def share(self, value: Any) -> float:
+        """The share at which the value lies.
+
+        Raises:
+            InputError: outside the bounds, or not among the choices.
+        """
+        if self.choices:
+            if value not in self.choices:
+                raise InputError(f"{value!r} is not among {list(self.choices)}", field=self.name)
+            return (self.choices.index(value) + 0.5) / len(self.choices)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{value!r} is no number", field=self.name)
+        if not self.low <= value <= self.high:
+            raise InputError(
+                f"{value:g} lies outside the bounds {self.low:g} to {self.high:g}; widen them or move it",
+                field=self.name,
+            )
+        if self.scale == "log":
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Space:
+    """The fields of a search, in order."""
+
+    dimensions: tuple[Dimension, ...]
+
+    @classmethod
+    def of(cls, block: Mapping[str, Any]) -> Space:
+        """From a table of fields, as TOML gives it.
+
+        Raises:
+            InputError: an unknown field, no field, wrong bounds.
+        """
+        given = fields_in(block, "space")
+        if not given:
+            raise InputError("is empty; name at least one field with bounds", field="space")
+        if "preset" in given:
+            raise InputError("a preset cannot be searched over; name fields", field="space.preset")
+        return cls(tuple(Dimension.of(name, bounds) for name, bounds in given.items()))
+
+    def __iter__(self) -> Iterator[Dimension]:
+        return iter(self.dimensions)
+
+    @property
+    def size(self) -> int:
+        """How many fields."""
+        return len(self.dimensions)
+
+    @property
+    def names(self) -> list[str]:
+        """The fields, by dotted name."""
+        return [d.name for d in self.dimensions]
+
+    def to_block(self) -> dict[str, Any]:
+        """What ``of`` reads."""
+        block: dict[str, Any] = {}
+        for d in self.dimensions:
+            ends = {"from": d.low, "to": d.high, "scale": d.scale, "whole": d.whole}
+            block[d.name] = list(d.choices) if d.choices else ends
+        return block
+
+    def values(self, point: Point) -> Values:
+        """The values at a point of the cube."""
+        return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
+
+    def point(self, values: Mapping[str, Any]) -> Point:
+        """The place of values in the cube.
+
+        Raises:
+            InputError: a field is missing, unknown to the space, or out of bounds.
+        """
+        for name in values:
+            if name not in self.names:
+                raise InputError("is not in the space that is searched", field=name)
+        for name in self.names:
+            if name not in values:
+                raise InputError("is missing; give a value for every field of the space", field=name)
+        return np.array([d.share(values[d.name]) for d in self.dimensions])
+
+    def values_of(self, scenario: Scenario) -> Values:
+        """What a scenario has in these fields."""
+        data = scenario.model_dump()
+        return {name: data[name.partition(".")[0]][name.partition(".")[2]] for name in self.names}
+
+
+def paper_space() -> Space:
+    """The paper's five parameters with its bounds (Table of the PSO parameters)."""
+    return Space.of(PAPER)

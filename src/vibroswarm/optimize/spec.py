@@ -1,0 +1,306 @@
+"""A search: what is searched over, what is minimised, how, and how long. Frozen, checked, TOML in and out.
+
+    seed = 1
+    start = ["paper-empirical"]             # presets, or tables of values; always among the first candidates
+    [scenario]
+    preset = "paper"
+    [space]
+    "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
+    [objective]
+    cost = "authors_code"
+    [search]
+    method = "pso"
+    [pso]
+    particles = 25
+
+Without a space it is the paper's, begun from P0. Blocks of varied fields, as a study has them, are the cases on which
+every candidate is tried: several floors, say.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.optimize.evaluate import NUMBERS
+from vibroswarm.optimize.objective import OWN, Objective, several
+from vibroswarm.optimize.pso import PsoSettings
+from vibroswarm.optimize.space import PAPER, Point, Space
+from vibroswarm.presets import preset, preset_names
+from vibroswarm.scenario import Scenario, read_text
+from vibroswarm.study.spec import Cell, Study
+
+FORMAT: Final = 1
+METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
+KEYS: Final = ("space", "objective", "search", "pso", "start")
+START: Final = "paper-empirical"
+MOST_CASES: Final = 100
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How a search goes, whatever the method.
+
+    Args:
+        method: of ``METHODS``.
+        evaluations: runs a candidate, for methods other than pso, which has its own.
+        budget: runs of the search, all told; pso takes as many iterations as fit. Without: as pso's settings take.
+        final: of these, runs of the race of the finalists (0: the best as the search left it).
+        finalists: how many run in it.
+        numbers: ``independent`` runs for each evaluation, or ``common`` ones.
+        fresh: runs on which the winner is scored in the end, beyond the budget.
+    """
+
+    method: str = "pso"
+    evaluations: int = 20
+    budget: int | None = None
+    final: int | None = None
+    finalists: int = 10
+    numbers: str = "independent"
+    fresh: int = 2000
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(
+                f"there is no method '{self.method}'{nearest(self.method, METHODS)} (there are {', '.join(METHODS)},"
+                " and grid)",
+                field="search.method",
+            )
+        if self.numbers not in NUMBERS:
+            raise InputError(f"{self.numbers!r} is not one of {', '.join(NUMBERS)}", field="search.numbers")
+        for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**9:
+                raise InputError(
+                    f"{value!r} is wrong; give a whole number from {low}", field=f"search.{name}"
+                )
+
+
+@dataclass(frozen=True)
+class Search:
+    """See the head of this module.
+
+    Args:
+        study: the scenario and the cases (its cells), the seed and the source of motion; its runs do not matter.
+        space: fields with bounds. objectives: one, or several for nsga2.
+        start: presets by name, or values of the space's fields. Without: the paper's P0 in the paper's space.
+    Raises:
+        InputError: naming what is wrong, and what would be right.
+    """
+
+    study: Study = field(default_factory=Study)
+    space: Space = field(default_factory=lambda: Space.of(PAPER))
+    objectives: tuple[Objective, ...] = (Objective(),)
+    settings: SearchSettings = field(default_factory=SearchSettings)
+    pso: PsoSettings = field(default_factory=PsoSettings)
+    start: tuple[str | Mapping[str, Any], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.objectives:
+            raise InputError("is empty; name a cost", field="objective")
+        if len(self.objectives) > 1 and self.settings.method != "nsga2":
+            raise InputError("several objectives need the method nsga2", field="search.method")
+        if len(self.study.cells) > MOST_CASES:
+            raise InputError(f"has {len(self.study.cells)} cases; at most {MOST_CASES}", field="study")
+        for cell in self.study.cells:
+            if both := [name for name in self.space.names if name in cell.point]:
+                raise InputError("is searched over, and varied by the cases too", field=both[0])
+        for cell in self.study.cells:
+            check_scenario(cell.scenario, "floor.source")
+        _ = self.starts
+        if self.settings.method == "pso" and len(self.starts) > self.pso.particles:
+            raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
+        _ = self.pso_settings, self.final_runs
+
+    @classmethod
+    def from_toml(cls, text: str, *, name: str = "search", folder: Path | None = None) -> Search:
+        """A search from TOML text."""
+        try:
+            values = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"is not TOML: {error}", field=name) from None
+        own = {key: values.pop(key) for key in KEYS if key in values}
+        known = [f.name for f in fields(Study)]
+        for key in values:
+            if nearest(key, KEYS) and not nearest(key, [*known, "scenario", "grid", "list"]):
+                raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
+        study = Study.from_values(values, name=name, folder=folder)
+        block = own.get("space")
+        if block is not None and not isinstance(block, Mapping):
+            raise InputError("is a table of fields with bounds", field="space")
+        start = own.get("start")
+        if start is not None and not isinstance(start, list):
+            raise InputError("is a list of presets or of tables of values", field="start")
+        return cls(
+            study=study,
+            space=Space.of(PAPER if block is None else block),
+            objectives=several(own.get("objective", {})),
+            settings=_settings(SearchSettings, own.get("search", {}), "search"),
+            pso=_settings(PsoSettings, own.get("pso", {}), "pso"),
+            start=None if start is None else tuple(start),
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Search:
+        """A search from a TOML file; floors that it names by file lie beside it."""
+        path = Path(path)
+        return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent)
+
+    def to_values(self) -> dict[str, Any]:
+        """As TOML has it, standing alone."""
+        values: dict[str, Any] = tomllib.loads(self.study.to_toml())
+        values["start"] = list(self._start)
+        values["space"] = self.space.to_block()
+        blocks = [objective.as_values() for objective in self.objectives]
+        values["objective"] = blocks[0] if len(blocks) == 1 else blocks
+        values["search"] = {k: v for k, v in vars(self.settings).items() if v is not None}
+        return values | {"pso": dict(vars(self.pso))}
+
+    def to_toml(self) -> str:
+        """The search as TOML; ``from_toml`` gives back an equal one.
+
+        Raises:
+            InputError: its cost is a function, which no file holds.
+        """
+        import tomli_w
+
+        if any(objective.name == OWN for objective in self.objectives):
+            raise InputError("a cost that is a function cannot be written to a file", field="objective")
+        return tomli_w.dumps(self.to_values())
+
+    def with_settings(self, **changed: Any) -> Search:
+        """A copy with other search settings."""
+        return replace(self, settings=replace(self.settings, **changed))
+
+    @property
+    def seed(self) -> int:
+        """Of all that is drawn."""
+        return self.study.seed
+
+    @property
+    def cases(self) -> tuple[Cell, ...]:
+        """The scenarios in which every candidate is tried."""
+        return self.study.cells
+
+    @cached_property
+    def starts(self) -> list[Point]:
+        """Where the search begins, in the unit cube.
+
+        Raises:
+            InputError: a start outside the bounds, an unknown preset.
+        """
+        points = []
+        for entry in self._start:
+            if isinstance(entry, str):
+                if entry not in preset_names():
+                    raise InputError(
+                        f"there is no preset '{entry}'{nearest(entry, preset_names())}", field="start"
+                    )
+                entry = self.space.values_of(preset(entry))
+            elif not isinstance(entry, Mapping):
+                raise InputError(f"{entry!r} is neither a preset nor a table of values", field="start")
+            try:
+                points.append(self.space.point(dict(_flat(entry))))
+            except InputError as error:
+                raise InputError(str(error), field="start") from None
+        return points
+
+    @property
+    def _start(self) -> tuple[str | Mapping[str, Any], ...]:
+        if self.start is not None:
+            return self.start
+        return (START,) if self.space == Space.of(PAPER) else ()
+
+    @property
+    def final_runs(self) -> int:
+        """Runs of the race of the finalists."""
+        if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.noise == "fixed"):
+            return self.settings.final or 0
+        if self.settings.final is not None:
+            return self.settings.final
+        whole = self.settings.budget
+        if whole is None:
+            return max(self.pso.runs_an_iteration * self.pso.iterations // 5, 10)
+        return whole // 6
+
+    @property
+    def pso_settings(self) -> PsoSettings:
+        """Of the swarm, with as many iterations as the budget has room for.
+
+        Raises:
+            InputError: the budget does not last for one.
+        """
+        if self.settings.budget is None or self.settings.method != "pso":
+            return self.pso
+        iterations = (self.settings.budget - self.final_runs) // self.pso.runs_an_iteration
+        if iterations < 1:
+            raise InputError(
+                f"{self.settings.budget} runs do not last for one iteration of {self.pso.runs_an_iteration} and the "
+                f"race of {self.final_runs}",
+                field="search.budget",
+            )
+        return replace(self.pso, iterations=iterations)
+
+    @property
+    def search_runs(self) -> int:
+        """Runs of the search, without the race."""
+        if self.settings.method == "pso":
+            return self.pso_settings.runs_an_iteration * self.pso_settings.iterations
+        if self.settings.budget is None:
+            return self.pso.runs_an_iteration * self.pso.iterations
+        return max(self.settings.budget - self.final_runs, self.settings.evaluations)
+
+    @cached_property
+    def hash(self) -> str:
+        """16 hexadecimal digits that change with whatever changes the search."""
+        values = self.to_values()
+        values.pop("runs", None)
+        text = json.dumps(values, sort_keys=True, default=str)
+        return hashlib.sha256(f"{text} {self.study.hash}".encode()).hexdigest()[:16]
+
+
+def differences(there: Search, given: Search) -> list[str]:
+    """What tells two searches apart, field by field, in words."""
+    old, new = dict(_flat(there.to_values())), dict(_flat(given.to_values()))
+    return [
+        f"{name} is {old.get(name, 'not set')!r} there and {new.get(name, 'not set')!r} here"
+        for name in dict.fromkeys([*old, *new])
+        if old.get(name) != new.get(name)
+    ]
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        name = f"{before}{key}"
+        found += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
+    return found
+
+
+def _settings(kind: Any, block: Any, name: str) -> Any:
+    if not isinstance(block, Mapping):
+        raise InputError("is a table", field=name)
+    known = [f.name for f in fields(kind)]
+    for key in block:
+        if key not in known:
+            raise InputError(f"there is no such setting{nearest(key, known)}", field=f"{name}.{key}")
+    return kind(**block)
+
+
+def check_scenario(scenario: Scenario, where: str) -> None:
+    """Refuse a scenario in which no decision is right."""
+    floor = scenario.floor_for(0, 0)
+    fill = floor.fill_ratio_within(scenario.arena.width_m, scenario.arena.height_m)
+    if abs(fill - scenario.decision.decision_boundary) < 1e-12:
+        raise InputError(
+            "the fill ratio is the decision boundary itself, where no decision is right", field=where
+        )
