@@ -194,9 +194,13 @@ def _say_parts(scored: Scored) -> None:
 
     if scored.parts is None:
         return
-    where = " (each in the case where it is worst)" if scored.cases else ""
-    print(f"  decision time {number(scored.parts['decision_time_s'], 0)} s, wrong of those who decide "
-          f"{percent(scored.parts['robot_error'])}, undecided {percent(scored.parts['robots_undecided'])}{where}")  # fmt: skip
+    time_s, wrong, undecided = (
+        scored.parts[k] for k in ("decision_time_s", "robot_error", "robots_undecided")
+    )
+    print(f"  decision time {number(time_s, 0)} s")
+    print(f"  wrong of those who decide {percent(wrong)}, undecided {percent(undecided)}")
+    if scored.cases:
+        print("  (each in the case where it is worst)")
 
 
 def _failures(failed: int) -> str:
@@ -221,16 +225,14 @@ def _check(arguments: argparse.Namespace) -> int:
             raise InputError("is for a search, not for --check", field=f"--{name}")
     search = search_from(arguments)
     runs = 2000 if arguments.runs is None else whole_number(arguments.runs, "--runs")
-    first, second = (
-        scenario_named(arguments.check, "--check"),
-        scenario_named(arguments.against or "paper", "--against"),
-    )
+    second_name = arguments.against or "paper"
+    first, second = scenario_named(arguments.check, "--check"), scenario_named(second_name, "--against")
     workers = _workers(arguments)
     say_compiling()
     with study_progress("scoring on fresh runs", workers) as told:
         found = check(
             first, second, search.objectives[0], runs, search.seed,
-            names=(arguments.check, arguments.against or "paper"), executor=arguments.executor, workers=workers,
+            names=(arguments.check, second_name), executor=arguments.executor, workers=workers,
             tell=lambda done: told(Told(done, 4 * runs, 0)),
         )  # fmt: skip
     if arguments.json:

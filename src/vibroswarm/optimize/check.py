@@ -107,7 +107,8 @@ def check(
     objective = objective or Objective()
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
-    both, blocks = list(zip(names, (first, second), strict=True)), []
+    both = list(zip(names, (first, second), strict=True))
+    blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
     with crew(executor, workers) as hands:
         for purpose in ("check", "second check"):
             at, told = derived_seed(seed, purpose), 2 * len(blocks) * runs

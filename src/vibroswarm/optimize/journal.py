@@ -130,16 +130,15 @@ class Journal:
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
-        mine = versions()
-        if different := [
+        mine = {} if mixed else versions()
+        if told_apart := [
             f"{k} {made_by.get(k)} there, {v} here" for k, v in mine.items() if made_by.get(k) != v
         ]:
-            if not mixed:
-                raise InputError(
-                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or "
-                    "say --mixed to go on all the same",
-                    field=str(self.folder),
-                )
+            raise InputError(
+                f"was begun by other versions ({'; '.join(told_apart)}); go on with those, take a new folder, or say "
+                "--mixed to go on all the same",
+                field=str(self.folder),
+            )
 
 
 def _piece(given: Any) -> Any:

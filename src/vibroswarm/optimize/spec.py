@@ -42,6 +42,8 @@ METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 START: Final = "paper-empirical"
 MOST_CASES: Final = 100
+FINAL_SHARE: Final = 0.4
+"""Of the budget, run by the finalists: a mean + sd of these costs is known to 1.5 / sqrt(runs), so 10 % take many."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,9 @@ class SearchSettings:
     Args:
         method: of ``METHODS``.
         evaluations: runs a candidate, for methods other than pso, which has its own.
-        budget: runs of the search, all told; pso takes as many iterations as fit. Without: as pso's settings take.
-        final: of these, runs of the race of the finalists (0: the best as the search left it).
+        budget: runs of the search, all told; pso takes as many iterations as fit. Without: 15,000, as the paper
+            took with its 50 iterations.
+        final: of these, runs of the race of the finalists (0: the best as the search left it); without, 40 %.
         finalists: how many run in it.
         numbers: ``independent`` runs for each evaluation, or ``common`` ones.
         fresh: runs on which the winner is scored in the end, beyond the budget.
@@ -62,7 +65,7 @@ class SearchSettings:
     evaluations: int = 20
     budget: int | None = None
     final: int | None = None
-    finalists: int = 10
+    finalists: int = 6
     numbers: str = "independent"
     fresh: int = 2000
 
@@ -119,7 +122,7 @@ class Search:
         _ = self.starts
         if self.settings.method == "pso" and len(self.starts) > self.pso.particles:
             raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
-        _ = self.pso_settings, self.final_runs
+        _ = self.pso_settings, self.search_budget
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "search", folder: Path | None = None) -> Search:
@@ -221,16 +224,33 @@ class Search:
         return (START,) if self.space == Space.of(PAPER) else ()
 
     @property
+    def budget(self) -> int:
+        """Runs of the search, all told; without a number, as many as the paper's swarm took."""
+        return self.settings.budget or self.pso.runs_an_iteration * self.pso.iterations
+
+    @property
     def final_runs(self) -> int:
-        """Runs of the race of the finalists."""
-        if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.noise == "fixed"):
-            return self.settings.final or 0
+        """Runs of the race of the finalists: none with several objectives, or in the paper's own way."""
         if self.settings.final is not None:
             return self.settings.final
-        whole = self.settings.budget
-        if whole is None:
-            return max(self.pso.runs_an_iteration * self.pso.iterations // 5, 10)
-        return whole // 6
+        if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.noise == "fixed"):
+            return 0
+        return int(FINAL_SHARE * self.budget)
+
+    @property
+    def search_budget(self) -> int:
+        """Runs before the race.
+
+        Raises:
+            InputError: none are left.
+        """
+        left = self.budget - self.final_runs
+        if left < 1:
+            raise InputError(
+                f"{self.budget} runs are not more than the {self.final_runs} of the race",
+                field="search.budget",
+            )
+        return left
 
     @property
     def pso_settings(self) -> PsoSettings:
@@ -239,25 +259,22 @@ class Search:
         Raises:
             InputError: the budget does not last for one.
         """
-        if self.settings.budget is None or self.settings.method != "pso":
+        if self.settings.method != "pso":
             return self.pso
-        iterations = (self.settings.budget - self.final_runs) // self.pso.runs_an_iteration
+        iterations = self.search_budget // self.pso.runs_an_iteration
         if iterations < 1:
             raise InputError(
-                f"{self.settings.budget} runs do not last for one iteration of {self.pso.runs_an_iteration} and the "
-                f"race of {self.final_runs}",
+                f"{self.search_budget} runs do not last for one iteration, which takes {self.pso.runs_an_iteration}",
                 field="search.budget",
             )
         return replace(self.pso, iterations=iterations)
 
     @property
     def search_runs(self) -> int:
-        """Runs of the search, without the race."""
+        """Runs that the method takes, without the race."""
         if self.settings.method == "pso":
             return self.pso_settings.runs_an_iteration * self.pso_settings.iterations
-        if self.settings.budget is None:
-            return self.pso.runs_an_iteration * self.pso.iterations
-        return max(self.settings.budget - self.final_runs, self.settings.evaluations)
+        return self.search_budget
 
     @cached_property
     def hash(self) -> str:
