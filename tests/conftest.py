@@ -60,3 +60,9 @@ def record(make_record: Callable[..., RunRecord]) -> RunRecord:
 def long_record(make_record: Callable[..., RunRecord]) -> RunRecord:
     """Ten robots, 1200 s: the largest run that the page's limits are given for."""
     return make_record(robots=10, t_end_s=1200.0, title="Ten robots, twenty minutes", min_observations=1500)
+
+
+@pytest.fixture(scope="session")
+def functions() -> ModuleType:
+    """Functions with a known optimum for methods of optimisation (``search_functions``)."""
+    return _beside("search_functions")

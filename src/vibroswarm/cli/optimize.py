@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
     how.add_argument(
         "--method", metavar="NAME", help="pso (default), tpe, gp, cmaes, nsga2, random, sobol, grid"
     )
-    how.add_argument("--noise", metavar="NAME", help="of pso: ocba (default), rescore, or fixed (the paper)")
+    how.add_argument("--noise", metavar="NAME", help="of pso: rescore (default), ocba, or fixed (the paper)")
     how.add_argument("--cost", metavar="NAME", help="what is minimised, in place of the file's")
     how.add_argument("--budget", metavar="N", help="runs that the search may take")
     how.add_argument("--fresh", metavar="N", help="fresh runs on which the winner is scored (default 2000)")

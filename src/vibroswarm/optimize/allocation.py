@@ -32,15 +32,16 @@ def allocate(
         counts: runs that are there.
     """
     value, n = np.asarray(estimates, dtype=np.float64), np.asarray(counts, dtype=np.float64)
-    noise = np.asarray(errors, dtype=np.float64) * np.sqrt(n)
+    error = np.asarray(errors, dtype=np.float64)
     given = np.zeros(value.size, dtype=np.int64)
-    there = np.flatnonzero(np.isfinite(value) & np.isfinite(noise))
+    there = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
     if there.size == 0 or more <= 0:
         return given
     if there.size == 1:
         given[there[0]] = more
         return given
-    value, noise, n = value[there], np.maximum(noise[there], 1e-12), n[there]
+    value, n = value[there], n[there]
+    noise = np.maximum(error[there] * np.sqrt(n), 1e-12)
     best = int(np.argmin(value))
     # Nearer than their own error cannot be told; so equals share, in place of one that takes all.
     distance = np.maximum(value - value[best], 0.5 * noise / np.sqrt(n) + 1e-12)

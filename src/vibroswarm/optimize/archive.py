@@ -98,6 +98,15 @@ class Archive:
             self._corrected[key] = known
         return known[1], known[2]
 
+    def cautious(self, key: int, caution: float = 1.0) -> float:
+        """The estimate plus so many standard errors: of what is little known, much may be luck."""
+        estimate, error = self.estimate(key)
+        return estimate + caution * error if math.isfinite(error) else estimate
+
+    def in_order(self, keys: Sequence[int] | None = None) -> list[int]:
+        """Candidates by cautious estimate, the best first."""
+        return sorted(range(len(self)) if keys is None else keys, key=lambda k: (self.cautious(k), k))
+
     def best(self, keys: Sequence[int] | None = None) -> int:
         """The candidate with the smallest estimate; the first of equals."""
         among = range(len(self)) if keys is None else keys

@@ -19,7 +19,7 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import crew, derived_seed, figures_of
-from vibroswarm.optimize.objective import OWN, Objective
+from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Array, Outcomes
 from vibroswarm.optimize.truth import Scored, after, paired_score, scored_of
 from vibroswarm.presets import preset, preset_names
@@ -135,7 +135,7 @@ def shares(outcomes: Outcomes) -> Array:
     return np.column_stack([part.mean(axis=1) for part in parts])
 
 
-SHARES: Final = Objective(OWN, function=shares)
+SHARES: Final = Objective("shares", function=shares)
 
 
 def _block(

@@ -93,6 +93,11 @@ class _Loop:
         )
         self.before: Iterator[Step] = iter(()) if journal is None else journal.steps()
         self.replaying = journal is not None
+        self.show: Callable[[], None] = lambda: None
+        if journal is not None and search.has_dashboard:
+            from vibroswarm.optimize.dashboard import Dashboard
+
+            self.show = Dashboard(journal.folder, self.archive, search.study.name).show
         self.best = math.inf
 
     def run(self) -> Found:
@@ -107,6 +112,7 @@ class _Loop:
             self._drive(race, "race", search.search_runs + search.final_runs)
         if self.replaying and self.journal is not None:
             self.journal.cut()
+        self.show()
         last = race or method
         front = tuple(method.finalists(10**9)) if len(search.objectives) > 1 else ()
         return Found(search, self.archive, last.best(), method.history, race.history if race else [], front)
@@ -115,6 +121,8 @@ class _Loop:
         while asks := method.ask():
             self._do(asks, method, stage, wanted)
             method.tell()
+            if not self.replaying:
+                self.show()
             if method.history:
                 self.best = method.history[-1].best
             self._say(method, stage, wanted, 0)

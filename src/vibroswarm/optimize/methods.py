@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.batches import Random, Sobol
 from vibroswarm.optimize.method import Method
 from vibroswarm.optimize.pso import Pso
 from vibroswarm.optimize.spec import Search
@@ -14,4 +15,16 @@ def method_of(search: Search, archive: Archive) -> Method:
     Raises:
         InputError: it needs a library that is not there.
     """
-    return Pso(archive, search.seed, search.pso_settings, list(search.starts))
+    name, starts = search.settings.method, list(search.starts)
+    if name == "pso":
+        return Pso(archive, search.seed, search.pso_settings, starts)
+    seed, budget, evaluations = search.seed, search.search_budget, search.settings.evaluations
+    if name == "random":
+        return Random(archive, seed, budget, evaluations, starts)
+    if name == "sobol":
+        return Sobol(archive, seed, budget, evaluations, starts)
+    from vibroswarm.optimize.libraries import Cmaes, OfOptuna
+
+    if name == "cmaes":
+        return Cmaes(archive, seed, budget, evaluations, starts)
+    return OfOptuna(archive, seed, budget, evaluations, starts, name)

@@ -42,7 +42,6 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
     "time_at_error": ("max_error", "max_undecided"),
 }
 DRAWS: Final = 1000
-OWN: Final = "own"
 
 Rows = NDArray[np.float64]
 """Figures of a candidate: (runs, cases, columns)."""
@@ -53,7 +52,7 @@ class Objective:
     """What is minimised.
 
     Args:
-        name: of ``NAMES``, or ``own`` with a function.
+        name: of ``NAMES``; with a function any other.
         statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure a run.
         over: the ``worst`` case, or the ``mean`` over cases.
         parameters: of the cost, see ``costs`` and above.
@@ -70,7 +69,7 @@ class Objective:
 
     def __post_init__(self) -> None:
         if self.function is not None and self.name in NAMES:
-            object.__setattr__(self, "name", OWN)
+            raise InputError(f"'{self.name}' is a cost already; name yours otherwise", field="objective.cost")
         if self.function is None and self.name not in NAMES:
             raise InputError(
                 f"there is no cost '{self.name}'{nearest(self.name, NAMES)} (there are {', '.join(NAMES)})",
@@ -223,6 +222,8 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
         keep[bounds[g] : bounds[g + 1]] = False
         left[g] = score(rows[keep])
         keep[bounds[g] : bounds[g + 1]] = True
+    if not math.isfinite(whole):
+        return whole, math.inf
     mean = float(left.mean())
     error = math.sqrt((count - 1) / count * float(((left - mean) ** 2).sum()))
     return count * whole - (count - 1) * mean, error

@@ -13,11 +13,11 @@ What happens to the further evaluations, and to the personal bests, is the choic
 
 * ``fixed``, the paper: the best 20 % of the particles are evaluated further; a personal best keeps the score with which
   it became one, and the luckiest wins.
-* ``rescore``: the further evaluations go to the best 20 % of particles and personal bests together, and every score is
-  that of all evaluations so far.
-* ``ocba`` (default): as many further evaluations, where they tell most about which is best (see ``allocation``).
+* ``rescore`` (default): the further evaluations go to the best 20 % of particles and personal bests together, and every
+  score is that of all evaluations so far.
+* ``ocba``: as many further evaluations, where they tell most about which is best (see ``allocation``).
 
-In the last two, scores are freed of their bias for few evaluations before they are compared.
+In the last two, scores are freed of their bias for few evaluations, and compared with ``caution``.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask, Iteration, chance
 from vibroswarm.optimize.space import Point
 
-NOISE: Final = ("ocba", "rescore", "fixed")
+NOISE: Final = ("rescore", "ocba", "fixed")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ class PsoSettings:
     weight_global: float = 0.75
     first_velocity: float = 0.1
     """Velocities begin uniform between minus and plus this share of the bounds."""
-    noise: str = "ocba"
+    noise: str = "rescore"
+    caution: float = 1.0
+    """Unless ``fixed``: candidates are compared by score plus so many standard errors, for little known is not good."""
 
     def __post_init__(self) -> None:
         for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
@@ -64,7 +66,8 @@ class PsoSettings:
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise InputError(f"{value!r} is wrong; give a whole number from {low}", field=f"pso.{name}")
         for name in (
-            "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global", "first_velocity"
+            "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global",
+            "first_velocity", "caution",
         ):  # fmt: skip
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1e3:
@@ -169,7 +172,9 @@ class Pso:
             self.personal[k], self.kept[k] = self.current[k], now[k]
 
     def _score(self, key: int) -> float:
-        return self.archive.score(key) if self.settings.noise == "fixed" else self.archive.estimate(key)[0]
+        if self.settings.noise == "fixed":
+            return self.archive.score(key)
+        return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         if self.settings.noise == "fixed":

@@ -58,7 +58,7 @@ class Dimension:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Dimension:
-        """From ``{from, to, scale, whole}`` or a list.
+        """From ``{from, to, scale, whole}`` or a list of values.
 
         Raises:
             InputError: bounds that are crossed, a log scale from 0, an empty list.

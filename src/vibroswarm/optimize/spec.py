@@ -30,7 +30,7 @@ from typing import Any, Final
 
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.optimize.evaluate import NUMBERS
-from vibroswarm.optimize.objective import OWN, Objective, several
+from vibroswarm.optimize.objective import Objective, several
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.space import PAPER, Point, Space
 from vibroswarm.presets import preset, preset_names
@@ -39,6 +39,7 @@ from vibroswarm.study.spec import Cell, Study
 
 FORMAT: Final = 1
 METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
+OF_OPTUNA: Final = ("tpe", "gp", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 START: Final = "paper-empirical"
 MOST_CASES: Final = 100
@@ -59,6 +60,7 @@ class SearchSettings:
         finalists: how many run in it.
         numbers: ``independent`` runs for each evaluation, or ``common`` ones.
         fresh: runs on which the winner is scored in the end, beyond the budget.
+        dashboard: keep a copy in Optuna's storage, for its dashboard; without, for the methods of Optuna only.
     """
 
     method: str = "pso"
@@ -68,6 +70,7 @@ class SearchSettings:
     finalists: int = 6
     numbers: str = "independent"
     fresh: int = 2000
+    dashboard: bool | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -78,6 +81,8 @@ class SearchSettings:
             )
         if self.numbers not in NUMBERS:
             raise InputError(f"{self.numbers!r} is not one of {', '.join(NUMBERS)}", field="search.numbers")
+        if self.dashboard is not None and not isinstance(self.dashboard, bool):
+            raise InputError(f"{self.dashboard!r}: true or false", field="search.dashboard")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
             value = getattr(self, name)
             if value is None:
@@ -176,7 +181,7 @@ class Search:
         """
         import tomli_w
 
-        if any(objective.name == OWN for objective in self.objectives):
+        if any(objective.function is not None for objective in self.objectives):
             raise InputError("a cost that is a function cannot be written to a file", field="objective")
         return tomli_w.dumps(self.to_values())
 
@@ -251,6 +256,12 @@ class Search:
                 field="search.budget",
             )
         return left
+
+    @property
+    def has_dashboard(self) -> bool:
+        """Whether Optuna's storage gets a copy."""
+        wanted = self.settings.dashboard
+        return self.settings.method in OF_OPTUNA if wanted is None else wanted
 
     @property
     def pso_settings(self) -> PsoSettings:

@@ -1,0 +1,212 @@
+"""Costs against results made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroswarm import preset, simulate
+from vibroswarm.errors import InputError
+from vibroswarm.optimize import costs
+from vibroswarm.optimize.objective import Objective, bootstrap, corrected, several
+from vibroswarm.optimize.outcomes import Outcomes, from_result, from_tables, outcomes_of
+
+NAN = math.nan
+
+
+def made(
+    decision: list[list[int]], time_s: list[list[float]], estimate: list[list[float]], fill: float = 0.48
+) -> Outcomes:
+    runs = len(decision)
+    return Outcomes(
+        run=np.arange(runs),
+        decision=np.array(decision),
+        decision_time_s=np.array(time_s),
+        estimate=np.array(estimate),
+        end_s=np.full(runs, 1200.0),
+        fill_ratio=np.full(runs, fill),
+        truth=np.full(runs, NAN if fill == 0.5 else float(fill > 0.5)),
+        tiles=25,
+        t_end_s=1200.0,
+    )
+
+
+# Two robots: one right at 600 s with f exact; one wrong at 300 s, a tile (0.04) off. Then one undecided, two tiles off.
+BY_HAND = made([[0, 1], [0, -1]], [[600, 300], [1200, NAN]], [[0.48, 0.52], [0.44, 0.40]])
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "second"),
+    [
+        ("intended", 1 * 0.5 + 2 * 5, 2 * 1.0 + 3 * 1),
+        ("printed", 0.5 + (1 + 0.04 / 25) * 5, (1 + 0.04 / 25) * 1.0 + (1 + 0.08 / 25) * 1),
+        ("authors_code", 0 * 0.5 + 1 * 5, 1 * 1.0 + 2 * 3),
+        ("decision_time", 450.0, 1200.0),
+        ("errors", (0.5 + 5) / 2, (1.0 + 1) / 2),
+    ],
+)
+def test_costs_of_two_runs_made_by_hand(name: str, first: float, second: float) -> None:
+    assert costs.COSTS[name](BY_HAND)[:, 0].tolist() == pytest.approx([first, second], abs=1e-12)
+
+
+def test_the_score_is_mean_plus_standard_deviation_with_ddof_0() -> None:
+    rows = np.array([1.0, 2.0, 6.0])[:, None, None]
+    assert Objective("intended").score(rows) == pytest.approx(3.0 + math.sqrt((4 + 1 + 9) / 3))
+    assert Objective("intended", "mean").score(rows) == pytest.approx(3.0)
+    assert Objective("intended", "quantile 0.5").score(rows) == 2.0
+    assert Objective("intended", "quantile 0.9").score(rows) == 6.0
+
+
+def test_the_worst_case_counts_or_the_mean_over_cases() -> None:
+    rows = np.array([[1.0, 10.0], [3.0, 20.0]])[:, :, None]
+    assert Objective("intended", "mean").score(rows) == 15.0
+    assert Objective("intended", "mean", over="mean").score(rows) == 8.5
+
+
+def test_a_false_alarm_and_a_miss_cost_by_their_kind() -> None:
+    alarm = made([[1, 1]], [[120, 120]], [[0.5, 0.5]], fill=0.48)
+    miss = made([[0, 0]], [[120, 120]], [[0.5, 0.5]], fill=0.52)
+    objective = Objective("errors", "mean", parameters={"false_alarm": 2.0, "miss": 20.0})
+    assert objective.figures(alarm)[0, 0] == 2.0
+    assert objective.figures(miss)[0, 0] == 20.0
+
+
+def test_expected_time_to_a_right_consensus_counts_the_time_of_failed_inspections() -> None:
+    found = made([[0, 0], [1, 1], [0, -1]], [[300, 600], [200, 400], [100, NAN]], [[0.5, 0.5]] * 3)
+    objective = Objective("expected_time_to_right")
+    rows = objective.figures(found)[:, None, :]
+    assert rows[:, 0].tolist() == [[600.0, 1.0], [400.0, 0.0], [1200.0, 0.0]]
+    assert objective.score(rows) == 2200.0
+    assert objective.score(rows[1:]) == 3200.0  # none was right: no division by zero
+
+
+def test_time_at_an_error_pays_for_what_exceeds_the_limits() -> None:
+    objective = Objective("time_at_error", parameters={"max_error": 0.05, "max_undecided": 0.10})
+    good = made([[0] * 10], [[500.0] * 10], [[0.5] * 10])
+    assert objective.score(objective.figures(good)[:, None, :]) == 500.0
+    one_wrong = made([[0] * 9 + [1]], [[500.0] * 10], [[0.5] * 10])  # 10 % wrong: 5 % too many
+    assert objective.score(objective.figures(one_wrong)[:, None, :]) == pytest.approx(500 + 1200 * 1.0)
+    undecided = made([[0] * 8 + [-1] * 2], [[500.0] * 8 + [NAN] * 2], [[0.5] * 10])  # 20 %: 10 % too many
+    expected = (8 * 500 + 2 * 1200) / 10 + 1200 * 1.0
+    assert objective.score(objective.figures(undecided)[:, None, :]) == pytest.approx(expected)
+
+
+def test_no_decision_is_right_on_the_boundary() -> None:
+    found = made([[0]], [[1.0]], [[0.5]], fill=0.5)
+    for cost in (costs.intended, costs.errors, costs.consensus, costs.at_error):
+        with pytest.raises(InputError, match="boundary"):
+            cost(found)
+
+
+def test_a_cost_of_the_users() -> None:
+    own = Objective("mine", "mean", function=lambda o: o.wrong.sum(axis=1))
+    assert own.figures(BY_HAND)[:, 0].tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (lambda o: np.full(o.run.size, NAN), "nan for 2 of 2"),
+        (lambda o: np.array([1.0, np.inf]), "inf for 1 of 2"),
+        (lambda o: np.zeros(3), r"shape \(3,\)"),
+        (lambda o: 1.0, r"shape \(\)"),
+        (lambda o: "cheap", "gives str"),
+    ],
+)
+def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        Objective("mine", function=given).figures(BY_HAND)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("block", "told"),
+    [
+        ({"cost": "intendet"}, "did you mean 'intended'"),
+        ({"cost": 3}, "no text"),
+        ({"statistic": "median"}, "quantile"),
+        ({"statistic": "quantile 2"}, "quantile"),
+        ({"over": "best"}, "worst, mean"),
+        ({"cost": "errors", "mis": 2}, "did you mean 'miss'"),
+        ({"cost": "errors", "miss": -1}, "from 0"),
+        ({"cost": "time_at_error", "max_error": 0}, "share"),
+        ({"miss": 1}, "no such parameter"),
+        ([], "list of such tables"),
+        ("intended", "list of such tables"),
+    ],
+)
+def test_objectives_that_are_wrong(block: object, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        several(block)
+
+
+def test_arrays_of_a_run_are_those_of_its_tables() -> None:
+    """The short way from samples to outcomes gives what the tables of a result hold."""
+    for name in ("none", "positive"):
+        scenario = preset("paper").with_values({"strategy.name": name, "decision.revise": name == "soft"})
+        result = simulate(scenario, seed=5, runs=[3, 4, 9])
+        (short,) = outcomes_of([scenario], 5, [3, 4, 9])
+        for found in (short, from_result(result)):
+            assert found.decision.ravel().tolist() == result.robots["decision"].to_list()
+            times = result.robots["decision_time_s"].fill_null(-1.0).to_list()
+            assert np.nan_to_num(found.decision_time_s, nan=-1.0).ravel().tolist() == times
+            assert found.fill_ratio.tolist() == result.runs["fill_ratio"].to_list()
+        tables = from_tables(scenario, result.robots, result.runs, 25)
+        assert (tables.decision == short.decision).all()
+        to_the_end = short.end_s == 1200.0  # those of the tables are of the end of the run
+        assert to_the_end.tolist() == [False, True, True]
+        assert (np.abs(tables.estimate - short.estimate)[to_the_end] < 0.01).all()
+
+
+def test_the_estimate_is_that_of_the_moment_when_all_had_decided() -> None:
+    scenario = preset("paper").with_values({"decision.min_observations": 50, "floor.source": "random:0.32"})
+    result = simulate(scenario, seed=2, runs=1)
+    found = from_result(result)
+    last_s = result.robots["decision_time_s"].max()
+    assert last_s is not None
+    end_s = math.ceil(float(last_s) / 20.0) * 20.0  # type: ignore[arg-type]
+    assert found.end_s.tolist() == [end_s]
+    assert end_s < 1200.0
+    for robot in range(5):
+        mine = result.inference.filter(
+            (result.inference["robot"] == robot) & (result.motion["time_s"] <= end_s)
+        ).tail(1)
+        assert found.estimate[0, robot] == mine["alpha"][0] / (mine["alpha"][0] + mine["beta"][0])
+
+
+def test_floors_of_one_motion_share_it_and_give_what_each_gives_alone() -> None:
+    base = preset("paper").with_values({"run.t_end_s": 300.0})
+    floors = [base.with_values({"floor.source": s}) for s in ("stripe:0.48", "diagonal:0.48")]
+    soft = floors[1].with_values({"strategy.name": "soft"})
+    slower = base.with_values({"sample.sample_interval_ms": 5000.0})
+    together = outcomes_of([*floors, soft, slower], 1, [0, 1])
+    for scenario, found in zip([*floors, soft, slower], together, strict=True):
+        (alone,) = outcomes_of([scenario], 1, [0, 1])
+        assert (found.estimate == alone.estimate).all()
+        assert (found.decision == alone.decision).all()
+    assert (together[0].estimate != together[1].estimate).any()
+    assert (together[0].estimate != together[3].estimate).any()
+
+
+def test_the_jackknife_frees_mean_plus_sd_of_its_bias() -> None:
+    random = np.random.default_rng(1)
+    objective = Objective("intended")
+    truth = 2.0  # of an exponential distribution: mean 1, standard deviation 1
+    plain, freed = [], []
+    for _ in range(2000):
+        rows = random.exponential(1.0, (10, 1, 1))
+        plain.append(objective.score(rows))
+        freed.append(corrected(objective.score, rows)[0])
+    assert np.mean(plain) < truth - 0.12  # the control: 10 evaluations flatter
+    assert abs(np.mean(freed) - truth) < 0.05
+
+
+def test_the_bootstrap_of_a_score_holds_the_truth_as_often_as_it_says() -> None:
+    random = np.random.default_rng(2)
+    objective = Objective("intended")
+    held = 0
+    for k in range(100):
+        low, high = bootstrap(objective.score, random.exponential(1.0, (400, 1, 1)), seed=k, draws=300)[1:3]
+        held += low <= 2.0 <= high
+    assert 86 <= held <= 100

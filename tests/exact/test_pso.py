@@ -1,0 +1,151 @@
+"""The particle swarm: its equations, known optima, and what it does about noise."""
+
+from __future__ import annotations
+
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.allocation import allocate
+from vibroswarm.optimize.method import chance
+from vibroswarm.optimize.pso import Pso, PsoSettings
+from vibroswarm.optimize.race import Race
+
+
+def swarm(functions: ModuleType, seed: int = 1, starts: Any = None, **settings: Any) -> Pso:
+    return Pso(functions.archive_for(), seed, PsoSettings(**settings), starts)
+
+
+def test_positions_and_velocities_follow_the_papers_equations(functions: ModuleType) -> None:
+    """Three iterations worked out beside the swarm, with the same chance."""
+    found = swarm(functions, seed=4, particles=6, iterations=3, evaluations=1, extra=0, noise="fixed")
+    random = chance(4, "pso begins")
+    p = random.random((6, 3))
+    v = 0.1 * (2 * random.random((6, 3)) - 1)
+    best, best_score = p.copy(), np.full(6, math.inf)
+    for k, inertia in enumerate((1.0, 0.7, 0.4)):
+        if k:
+            r_1, r_2 = chance(4, f"pso {k + 1}").random((2, 6, 3))
+            leader = best[np.argmin(best_score)]
+            v = inertia * v + 0.75 * r_1 * (best - p) + 0.75 * r_2 * (leader - p)
+            p = np.clip(p + v, 0.0, 1.0)
+        np.testing.assert_allclose(found.position, p, atol=1e-15)
+        for ask in found.ask():
+            value = functions.sphere(found.archive[ask.key].point)
+            found.archive[ask.key].rows.append(np.full((ask.runs, 1, 1), value))
+        found.tell()
+        score = np.array([functions.sphere(x) for x in p])
+        better = score < best_score
+        best[better], best_score[better] = p[better], score[better]
+    assert found.ask() == []
+    assert found.archive.score(found.best()) == pytest.approx(best_score.min())
+
+
+def test_the_start_is_the_first_particle(functions: ModuleType) -> None:
+    start = np.array([0.1, 0.2, 0.3])
+    found = swarm(functions, starts=[start], particles=4, iterations=1)
+    assert found.archive[found.ask()[0].key].point.tolist() == start.tolist()
+
+
+def test_as_many_runs_as_the_paper(functions: ModuleType) -> None:
+    found = swarm(functions, noise="fixed")
+    assert functions.drive(found, functions.sphere, noise=1.0) == 15_000
+    assert len(found.history) == 50
+    assert len(found.history[0].personal) == 25
+
+
+@pytest.mark.parametrize("noise", ["fixed", "rescore", "ocba"])
+@pytest.mark.parametrize(("name", "near"), [("sphere", 1e-4), ("rosenbrock", 0.5), ("rastrigin", 1.5)])
+def test_the_optimum_of_functions_without_noise_is_found(
+    functions: ModuleType, noise: str, name: str, near: float
+) -> None:
+    function = getattr(functions, name)
+    scores = []
+    for seed in range(3):
+        found = swarm(functions, seed=seed, evaluations=1, extra=1, noise=noise, iterations=60)
+        functions.drive(found, function)
+        scores.append(function(found.archive[found.best()].point))
+    assert sorted(scores)[1] < near
+    random = min(function(u) for u in np.random.default_rng(1).random((25 * 60, 3)))
+    assert sorted(scores)[1] < random  # the control
+
+
+def test_a_fixed_score_is_lucky_and_that_of_the_race_is_not(functions: ModuleType) -> None:
+    """What the search believes against what is true, the paper's way and by default, with as many runs."""
+    lucky, honest = [], []
+    for seed in range(5):
+        found = swarm(functions, seed=seed, noise="fixed")
+        runs = functions.drive(found, cost, noise=1.0, seed=seed, heavy=True)
+        lucky.append(found.history[-1].best / cost(found.archive[found.best()].point) - 1.0)
+        found = swarm(functions, seed=seed, iterations=30)
+        runs -= functions.drive(found, cost, noise=1.0, seed=seed, heavy=True)
+        race = Race(found.archive, found.finalists(6), runs)
+        assert functions.drive(race, cost, noise=1.0, seed=seed, heavy=True) == runs
+        key = race.best()
+        honest.append(found.archive.estimate(key)[0] / cost(found.archive[key].point) - 1.0)
+    assert max(lucky) < -0.25
+    assert max(abs(share) for share in honest) < 0.1
+
+
+def cost(u: np.ndarray[Any, Any]) -> float:
+    return 1.0 + float(((u - 0.4) ** 2).sum())
+
+
+def test_the_race_finds_the_best_of_its_finalists_and_tells_the_truth(functions: ModuleType) -> None:
+    right, off = 0, []
+    for seed in range(10):
+        archive = functions.archive_for()
+        keys = [archive.new(np.array([0.3 + 0.08 * k, 0.8, 0.55]), "made") for k in range(6)]
+        race = Race(archive, keys, 3000)
+        runs = functions.drive(race, lambda u: 10 * functions.sphere(u), noise=0.5, seed=seed)
+        assert runs == 3000
+        assert archive.count(race.best()) >= 0.3 * runs + 0.3 * runs / 6
+        right += race.came_from[race.best()] == 0
+        off.append(archive.estimate(race.best())[0] - 10 * functions.sphere(archive[race.best()].point))
+    assert right >= 9
+    assert abs(float(np.mean(off))) < 0.03
+
+
+def test_more_runs_go_where_the_best_is_hard_to_tell() -> None:
+    given = allocate([1.0, 1.1, 3.0, math.inf], [0.3] * 4, [10, 10, 10, 10], 100)
+    assert given.sum() == 100
+    assert given[0] > 30
+    assert given[1] > 30
+    assert given[2] < 10
+    assert given[3] == 0
+    assert allocate([1.0], [0.1], [10], 7).tolist() == [7]
+    assert allocate([math.inf], [0.1], [10], 7).tolist() == [0]
+    assert allocate([1.0, 1.0], [0.0, 0.0], [5, 5], 4).tolist() == [2, 2]
+
+
+def test_a_candidate_with_a_failed_run_cannot_win(functions: ModuleType) -> None:
+    found = swarm(functions, particles=3, iterations=1, evaluations=2, extra=0)
+    asks = found.ask()
+    for k, ask in enumerate(asks):
+        candidate = found.archive[ask.key]
+        candidate.rows.append(np.full((2, 1, 1), float(k)))
+        candidate.count += 2
+    found.archive[asks[0].key].failed = 1
+    found.tell()
+    assert found.best() == asks[1].key
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"particles": 0}, "pso.particles: 0 is wrong"),
+        ({"particles": 2.5}, "whole number"),
+        ({"iterations": -1}, "pso.iterations"),
+        ({"evaluations": 0}, "pso.evaluations"),
+        ({"extra_share": 1.5}, "share"),
+        ({"inertia_first": math.nan}, "pso.inertia_first"),
+        ({"noise": "none"}, "rescore, ocba, fixed"),
+    ],
+)
+def test_settings_that_are_wrong(settings: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        PsoSettings(**settings)

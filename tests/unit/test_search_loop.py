@@ -1,0 +1,319 @@
+"""Searches run, stop, go on, and are refused where they are not the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.optimize import evaluate
+from vibroswarm.optimize.evaluate import derived_seed
+from vibroswarm.optimize.loop import Found, run_search
+from vibroswarm.optimize.objective import Objective, Rows
+from vibroswarm.optimize.outcomes import Outcomes
+from vibroswarm.optimize.report import as_dict, candidate_table, history_table, write_report
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.truth import truth_of
+
+SMALL = """
+seed = 3
+start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]
+[scenario]
+preset = "paper"
+[scenario.run]
+t_end_s = 100.0
+[scenario.swarm]
+robots = 2
+[space]
+"sample.sample_interval_ms" = { from = 1000, to = 6000 }
+"decision.min_observations" = { from = 0, to = 60 }
+[search]
+final = 60
+finalists = 2
+[pso]
+particles = 4
+iterations = 6
+evaluations = 3
+extra = 3
+"""
+
+
+def small(text: str = SMALL) -> Search:
+    return Search.from_toml(text)
+
+
+def same(one: Found, other: Found) -> bool:
+    tables = (history_table, candidate_table)
+    return all(t(one).equals(t(other)) for t in tables) and one.believed == other.believed
+
+
+@pytest.fixture(scope="module")
+def whole() -> Found:
+    return run_search(small(), workers=2)
+
+
+class Stopped(Exception):  # noqa: N818
+    pass
+
+
+def test_a_search_written_down_is_the_same() -> None:
+    for search in (Search(), small()):
+        again = Search.from_toml(search.to_toml())
+        assert again.hash == search.hash
+        assert again.to_toml() == search.to_toml()
+        for name in ("space", "objectives", "settings", "pso", "cases"):
+            assert getattr(again, name) == getattr(search, name)
+
+
+def test_the_account_of_runs_holds(whole: Found) -> None:
+    search = small()
+    assert search.budget == 90
+    assert search.final_runs == 60
+    assert search.pso_settings.iterations == 2
+    assert whole.runs == 2 * 15 + 60 == search.search_runs + 60
+    assert sum(c.count for c in whole.archive.candidates) == whole.runs
+    assert whole.race[-1].runs == whole.runs
+    assert whole.archive[0].values == {"sample.sample_interval_ms": 2000.0, "decision.min_observations": 20}
+
+
+def test_no_result_depends_on_who_does_the_work(whole: Found) -> None:
+    assert same(whole, run_search(small(), workers=1))
+    assert same(whole, run_search(small(), executor="processes", workers=2))
+
+
+def test_every_evaluation_has_runs_of_its_own_or_common_ones() -> None:
+    seen: list[tuple[int, ...]] = []
+
+    def cost(outcomes: Outcomes) -> Any:
+        seen.append(tuple(outcomes.run.tolist()))
+        return outcomes.time_s.mean(axis=1)
+
+    for numbers in ("independent", "common"):
+        seen.clear()
+        search = replace(small(), objectives=(Objective("mine", "mean", function=cost),))
+        run_search(search.with_settings(numbers=numbers), workers=1)
+        runs = [run for piece in seen for run in piece]
+        if numbers == "independent":
+            assert sorted(runs) == list(range(90))
+        else:
+            assert seen.count((0, 1, 2)) == 8
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3, 6])
+def test_stopped_and_resumed_it_gives_the_same_bit_by_bit(tmp_path: Path, whole: Found, steps: int) -> None:
+    told = 0
+
+    def stop(_: object) -> None:
+        nonlocal told
+        journal = tmp_path / "s" / "journal.jsonl"
+        if journal.read_bytes().count(b"\n") >= steps:
+            told += 1
+            if told == 2:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_search(small(), tmp_path / "s", tell=stop, workers=2)
+    assert (tmp_path / "s" / "journal.jsonl").read_bytes().count(b"\n") >= steps
+    assert same(whole, run_search(small(), tmp_path / "s"))
+    assert same(whole, run_search(small(), tmp_path / "s"))
+
+
+def test_a_line_that_was_being_written_is_done_again(tmp_path: Path, whole: Found) -> None:
+    run_search(small(), tmp_path / "s")
+    journal = tmp_path / "s" / "journal.jsonl"
+    data = journal.read_bytes()
+    for cut in (len(data) - 1, len(data) - 40, data.index(b"\n") + 1, data.index(b"\n") - 5, 0):
+        journal.write_bytes(data[:cut])
+        assert same(whole, run_search(small(), tmp_path / "s"))
+        assert journal.read_bytes() == data
+
+
+def test_a_search_that_is_done_runs_nothing_again(
+    tmp_path: Path, whole: Found, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_search(small(), tmp_path / "s")
+
+    def never(*_: object) -> None:
+        raise Stopped
+
+    monkeypatch.setattr(evaluate, "outcomes_of", never)
+    assert same(whole, run_search(small(), tmp_path / "s"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("particles = 4", "particles = 5", "pso.particles is 4 there and 5 here"),
+        ("to = 60", "to = 70", "min_observations.to is 60.0 there and 70.0 here"),
+        ("seed = 3", "seed = 4", "seed is 3 there and 4 here"),
+        ("robots = 2", "robots = 3", "scenario.swarm.robots is 2 there and 3 here"),
+        ("[search]", "[objective]\ncost = 'printed'\n[search]", "objective.cost is 'authors_code' there"),
+    ],
+)
+def test_a_changed_search_is_refused_with_what_differs(tmp_path: Path, old: str, new: str, told: str) -> None:
+    run_search(small(), tmp_path / "s")
+    with pytest.raises(InputError, match=told):
+        run_search(small(SMALL.replace(old, new)), tmp_path / "s")
+
+
+def test_folders_that_are_no_search(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "file").touch()
+    with pytest.raises(InputError, match="no search"):
+        run_search(small(), tmp_path / "other")
+    run_search(small(), tmp_path / "s")
+    journal = tmp_path / "s" / "journal.jsonl"
+    lines = journal.read_bytes().split(b"\n")
+    journal.write_bytes(b"\n".join([lines[0], b"{", *lines[2:]]))
+    with pytest.raises(InputError, match="line 2 is damaged"):
+        run_search(small(), tmp_path / "s")
+    (tmp_path / "s" / "search.json").write_text("{}")
+    with pytest.raises(InputError, match="damaged"):
+        run_search(small(), tmp_path / "s")
+
+
+def test_other_versions_are_refused_unless_mixed(tmp_path: Path, whole: Found) -> None:
+    run_search(small(), tmp_path / "s")
+    head = tmp_path / "s" / "search.json"
+    about = json.loads(head.read_text())
+    about["versions"]["numba"] = "0.1"
+    head.write_text(json.dumps(about))
+    with pytest.raises(InputError, match=r"numba 0\.1 there"):
+        run_search(small(), tmp_path / "s")
+    assert same(whole, run_search(small(), tmp_path / "s", mixed=True))
+
+
+def test_failed_runs_are_counted_and_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A machine that fails now and then costs a second try; one that fails always costs the candidate its chance."""
+    right = evaluate.outcomes_of
+    first_time: set[Any] = set()
+
+    def failing(scenarios: Any, seed: int, runs: range, motion: str) -> list[Outcomes]:
+        if 4 in runs:
+            raise ZeroDivisionError("a crash")
+        if 8 in runs and runs not in first_time:
+            first_time.add(runs)
+            raise ZeroDivisionError("a crash")
+        return right(scenarios, seed, runs, motion)
+
+    monkeypatch.setattr(evaluate, "outcomes_of", failing)
+    found = run_search(small(), tmp_path / "s", workers=1)
+    assert found.archive.failed == 3
+    (bad,) = [c for c in found.archive.candidates if c.failed]
+    assert "ZeroDivisionError: a crash" in bad.why
+    assert found.archive.score(bad.key) == np.inf
+    assert found.best != bad.key
+    assert found.runs == 90
+    about = as_dict(found, None)
+    assert about["runs"]["failed"] == 3
+    assert "crash" in about["runs"]["failed_because"][0]
+    assert same(found, run_search(small(), tmp_path / "s"))
+
+
+def test_values_that_make_no_scenario_are_failures() -> None:
+    free = "\n".join(line for line in SMALL.splitlines() if not line.startswith("start"))
+    text = free.replace("[space]", '[space]\n"walk.leg_min_ms" = { from = 0, to = 60000 }')
+    found = run_search(small(text))
+    assert found.archive.failed > 0
+    assert "leg_m" in next(c.why for c in found.archive.candidates if c.why)
+    assert found.values["walk.leg_min_ms"] <= 30000
+    bad = free.replace("[space]", "[scenario.walk]\nleg_max_ms = 10.0\nleg_min_ms = 0.0\n[space]")
+    bad = bad.replace("[space]", '[space]\n"walk.leg_min_ms" = { from = 50, to = 60 }')
+    with pytest.raises(RunError, match="none of the first 12 runs"):
+        run_search(small(bad))
+
+
+def test_a_cost_that_gives_nan_stops_the_search() -> None:
+    search = replace(small(), objectives=(Objective("mine", function=lambda o: np.full(o.run.size, np.nan)),))
+    with pytest.raises(InputError, match="cost 'mine': gives nan"):
+        run_search(search)
+    with pytest.raises(InputError, match="function"):
+        search.to_toml()
+    with pytest.raises(InputError, match="function"):
+        run_search(search, "nowhere")
+
+
+def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found) -> None:
+    truth = truth_of(whole, runs=200, others=[("slow", {"sample.sample_interval_ms": 6000.0,
+                                                        "decision.min_observations": 60})])  # fmt: skip
+    assert truth.believed == whole.believed
+    assert truth.winner.rows.shape[0] == 200
+    assert [one.name for one in truth.others] == ["start", "slow"]
+    assert truth.against[1].low < truth.against[1].estimate < truth.against[1].high
+    score = whole.search.objectives[0].score
+    assert truth.winner.score.estimate == score(truth.winner.rows)
+    expected = truth.winner.score.estimate - truth.others[1].score.estimate
+    assert truth.against[1].estimate == pytest.approx(expected)
+    seeds = {derived_seed(3, purpose) for purpose in ("evaluations", "fresh runs", "check", "second check")}
+    assert len(seeds) == 4
+
+
+def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
+    truth = truth_of(whole, runs=400)
+    low = replace(truth, believed=truth.winner.score.estimate * 0.5)
+    assert "50 % too little" in low.words
+    assert "lucky" in low.words
+    high = replace(truth, believed=truth.winner.score.estimate * 2.0)
+    assert "unlucky" in high.words
+    equal = replace(truth, believed=truth.winner.score.estimate)
+    assert "no luck" in equal.words
+
+
+def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
+    truth = truth_of(whole, runs=50)
+    write_report(whole, truth, tmp_path / "out")
+    about = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert about["truth"]["true"]["score"]["n"] == 50
+    assert about["best"] == whole.values
+    from vibroswarm import Scenario
+
+    best = Scenario.read(tmp_path / "out" / "best.toml")
+    assert whole.search.space.values_of(best) == whole.values
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("particles = 4", "particles = 0", "pso.particles: 0 is wrong"),
+        ("from = 1000, to = 6000", "from = 6000, to = 1000", "6000 is not below 1000"),
+        ("2000.0", "500.0", "start: sample.sample_interval_ms: 500 lies outside"),
+        ("final = 60", "final = 90", "search.budget"),
+        ("final = 60", "budget = 20", "do not last for one iteration"),
+        ("final = 60", "method = 'psi'", "did you mean 'pso'"),
+        ("final = 60", "finale = 60", "did you mean 'final'"),
+        ("[pso]", "[psu]", "psu"),
+        ("[pso]", "[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[pso]", "nsga2"),
+        ("[space]", "[grid]\n'sample.sample_interval_ms' = [1.0, 2.0]\n[space]", "varied by the cases too"),
+        ('preset = "paper"', 'preset = "paper"\n[scenario.floor]\nsource = "random:0.5"\nrows = 10\ncolumns = 10',
+         "boundary"),
+        ("start = [{", "start = ['papper', {", "did you mean 'paper'"),
+        ("start = [{", "start = [3, {", "neither a preset"),
+        ("seed = 3", "seed = -3", "seed"),
+    ],
+)  # fmt: skip
+def test_searches_that_are_wrong(old: str, new: str, told: str) -> None:
+    assert old in SMALL
+    with pytest.raises(InputError, match=told):
+        small(SMALL.replace(old, new))
+
+
+def test_worst_case_over_floors() -> None:
+    text = SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n'
+    search = small(text.replace("final = 60", "final = 0"))
+    found = run_search(search)
+    rows: Rows = found.archive[found.best].all_rows()
+    assert rows.shape[1:] == (2, 1)
+    truth = truth_of(found, runs=100)
+    assert truth.winner.score.estimate == max(case.estimate for case in truth.winner.cases)
+
+
+@pytest.fixture(autouse=True)
+def _small_caches() -> Iterator[None]:
+    yield
+    evaluate._scenario.cache_clear()

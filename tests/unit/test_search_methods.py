@@ -1,0 +1,143 @@
+"""Methods other than the swarm: known optima, the account of runs, resuming, Optuna's storage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.batches import Random, Sobol
+from vibroswarm.optimize.loop import run_search
+from vibroswarm.optimize.method import Method
+from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.report import candidate_table
+from vibroswarm.optimize.spec import Search
+
+LIBRARIES = ("tpe", "cmaes", "nsga2")
+SMALL = """
+seed = 3
+[scenario]
+preset = "paper"
+[scenario.run]
+t_end_s = 60.0
+[scenario.swarm]
+robots = 2
+[space]
+"sample.sample_interval_ms" = { from = 1000, to = 6000, scale = "log" }
+"decision.min_observations" = { from = 0, to = 60 }
+"strategy.name" = ["none", "positive"]
+[search]
+budget = 160
+final = 60
+finalists = 3
+evaluations = 2
+"""
+
+
+def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Method:
+    if name in ("random", "sobol"):
+        return {"random": Random, "sobol": Sobol}[name](archive, 1, budget, 1, starts)
+    pytest.importorskip("cmaes" if name == "cmaes" else "optuna")
+    from vibroswarm.optimize.libraries import Cmaes, OfOptuna
+
+    if name == "cmaes":
+        return Cmaes(archive, 1, budget, 1, starts)
+    return OfOptuna(archive, 1, budget, 1, starts, name)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("random", 0.02), ("sobol", 0.02), ("tpe", 0.002), ("cmaes", 1e-5)]
+)
+def test_the_optimum_of_a_bowl_is_found(functions: ModuleType, name: str, near: float) -> None:
+    archive = functions.archive_for()
+    method = made(name, archive, 300)
+    assert functions.drive(method, functions.sphere) == 300
+    assert functions.sphere(archive[method.best()].point) < near
+    assert method.history[-1].best == pytest.approx(functions.sphere(archive[method.best()].point))
+
+
+@pytest.mark.parametrize("name", ["random", "sobol", *LIBRARIES])
+def test_starts_are_tried_first(functions: ModuleType, name: str) -> None:
+    start = np.array([0.25, 0.5, 0.125])
+    method = made(name, functions.archive_for(), 40, [start])
+    assert method.archive[method.ask()[0].key].point.tolist() == start.tolist()
+
+
+def test_a_front_is_found(functions: ModuleType) -> None:
+    """Two bowls: what none beats lies on the line between their optima."""
+    archive = functions.archive_for(objectives=2)
+    method = made("nsga2", archive, 600)
+
+    def both(u: Any) -> Any:
+        return np.array([((u - 0.2) ** 2).sum(), ((u - 0.8) ** 2).sum()])
+
+    functions.drive(method, both)
+    front = method.finalists(1000)
+    assert len(front) >= 10
+    off = [np.ptp(archive[key].point) for key in front]
+    assert float(np.median(off)) < 0.25
+    assert float(np.median([np.ptp(c.point) for c in archive.candidates[:24]])) > 0.35  # the control
+    scores = [archive.scores(key) for key in front]
+    assert all(a[0] <= b[0] and a[1] >= b[1] for a, b in pairwise(scores))
+
+
+@pytest.mark.parametrize("name", ["random", "sobol", "tpe", "cmaes", "nsga2"])
+def test_every_method_keeps_its_account_and_resumes(tmp_path: Path, name: str) -> None:
+    if name not in ("random", "sobol"):
+        pytest.importorskip("cmaes" if name == "cmaes" else "optuna")
+    text = SMALL.replace("[search]", f'[search]\nmethod = "{name}"')
+    search = Search.from_toml(text)
+    if name == "nsga2":
+        two = (Objective("decision_time", "mean"), Objective("errors", "mean"))
+        search = replace(search.with_settings(final=None, budget=100), objectives=two)
+    whole = run_search(search, tmp_path / "whole")
+    assert whole.runs == 100 if name == "nsga2" else 150 <= whole.runs <= 160
+    journal = (tmp_path / "whole" / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    for steps in sorted({1, len(journal) // 2, len(journal)}):
+        run_again = tmp_path / f"after {steps}"
+        run_again.mkdir()
+        for file in ("search.toml", "search.json"):
+            (run_again / file).write_bytes((tmp_path / "whole" / file).read_bytes())
+        (run_again / "journal.jsonl").write_bytes(b"".join(journal[:steps]))
+        again = run_search(search, run_again)
+        assert candidate_table(again).equals(candidate_table(whole))
+        assert (again.best, again.front) == (whole.best, whole.front)
+    if name == "nsga2":
+        assert whole.front
+        assert not whole.race
+    else:
+        assert whole.race[-1].runs == whole.runs
+
+
+def test_a_search_is_visible_in_optunas_storage(tmp_path: Path) -> None:
+    optuna = pytest.importorskip("optuna")
+    from vibroswarm.optimize.libraries import no_warnings
+
+    search = Search.from_toml(SMALL.replace("[search]", '[search]\nmethod = "tpe"'))
+    found = run_search(search, tmp_path / "s")
+    run_search(search, tmp_path / "s")  # again: nothing is there twice
+    with no_warnings():
+        backend = optuna.storages.journal.JournalFileBackend(str(tmp_path / "s" / "optuna.journal"))
+        study = optuna.load_study(study_name="vibroswarm", storage=optuna.storages.JournalStorage(backend))
+        trials = study.trials
+    assert len(trials) == len(found.archive)
+    assert sorted(t.user_attrs["key"] for t in trials) == list(range(len(trials)))
+    for trial in trials:
+        key = trial.user_attrs["key"]
+        assert trial.params == found.archive[key].values
+        if trial.user_attrs["origin"].startswith("tpe"):  # finalists get further runs
+            assert trial.value == pytest.approx(found.archive.score(key))
+
+
+def test_methods_that_cannot_be(tmp_path: Path) -> None:
+    one = SMALL.replace("[search]", '[search]\nmethod = "cmaes"')
+    one = "\n".join(line for line in one.splitlines() if "min_obs" not in line and "strategy" not in line)
+    with pytest.raises(InputError, match="at least two"):
+        run_search(Search.from_toml(one))

@@ -1,0 +1,92 @@
+"""Spaces: bounds, scales, whole numbers, choices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibroswarm import preset
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.space import Dimension, Space, paper_space
+
+
+def test_the_papers_space_holds_its_parameters() -> None:
+    space = paper_space()
+    low, high = space.values(np.zeros(5)), space.values(np.ones(5))
+    assert list(low.values()) == [0, 0, 1000, 50, 0]
+    assert list(high.values()) == [20000, 20000, 6000, 150, 500]
+    for name in ("paper", "paper-empirical"):
+        values = space.values_of(preset(name))
+        assert space.values(space.point(values)) == pytest.approx(values)
+    assert space.values_of(preset("paper")) == dict(
+        zip(space.names, [7860.0, 10725.0, 3778.0, 55.0, 381], strict=True)
+    )
+
+
+@given(st.floats(0, 1), st.sampled_from(["linear", "log"]), st.booleans())
+def test_values_stay_in_bounds_and_come_back(u: float, scale: str, whole: bool) -> None:
+    dimension = Dimension("decision.min_observations", 1.0, 500.0, scale, whole)
+    value = dimension.value(u)
+    assert 1 <= value <= 500
+    assert isinstance(value, int) == whole
+    assert dimension.value(dimension.share(value)) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:
+    assert Dimension("x", 1.0, 10000.0, "log").value(0.5) == pytest.approx(100.0)
+
+
+def test_choices_have_equal_shares() -> None:
+    space = Space.of({"strategy.name": ["none", "positive", "soft"]})
+    assert [space.values(np.array([u]))["strategy.name"] for u in (0.0, 0.3, 0.4, 0.7, 1.0)] == [
+        "none", "none", "positive", "soft", "soft",
+    ]  # fmt: skip
+    assert space.values(space.point({"strategy.name": "soft"})) == {"strategy.name": "soft"}
+
+
+def test_a_space_comes_back_from_its_block() -> None:
+    space = Space.of({
+        "walk.leg_min_ms": {"from": 1, "to": 100, "scale": "log"},
+        "decision": {"min_observations": {"from": 0, "to": 9}},
+        "strategy.name": ["none", "soft"],
+    })  # fmt: skip
+    assert Space.of(space.to_block()) == space
+    assert space.dimensions[1].whole
+
+
+@pytest.mark.parametrize(
+    ("block", "told"),
+    [
+        ({"walk.leg_min_ms": {"from": 9, "to": 1}}, "9 is not below 1"),
+        ({"walk.leg_min_ms": {"from": 1, "to": 1}}, "not below"),
+        ({"walk.leg_min_ms": {"from": 0, "to": 1, "scale": "log"}}, "above 0"),
+        ({"walk.leg_min": {"from": 0, "to": 1}}, "did you mean 'walk.leg_m"),
+        ({"walk.leg_min_ms": [1]}, "at least two"),
+        ({"walk.leg_min_ms": {"from": 0, "to": 1, "steps": 3}}, "for a grid"),
+        ({"walk.leg_min_ms": 3}, "no range"),
+        ({"walk.leg_min_ms": {"from": "a", "to": 1}}, "no number"),
+        ({"preset": ["paper", "text"]}, "name fields"),
+        ({}, "empty"),
+    ],
+)
+def test_spaces_that_are_wrong(block: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        Space.of(block)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"walk.leg_min_ms": 5}, "strategy.name: is missing"),
+        ({"walk.leg_min_ms": 50, "strategy.name": "soft"}, "outside the bounds 0 to 10"),
+        ({"walk.leg_min_ms": 5, "strategy.name": "positive"}, "not among"),
+        ({"walk.leg_min_ms": "5", "strategy.name": "soft"}, "no number"),
+        ({"walk.leg_min_ms": 5, "strategy.name": "soft", "run.t_end_s": 3}, "not in the space"),
+    ],
+)
+def test_values_that_do_not_lie_in_the_space(values: dict[str, object], told: str) -> None:
+    space = Space.of({"walk.leg_min_ms": {"from": 0, "to": 10}, "strategy.name": ["none", "soft"]})
+    with pytest.raises(InputError, match=told):
+        space.point(values)
