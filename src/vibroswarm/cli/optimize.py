@@ -143,7 +143,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
                 tell=lambda done: told(Told(done, wanted, 0)),
             )  # fmt: skip
     if arguments.out is not None:
-        write_report(found, truth, arguments.out)
+        write_report(found, truth, arguments.out, None if arguments.no_pictures else arguments.style)
     if arguments.json:
         print(json.dumps(as_dict(found, truth), indent=2, allow_nan=False))
         return 0

@@ -21,6 +21,8 @@ from vibroswarm.errors import RunError
 from vibroswarm.files import whole_file
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.truth import Truth
+from vibroswarm.plots import Picture, draw_parameters, draw_search
+from vibroswarm.plots.palette import SERIES_UP_TO
 from vibroswarm.scenario import Scenario
 
 
@@ -60,6 +62,34 @@ def candidate_table(found: Found) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
+def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[str, Picture]:
+    """How scores fell (personal bests, best, mean), and the mean of each field between its bounds, by name."""
+    objective, space = found.search.objectives[0], found.search.space
+    history = found.history
+    label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
+    scores = pl.DataFrame(
+        {
+            "iteration": [one.number for one in history],
+            "best": [_finite(one.best) for one in history],
+            "mean": [_finite(one.mean) for one in history],
+        },
+        schema={"iteration": pl.Int64, "best": pl.Float64, "mean": pl.Float64},
+    )
+    rows = [(one.number, k, _finite(s)) for one in history for k, s in enumerate(one.personal)]
+    own = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
+    shares = [
+        (one.number, name.rpartition(".")[2], share)
+        for one in history
+        for name, share in zip(space.names, one.mean_point, strict=True)
+    ]
+    parameters = pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row")
+    true = None if truth is None else truth.winner.score.estimate
+    return {
+        "scores": draw_search(scores, own, label=label, true=true, style=style),
+        "parameters": draw_parameters(parameters, style=style),
+    }
+
+
 def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
     """What came of a search, as plain values for JSON."""
     search, archive = found.search, found.archive
@@ -82,8 +112,8 @@ def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
     }
 
 
-def write_report(found: Found, truth: Truth | None, folder: str | Path) -> None:
-    """Keep all of it in ``folder``.
+def write_report(found: Found, truth: Truth | None, folder: str | Path, style: str | None = "column") -> None:
+    """Keep all of it in ``folder``; pictures in a style of ``plots``, None: none.
 
     Raises:
         RunError: it cannot be written.
@@ -105,6 +135,9 @@ def write_report(found: Found, truth: Truth | None, folder: str | Path) -> None:
         for name, text in texts.items():
             with whole_file(folder / name) as part:
                 part.write_text(text, encoding="utf-8")
+        if style is not None and found.search.space.size <= SERIES_UP_TO:
+            for name, picture in pictures(found, truth, style).items():
+                picture.write(folder / name)
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
 

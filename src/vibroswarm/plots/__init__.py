@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vibroswarm.plots.incidence import draw_incidence
     from vibroswarm.plots.outcomes import draw_outcomes
     from vibroswarm.plots.picture import Picture, write_picture
+    from vibroswarm.plots.search import draw_parameters, draw_search
     from vibroswarm.plots.violins import draw_violins
 
 __all__ = [
@@ -36,6 +37,8 @@ __all__ = [
     "draw_heat",
     "draw_incidence",
     "draw_outcomes",
+    "draw_parameters",
+    "draw_search",
     "draw_violins",
     "write_picture",
 ]
@@ -52,6 +55,8 @@ _HOME: Final = {
     "draw_heat": "heat",
     "draw_incidence": "incidence",
     "draw_outcomes": "outcomes",
+    "draw_parameters": "search",
+    "draw_search": "search",
     "draw_violins": "violins",
     "write_picture": "picture",
 }

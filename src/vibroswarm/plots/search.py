@@ -1,0 +1,115 @@
+"""The two pictures of a search: how scores fell, and where in their bounds the candidates went."""
+
+from __future__ import annotations
+
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots.canvas import legend_below, plain_axes
+from vibroswarm.plots.error_bars import series_handle
+from vibroswarm.plots.frames import check_once, tidy, with_series
+from vibroswarm.plots.palette import LINE, SERIES, look
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import style_named
+
+
+@drawn
+def draw_search(
+    frame: pl.DataFrame,
+    personal: pl.DataFrame | None = None,
+    *,
+    label: str = "cost",
+    true: float | None = None,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Scores over the iterations: the best so far, the mean of the candidates, and every particle's own best.
+
+    Args:
+        frame: one row an iteration: ``iteration``, ``best`` and ``mean`` (null: none).
+        personal: one row an iteration and particle: ``iteration``, ``particle``, ``score``.
+        label: of the score, with its unit.
+        true: the winner's score on fresh runs, drawn across.
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``iteration, best, mean``.
+
+    Raises:
+        InputError: the frame is not as asked.
+    """
+    sizes = style_named(style)
+    frame = tidy(frame, numbers=("iteration", "best", "mean"), complete=("iteration",)).sort("iteration")
+    check_once(frame, ["iteration"])
+    names = ["best as the search believes", "mean of the candidates"]
+    names += ["best of each particle"] if personal is not None else []
+    names += ["true, on fresh runs"] if true is not None else []
+    figure, axes = plain_axes(sizes, "iteration", label, title=title, legend=names)
+    handles = []
+    if personal is not None:
+        own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
+        for _, part in own.sort("iteration").group_by("particle", maintain_order=True):
+            lines = axes.plot(
+                part["iteration"], part["score"], color=LINE, linewidth=sizes.line_pt * 0.6, zorder=2
+            )
+        handles = [lines[0]]
+    best, mean = look(0), look(1)
+    (of_mean,) = axes.plot(
+        frame["iteration"], frame["mean"], color=mean.colour, linestyle=mean.line, linewidth=sizes.line_pt
+    )
+    (of_best,) = axes.plot(
+        frame["iteration"], frame["best"], color=best.colour, linestyle=best.line,
+        linewidth=sizes.line_pt * 1.5, zorder=3,
+    )  # fmt: skip
+    handles = [of_best, of_mean, *handles]
+    if true is not None:
+        handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
+    axes.set_ylim(bottom=0)
+    legend_below(figure, sizes, handles, names)
+    caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."
+    if true is not None:
+        caption += f" On fresh runs the winner's is {true:.4g}; what lies below was luck."
+    return Picture(figure, frame.select("iteration", "best", "mean"), caption)
+
+
+@drawn
+def draw_parameters(
+    frame: pl.DataFrame,
+    *,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Mean of each field over the candidates of an iteration, as a share of its bounds.
+
+    Args:
+        frame: one row an iteration and field: ``iteration``, ``share`` (0 at the lower bound, 1 at the upper) and,
+            where there are several, ``series`` (the field).
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``iteration, series, share``.
+
+    Raises:
+        InputError: the frame is not as asked, or a share lies outside [0, 1].
+    """
+    sizes = style_named(style)
+    frame = tidy(frame, numbers=("iteration", "share"), complete=("iteration", "share"))
+    frame, series = with_series(frame)
+    check_once(frame, ["iteration", "series"])
+    if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():
+        raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")
+    figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title, legend=series)
+    for index, name in enumerate(series):
+        part, looks = frame.filter(pl.col("series") == name).sort("iteration"), look(index)
+        axes.plot(
+            part["iteration"], part["share"], color=looks.colour, linestyle=looks.line,
+            linewidth=sizes.line_pt, marker=looks.marker, markersize=sizes.marker_pt,
+            markevery=max(part.height // 8, 1),
+        )  # fmt: skip
+    axes.set_ylim(-0.02, 1.02)
+    if len(series) > 1:
+        legend_below(figure, sizes, [series_handle(sizes, k) for k in range(len(series))], series)
+    caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
+    return Picture(figure, frame.select("iteration", "series", "share"), caption)
