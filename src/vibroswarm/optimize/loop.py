@@ -21,6 +21,7 @@ from vibroswarm.optimize.methods import method_of
 from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.surface import optima
 from vibroswarm.study.executors import Workers
 
 Tell = Callable[[Told], None]
@@ -107,8 +108,7 @@ class _Loop:
         self._drive(method, "search", search.search_runs)
         race: Method | None = None
         if search.final_runs and len(search.objectives) == 1:
-            finalists = method.finalists(min(search.settings.finalists, max(search.final_runs // 20, 1)))
-            race = Race(self.archive, finalists, search.final_runs)
+            race = Race(self.archive, self._finalists(method), search.final_runs)
             self._drive(race, "race", search.search_runs + search.final_runs)
         if self.replaying and self.journal is not None:
             self.journal.cut()
@@ -116,6 +116,16 @@ class _Loop:
         last = race or method
         front = tuple(method.finalists(10**9)) if len(search.objectives) > 1 else ()
         return Found(search, self.archive, last.best(), method.history, race.history if race else [], front)
+
+    def _finalists(self, method: Method) -> list[int]:
+        """The method's best, the optima of the surfaces through all candidates, and the starts."""
+        count = min(self.search.settings.finalists, max(self.search.final_runs // 20, 1))
+        keys = range(len(self.archive))
+        points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
+        named = [*((p, "surface") for p in points), *((p, "start") for p in self.search.starts)]
+        named = named[: max(count - 1, 0)]
+        best = method.finalists(count - len(named))
+        return [*best, *(self.archive.new(point, origin) for point, origin in named)]
 
     def _drive(self, method: Method, stage: str, wanted: int) -> None:
         while asks := method.ask():

@@ -31,7 +31,10 @@ class Race:
         self.archive, self.runs = archive, runs
         self.iterations, self.iteration = ROUNDS + 2, 0
         self.history: list[Iteration] = []
-        self.came_from = {archive.new(archive[key].point, f"finalist {key}"): key for key in finalists}
+        self.came_from = {
+            archive.new(archive[key].point, f"finalist {key}") if archive[key].count else key: key
+            for key in finalists
+        }
         self.keys = list(self.came_from)
         self.winner: int | None = None
 

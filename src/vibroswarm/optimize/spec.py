@@ -58,16 +58,18 @@ class SearchSettings:
             took with its 50 iterations.
         final: of these, runs of the race of the finalists (0: the best as the search left it); without, 40 %.
         finalists: how many run in it.
+        surface: let the optima of a surface through all candidates run in it too.
         numbers: ``independent`` runs for each evaluation, or ``common`` ones.
         fresh: runs on which the winner is scored in the end, beyond the budget.
         dashboard: keep a copy in Optuna's storage, for its dashboard; without, for the methods of Optuna only.
     """
 
     method: str = "pso"
-    evaluations: int = 20
+    evaluations: int = 50
     budget: int | None = None
     final: int | None = None
-    finalists: int = 6
+    finalists: int = 12
+    surface: bool = True
     numbers: str = "independent"
     fresh: int = 2000
     dashboard: bool | None = None
@@ -81,8 +83,9 @@ class SearchSettings:
             )
         if self.numbers not in NUMBERS:
             raise InputError(f"{self.numbers!r} is not one of {', '.join(NUMBERS)}", field="search.numbers")
-        if self.dashboard is not None and not isinstance(self.dashboard, bool):
-            raise InputError(f"{self.dashboard!r}: true or false", field="search.dashboard")
+        for name in ("surface", "dashboard"):
+            if not isinstance(getattr(self, name), bool | None):
+                raise InputError(f"{getattr(self, name)!r}: true or false", field=f"search.{name}")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
             value = getattr(self, name)
             if value is None:
