@@ -15,6 +15,7 @@ from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import Checked
+    from vibroswarm.optimize.grid import Nodes
     from vibroswarm.optimize.loop import Found, Tell
     from vibroswarm.optimize.spec import Search
     from vibroswarm.optimize.truth import Scored, Truth
@@ -66,7 +67,12 @@ def add_parser(commands: Any) -> None:
     check.add_argument(
         "--against", metavar="Q", help="... against this one, in pairs (default: preset paper)"
     )
-    check.add_argument("--runs", metavar="N", help="fresh runs of each with --check (default 2000)")
+    check.add_argument(
+        "--runs", metavar="N", help="with --check or --method grid: runs of each (default 2000; 1000)"
+    )
+    parser.add_argument(
+        "--sensitivity", action="store_true", help="which fields matter, in place of the best (Sobol indices)"
+    )
     who = parser.add_argument_group("who does the work")
     who.add_argument("--workers", metavar="N", help="threads or processes (default: all processors)")
     who.add_argument("--executor", metavar="WHERE", default="threads",
@@ -74,18 +80,30 @@ def add_parser(commands: Any) -> None:
     who.add_argument("--mixed", action="store_true", help="go on where other versions began")
     parser.add_argument("--out", metavar="DIR", type=Path, help="keep the search here, and go on with it")
     parser.add_argument(
+        "--style", metavar="NAME", default="column", help="of pictures: column, page or slide"
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="numbers only")
+    parser.add_argument(
         "--json", action="store_true", help="give the outcome as JSON, and nothing else, on stdout"
     )
     parser.set_defaults(run=run, parser=parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, or search."""
+    """Check, search, or what else is asked for."""
+    from vibroswarm.cli.studies import check_style
+
+    check_style(arguments.style)
+    if arguments.sensitivity:
+        return _sensitivity(arguments)
     if arguments.check is not None:
         return _check(arguments)
-    for name in ("against", "runs"):
-        if getattr(arguments, name) is not None:
-            raise InputError("goes with --check", field=f"--{name}")
+    if arguments.against is not None:
+        raise InputError("goes with --check", field="--against")
+    if arguments.runs is not None and arguments.method != "grid":
+        raise InputError("goes with --check and --method grid; a search has a --budget", field="--runs")
+    if arguments.method == "grid":
+        return _grid(arguments)
     return _search(search_from(arguments), arguments)
 
 
@@ -154,6 +172,102 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
         print(
             f"Kept in {arguments.out}: best.toml, result.json, history.csv, candidates.csv, the search itself."
         )
+    return 0
+
+
+def _grid(arguments: argparse.Namespace) -> int:
+    from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.optimize.grid import Grid, scores_of
+    from vibroswarm.optimize.objective import Objective
+    from vibroswarm.study.result import run as run_study
+
+    for name in ("noise", "budget", "fresh"):
+        if getattr(arguments, name) is not None:
+            raise InputError("is not for a grid", field=f"--{name}")
+    grid = Grid.paper() if arguments.search is None else Grid.read(arguments.search)
+    study = grid.study
+    if arguments.runs is not None:
+        study = study.with_runs(whole_number(arguments.runs, "--runs"))
+    if arguments.seed is not None:
+        study = replace(study, seed=whole_number(arguments.seed, "--seed"))
+    objective = grid.objective if arguments.cost is None else Objective(arguments.cost)
+    workers = _workers(arguments)
+    say_compiling()
+    with study_progress("simulating", workers) as tell:
+        result = run_study(
+            study,
+            arguments.out,
+            executor=arguments.executor,
+            workers=workers,
+            mixed=arguments.mixed,
+            tell=tell,
+        )
+    nodes = scores_of(Grid(study, objective), result)
+    if arguments.out is not None:
+        from vibroswarm.optimize.report import write_grid
+
+        write_grid(nodes, arguments.out, None if arguments.no_pictures else arguments.style)
+    if arguments.json:
+        print(json.dumps(nodes.as_dict(), indent=2, allow_nan=False))
+        return 0
+    _say_grid(nodes)
+    kept = f"Kept in {arguments.out}: grid.csv, the runs (shards)." if arguments.out else "Nothing was kept."
+    print(kept)
+    return 0
+
+
+def _say_grid(nodes: Nodes) -> None:
+    from vibroswarm.cli.tables import number
+
+    print(f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs a cell on shared motion:")
+    for node in nodes.nodes:
+        mark = "  *" if node is nodes.best else "  =" if node.as_good else ""
+        print(
+            f"  {node.cell.name:<28} {number(node.scored.score, 2):>24}   time {node.time_s:6.0f} s, wrong "
+            f"{100 * node.wrong:4.1f} %, undecided {100 * node.undecided:4.1f} %{mark}"
+        )
+    print("  * the lowest score; = not told apart from it, run by run. Which of them is lowest is luck.")
+
+
+def _sensitivity(arguments: argparse.Namespace) -> int:
+    from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.optimize.sensitivity import sensitivity, write_sensitivity
+    from vibroswarm.study.runner import Told
+
+    for name in ("method", "noise", "fresh", "check"):
+        if getattr(arguments, name) is not None:
+            raise InputError("is not for --sensitivity", field=f"--{name}")
+    budget = 20_000 if arguments.budget is None else whole_number(arguments.budget, "--budget")
+    arguments.budget = None
+    search = search_from(arguments)
+    workers = _workers(arguments)
+    say_compiling()
+    with study_progress("simulating", workers) as told:
+        found = sensitivity(
+            search, budget, executor=arguments.executor, workers=workers,
+            tell=lambda done: told(Told(done, budget, 0)),
+        )  # fmt: skip
+    if arguments.out is not None:
+        write_sensitivity(found, arguments.out)
+    if arguments.json:
+        print(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+        return 0
+    print(
+        f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {_failures(found.failed)}"
+    )
+    print(
+        f"Of the variance of the points' mean costs {100 * found.noise_share:.0f} % is noise of the runs; it is taken out."
+    )
+    for one in found.fields:
+        print(
+            f"  {one.name:<34} total {one.total:5.2f} [{one.total_low:5.2f}, {one.total_high:5.2f}]   "
+            f"alone {one.first:5.2f} [{one.first_low:5.2f}, {one.first_high:5.2f}]"
+        )
+    print(
+        "Shares of the variance over the space: by the field alone, and with its interactions; 95 % bootstrap."
+    )
     return 0
 
 

@@ -19,9 +19,10 @@ import polars as pl
 
 from vibroswarm.errors import RunError
 from vibroswarm.files import whole_file
+from vibroswarm.optimize.grid import Nodes
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.truth import Truth
-from vibroswarm.plots import Picture, draw_parameters, draw_search
+from vibroswarm.plots import Picture, draw_heat, draw_parameters, draw_search
 from vibroswarm.plots.palette import SERIES_UP_TO
 from vibroswarm.scenario import Scenario
 
@@ -140,6 +141,34 @@ def write_report(found: Found, truth: Truth | None, folder: str | Path, style: s
                 picture.write(folder / name)
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
+
+
+def write_grid(nodes: Nodes, folder: str | Path, style: str | None = "column") -> None:
+    """The cells of a grid as ``grid.csv``; with two varied fields also as pictures of score, time and belief.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    folder, table = Path(folder), nodes.table
+    try:
+        with whole_file(folder / "grid.csv") as part:
+            table.write_csv(part)
+    except OSError as error:
+        raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
+    varied = nodes.grid.study.varied
+    if style is None or len(varied) != 2:
+        return
+    labels = {
+        "score": f"cost ({nodes.grid.objective.words})",
+        "decision_time_s": "decision time (s)",
+        "belief_in_truth": "belief in the truth",
+    }
+    for name, label in labels.items():
+        frame = table.select(x=varied[0], y=varied[1], value=name, runs="runs")
+        best = "high" if name == "belief_in_truth" else "low"
+        x_label, y_label = (field.rpartition(".")[2] for field in varied)
+        picture = draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
+        picture.write(folder / f"grid-{name.replace('_', '-')}")
 
 
 def _finite(value: float) -> float | None:

@@ -1,0 +1,163 @@
+"""Every combination of some values, on shared motion: the paper's second stage, over eta and kappa.
+
+A grid is a study: its fields of strategy and decision move no robot, so all cells replay one motion and are compared
+run by run. What has the lowest score is marked, and so is every cell that is not told apart from it: among equals the
+lowest of many scores is luck.
+
+| name | values in the paper |
+|---|---|
+| strategy.eta | 750, 1000, ..., 2500 |
+| strategy.kappa | 1, 2, 3, 4 |
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.objective import Objective, several
+from vibroswarm.optimize.outcomes import from_tables
+from vibroswarm.optimize.spec import KEYS
+from vibroswarm.optimize.truth import Scored, paired_score, scored_of
+from vibroswarm.scenario import read_text
+from vibroswarm.study.result import StudyResult
+from vibroswarm.study.spec import Cell, Study
+
+PAPER: Final[dict[str, list[Any]]] = {
+    "strategy.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
+    "strategy.kappa": [1.0, 2.0, 3.0, 4.0],
+}
+"""The paper's grid."""
+RUNS: Final = 1000
+"""Of each cell, without a number; the paper had 100, in which neighbouring cells cannot be told apart."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A study of a grid, and what it minimises."""
+
+    study: Study
+    objective: Objective
+
+    @classmethod
+    def paper(cls, objective: Objective | None = None, runs: int = RUNS, seed: int = 1) -> Grid:
+        """The paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*."""
+        base = {"preset": "paper", "strategy": {"name": "soft"}}
+        return cls(Study(base, {"grid": PAPER}, runs, seed=seed), objective or Objective())
+
+    @classmethod
+    def read(cls, path: str | Path) -> Grid:
+        """From a search's file, whose space gives lists, or ranges with steps.
+
+        Raises:
+            InputError: no space, or one of ranges without steps.
+        """
+        path = Path(path)
+        try:
+            values = tomllib.loads(read_text(path, "a search"))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"is not TOML: {error}", field=str(path)) from None
+        own = {key: values.pop(key) for key in KEYS if key in values}
+        space = own.get("space")
+        if not isinstance(space, Mapping) or not space:
+            raise InputError(
+                "a grid needs fields with their values: lists, or ranges with steps", field="space"
+            )
+        if "grid" in values:
+            raise InputError("is the space of this method; put cases into [zip] or [[list]]", field="grid")
+        values["grid"] = space
+        values.setdefault("runs", RUNS)
+        objectives = several(own.get("objective", {}))
+        if len(objectives) > 1:
+            raise InputError("a grid has one", field="objective")
+        return cls(Study.from_values(values, name=str(path), folder=path.parent), objectives[0])
+
+
+@dataclass(frozen=True)
+class Node:
+    """One cell of a grid."""
+
+    cell: Cell
+    scored: Scored
+    above_best: Interval
+    """Its score less the best one's, run by run."""
+    time_s: float
+    belief_in_truth: float | None
+    wrong: float
+    undecided: float
+
+    @property
+    def as_good(self) -> bool:
+        """Not told apart from the best."""
+        return not self.above_best.low > 0
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """A grid's cells with their scores."""
+
+    grid: Grid
+    nodes: tuple[Node, ...]
+
+    @property
+    def best(self) -> Node:
+        """The lowest score."""
+        return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """One row a cell: what is varied, the score with its limits, times and shares."""
+        rows = []
+        for node in self.nodes:
+            score, above = node.scored.score, node.above_best
+            rows.append({
+                "cell": node.cell.number, **node.cell.point, "score": score.estimate, "score_low": score.low,
+                "score_high": score.high, "above_best": above.estimate, "above_best_low": above.low,
+                "above_best_high": above.high, "as_good_as_best": node.as_good, "decision_time_s": node.time_s,
+                "belief_in_truth": node.belief_in_truth, "robots_wrong": node.wrong,
+                "robots_undecided": node.undecided, "runs": score.n,
+            })  # fmt: skip
+        return pl.DataFrame(rows, infer_schema_length=None)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "method": "grid",
+            "objective": self.grid.objective.as_values(),
+            "best": self.best.cell.point,
+            "as_good_as_best": [node.cell.point for node in self.nodes if node.as_good],
+            "cells": self.table.to_dicts(),
+        }
+
+
+def scores_of(grid: Grid, result: StudyResult) -> Nodes:
+    """Score the cells of a study that has been run; estimates of the fill ratio are those at the end of the runs."""
+    found = []
+    for cell in result.study.cells:
+        robots, runs = result.tables(cell.number)
+        tiles = cell.scenario.floor_for(result.study.seed, 0).tiles.size
+        outcomes = from_tables(cell.scenario, robots, runs, tiles)
+        rows = grid.objective.figures(outcomes)[:, None, :]
+        scored = scored_of(cell.name, dict(cell.point), grid.objective, rows, outcomes.run)
+        belief = robots["belief_in_truth"].mean()
+        figures = (
+            float(outcomes.time_s.mean()),
+            None if belief is None else float(belief),  # type: ignore[arg-type]
+            float(outcomes.wrong.mean()),
+            float(outcomes.undecided.mean()),
+        )
+        found.append((cell, scored, figures))
+    best = found[int(np.argmin([scored.score.estimate for _, scored, _ in found]))][1]
+    nodes = [
+        Node(cell, scored, paired_score(grid.objective, scored, best), *figures)
+        for cell, scored, figures in found
+    ]
+    return Nodes(grid, tuple(nodes))

@@ -1,0 +1,52 @@
+"""Sobol indices against functions whose shares are known, with and without noise of the runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.sensitivity import indices, saltelli
+
+pytest.importorskip("SALib")
+
+NAMES = ["a", "b", "c"]
+
+
+def linear(u: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Shares 0.8, 0.2 and 0, no interaction."""
+    return np.asarray(2.0 * u[:, 0] + 1.0 * u[:, 1])
+
+
+def ishigami(u: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    x = np.pi * (2 * u - 1)
+    return np.asarray(np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]))
+
+
+def test_shares_of_a_function_that_is_known() -> None:
+    """Ishigami's: S = 0.314, 0.442, 0; S_T = 0.558, 0.442, 0.244."""
+    u = saltelli(3, 5 * 4096, 1)
+    found = {one.name: one for one in indices(NAMES, ishigami(u)[:, None]).fields}
+    for name, first, total in (("a", 0.314, 0.558), ("b", 0.442, 0.442), ("c", 0.0, 0.244)):
+        assert found[name].first == pytest.approx(first, abs=0.03)
+        assert found[name].total == pytest.approx(total, abs=0.03)
+
+
+def test_the_noise_of_the_runs_is_taken_out() -> None:
+    u = saltelli(3, 5 * 2048, 1)
+    random = np.random.default_rng(3)
+    costs = linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10))  # twice the variance is noise
+    found = indices(NAMES, costs)
+    by_name = {one.name: one for one in found.fields}
+    assert found.noise_share == pytest.approx(0.9 / (0.9 + 5 / 12), abs=0.05)
+    for name, share in (("a", 0.8), ("b", 0.2), ("c", 0.0)):
+        assert by_name[name].total_low <= share <= by_name[name].total_high
+        assert by_name[name].first_low <= share <= by_name[name].first_high
+    assert abs(by_name["c"].total) < 0.2
+    naive = indices(NAMES, costs.mean(axis=1, keepdims=True))  # the control: noise taken for an effect
+    assert next(one.total for one in naive.fields if one.name == "c") > 0.5
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(InputError, match="at least 40"):
+        saltelli(3, 30, 1)

@@ -1,0 +1,179 @@
+"""The command optimize: a search, a check, a grid, sensitivity, and what it says to bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+
+SMALL = """
+seed = 3
+[scenario]
+preset = "paper"
+[scenario.run]
+t_end_s = 100.0
+[scenario.swarm]
+robots = 2
+[space]
+"sample.sample_interval_ms" = { from = 1000, to = 6000 }
+"decision.min_observations" = { from = 0, to = 60 }
+[search]
+budget = 150
+fresh = 100
+[pso]
+particles = 4
+evaluations = 3
+extra = 3
+"""
+GRID = """
+runs = 20
+[scenario]
+preset = "paper"
+[scenario.run]
+t_end_s = 100.0
+[scenario.strategy]
+name = "soft"
+[scenario.decision]
+min_observations = 20
+[space]
+"strategy.eta" = { from = 10, to = 1000, steps = 3 }
+"strategy.kappa" = [1.0, 2.0]
+[objective]
+cost = "decision_time"
+statistic = "mean"
+"""
+
+
+@pytest.fixture
+def search(tmp_path: Path) -> str:
+    path = tmp_path / "search.toml"
+    path.write_text(SMALL)
+    return str(path)
+
+
+def test_a_search_is_made_kept_and_gone_on_with(
+    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["optimize", search, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "the search believed" in said
+    assert "true, on fresh runs" in said
+    assert "none failed" in said
+    for name in ("best.toml", "result.json", "history.csv", "scores.png", "parameters.svg", "journal.jsonl"):
+        assert (out / name).is_file()
+    journal = (out / "journal.jsonl").read_bytes()
+    assert main(["optimize", search, "--out", str(out), "--json"]) == 0
+    about = json.loads(capsys.readouterr().out)
+    assert about == json.loads((out / "result.json").read_text())
+    assert (out / "journal.jsonl").read_bytes() == journal
+    assert about["runs"]["search"] == 150
+    low, high = (about["truth"]["true"]["score"][end] for end in ("low", "high"))
+    assert low < about["truth"]["true"]["score"]["estimate"] < high
+    assert main(["optimize", search, "--out", str(out), "--seed", "4"]) == 2
+    assert "seed is 3 there and 4 here" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_a_search_to_go_on_with(
+    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vibroswarm.optimize import journal
+
+    right, count = journal.Journal.add, 0
+
+    def interrupted(self: object, *arguments: object) -> None:
+        nonlocal count
+        count += 1
+        right(self, *arguments)  # type: ignore[arg-type]
+        if count == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(journal.Journal, "add", interrupted)
+    out = str(tmp_path / "out")
+    assert main(["optimize", search, "--out", out]) == 130
+    monkeypatch.setattr(journal.Journal, "add", right)
+    assert main(["optimize", search, "--out", out, "--json", "--no-pictures"]) == 0
+    stopped = json.loads(capsys.readouterr().out)
+    assert main(["optimize", search, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == stopped
+
+
+def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = tmp_path / "p.toml"
+    short.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 20\n')
+    long = tmp_path / "q.toml"
+    long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
+    options = ["optimize", "--check", str(short), "--against", str(long), "--runs", "150"]
+    assert main(options) == 0
+    assert "again on other seeds" in capsys.readouterr().out
+    assert main([*options, "--cost", "decision_time", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["confirmed"]
+    assert found["difference"]["high"] < 0
+    assert "p.toml is better" in found["says"]
+    figures = {one["figure"]: one for one in found["figures"]}
+    assert figures["decision_time_s"]["difference"]["high"] < 0
+    same = ["optimize", "--check", str(short), "--against", str(short), "--runs", "20", "--json"]
+    assert main(same) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["difference"]["estimate"] == 0
+    assert "not equal" in found["says"]
+
+
+def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "grid.toml"
+    path.write_text(GRID)
+    out = tmp_path / "out"
+    assert main(["optimize", str(path), "--method", "grid", "--out", str(out)]) == 0
+    assert "luck" in capsys.readouterr().out
+    table = pl.read_csv(out / "grid.csv")
+    assert table.height == 6
+    assert (out / "grid-score.png").is_file()
+    best = table.sort("score").row(0, named=True)
+    assert best["above_best"] == 0
+    assert best["as_good_as_best"]
+    assert (table["score"] == table["decision_time_s"]).all() or (
+        (table["score"] - table["decision_time_s"]).abs().max() < 1e-9  # type: ignore[operator]
+    )
+
+
+def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("SALib")
+    options = ["optimize", search, "--sensitivity", "--budget", "2600", "--cost", "decision_time"]
+    assert main([*options, "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert said.index("min_observations") < said.index("sample_interval")  # the gate decides when to decide
+    assert pl.read_csv(tmp_path / "out" / "sensitivity.csv").height == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["missing.toml"], "cannot be read"),
+        (["--method", "psoo"], "did you mean 'pso'"),
+        (["--cost", "intendet"], "did you mean 'intended'"),
+        (["--budget", "many"], "no whole number"),
+        (["--budget", "10"], "do not last"),
+        (["--noise", "loud"], "rescore, ocba, fixed"),
+        (["--against", "paper"], "goes with --check"),
+        (["--runs", "10"], "a search has a --budget"),
+        (["--check", "nothing.toml"], "no file and no preset"),
+        (["--check", "paper", "--budget", "10"], "not for --check"),
+        (["--check", "paper", "--runs", "1"], "at least 2"),
+        (["--method", "grid", "--noise", "fixed"], "not for a grid"),
+        (["--sensitivity", "--budget", "10"], "too few"),
+        (["--style", "poster"], "style"),
+        (["--workers", "0", "--budget", "1000"], "at least 1"),
+    ],
+)
+def test_bad_input_is_told_and_ends_with_2(
+    options: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "--sensitivity" in options:
+        pytest.importorskip("SALib")
+    assert main(["optimize", *options]) == 2
+    assert told in capsys.readouterr().err
