@@ -33,18 +33,24 @@ def test_shares_of_a_function_that_is_known() -> None:
 
 
 def test_the_noise_of_the_runs_is_taken_out() -> None:
-    u = saltelli(3, 5 * 2048, 1)
-    random = np.random.default_rng(3)
-    costs = linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10))  # twice the variance is noise
-    found = indices(NAMES, costs)
-    by_name = {one.name: one for one in found.fields}
-    assert found.noise_share == pytest.approx(0.9 / (0.9 + 5 / 12), abs=0.05)
-    for name, share in (("a", 0.8), ("b", 0.2), ("c", 0.0)):
-        assert by_name[name].total_low <= share <= by_name[name].total_high
-        assert by_name[name].first_low <= share <= by_name[name].first_high
-    assert abs(by_name["c"].total) < 0.2
-    naive = indices(NAMES, costs.mean(axis=1, keepdims=True))  # the control: noise taken for an effect
-    assert next(one.total for one in naive.fields if one.name == "c") > 0.5
+    """Twice as much of the variance is noise as is not."""
+    shares, held, naive = {"a": 0.8, "b": 0.2, "c": 0.0}, 0, []
+    totals: dict[str, list[float]] = {name: [] for name in shares}
+    for seed in range(8):
+        u = saltelli(3, 5 * 1024, seed)
+        random = np.random.default_rng(1000 + seed)
+        costs = linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10))
+        found = indices(NAMES, costs)
+        assert found.noise_share == pytest.approx(0.9 / (0.9 + 5 / 12), abs=0.06)
+        for one in found.fields:
+            totals[one.name].append(one.total)
+            held += one.total_low <= shares[one.name] <= one.total_high
+            held += one.first_low <= shares[one.name] <= one.first_high
+        naive += [one.total for one in indices(NAMES, costs.mean(axis=1, keepdims=True)).fields]
+    for name, share in shares.items():
+        assert float(np.mean(totals[name])) == pytest.approx(share, abs=0.1)
+    assert held >= 41  # of 48, 95 % each
+    assert min(naive) > 0.5  # the control: noise taken for an effect
 
 
 def test_too_few_points_are_refused() -> None:

@@ -257,9 +257,8 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     print(
         f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {_failures(found.failed)}"
     )
-    print(
-        f"Of the variance of the points' mean costs {100 * found.noise_share:.0f} % is noise of the runs; it is taken out."
-    )
+    noise = f"{100 * found.noise_share:.0f} %"
+    print(f"Noise of the runs is {noise} of the variance of the points' mean costs; it is taken out.")
     for one in found.fields:
         print(
             f"  {one.name:<34} total {one.total:5.2f} [{one.total_low:5.2f}, {one.total_high:5.2f}]   "
