@@ -149,3 +149,39 @@ def test_a_candidate_with_a_failed_run_cannot_win(functions: ModuleType) -> None
 def test_settings_that_are_wrong(settings: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
         PsoSettings(**settings)
+
+
+def test_it_does_not_lose_to_pymoos_swarm_where_there_is_noise(functions: ModuleType) -> None:
+    """As many runs for both: 25 particles of 10 runs each; theirs takes the mean of the 10 for the truth."""
+    pytest.importorskip("pymoo")
+    ours, theirs = [], []
+    for seed in range(6):
+        found = swarm(functions, seed=seed, iterations=30)
+        runs = functions.drive(found, functions.sphere, noise=0.5, seed=seed)
+        ours.append(functions.sphere(found.archive[found.best()].point))
+        theirs.append(functions.sphere(pymoo_optimum(functions.sphere, runs // 250, 0.5, seed)))
+    assert np.mean(ours) <= np.mean(theirs)
+    assert np.mean(ours) < 0.05
+
+
+def pymoo_optimum(function: Any, generations: int, noise: float, seed: int) -> Any:
+    """What the library's swarm of 25 reports as best."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from pymoo.algorithms.soo.nonconvex.pso import PSO
+        from pymoo.core.problem import ElementwiseProblem
+        from pymoo.optimize import minimize
+
+        random = np.random.default_rng(seed)
+
+        class Noisy(ElementwiseProblem):  # type: ignore[misc]
+            def __init__(self) -> None:
+                super().__init__(n_var=3, n_obj=1, xl=0.0, xu=1.0)
+
+            def _evaluate(self, x: Any, out: dict[str, Any], *_: Any, **__: Any) -> None:
+                out["F"] = function(x) + noise * random.normal(size=10).mean()
+
+        result = minimize(Noisy(), PSO(pop_size=25), ("n_gen", generations), seed=seed, verbose=False)
+    return np.asarray(result.X)
