@@ -65,7 +65,7 @@ class SearchSettings:
     """
 
     method: str = "pso"
-    evaluations: int = 50
+    evaluations: int = 20
     budget: int | None = None
     final: int | None = None
     finalists: int = 12
