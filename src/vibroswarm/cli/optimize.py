@@ -233,7 +233,7 @@ def _say_grid(nodes: Nodes) -> None:
 def _sensitivity(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
-    from vibroswarm.optimize.sensitivity import sensitivity, write_sensitivity
+    from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
     from vibroswarm.study.runner import Told
 
     for name in ("method", "noise", "fresh", "check"):
@@ -245,7 +245,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     workers = _workers(arguments)
     say_compiling()
     with study_progress("simulating", workers) as told:
-        found = sensitivity(
+        found = sobol_indices(
             search, budget, executor=arguments.executor, workers=workers,
             tell=lambda done: told(Told(done, budget, 0)),
         )  # fmt: skip
@@ -330,7 +330,7 @@ def _values(values: dict[str, Any]) -> str:
 def _check(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
-    from vibroswarm.optimize.check import check, scenario_named
+    from vibroswarm.optimize.check import compare_scenarios, scenario_named
     from vibroswarm.study.runner import Told
 
     for name in ("method", "noise", "budget", "fresh"):
@@ -343,7 +343,7 @@ def _check(arguments: argparse.Namespace) -> int:
     workers = _workers(arguments)
     say_compiling()
     with study_progress("scoring on fresh runs", workers) as told:
-        found = check(
+        found = compare_scenarios(
             first, second, search.objectives[0], runs, search.seed,
             names=(arguments.check, second_name), executor=arguments.executor, workers=workers,
             tell=lambda done: told(Told(done, 4 * runs, 0)),

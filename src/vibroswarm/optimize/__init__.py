@@ -1,1 +1,69 @@
-"""Searching for good parameters: spaces, objectives, methods that ask and are told, and what is true afterwards."""
+"""Searching for good parameters: spaces, objectives, methods that ask and are told, and what is true afterwards.
+
+The names below are looked up when they are first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from vibroswarm.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from vibroswarm.optimize.check import compare_scenarios
+    from vibroswarm.optimize.grid import Grid, scores_of
+    from vibroswarm.optimize.loop import Found, run_search
+    from vibroswarm.optimize.objective import Objective
+    from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
+    from vibroswarm.optimize.pso import PsoSettings
+    from vibroswarm.optimize.report import best_scenario, write_report
+    from vibroswarm.optimize.sensitivity import sobol_indices
+    from vibroswarm.optimize.space import Space
+    from vibroswarm.optimize.spec import Search, SearchSettings
+    from vibroswarm.optimize.truth import Truth, truth_of
+
+__all__ = [
+    "Found",
+    "Grid",
+    "Objective",
+    "Outcomes",
+    "PsoSettings",
+    "Search",
+    "SearchSettings",
+    "Space",
+    "Truth",
+    "best_scenario",
+    "compare_scenarios",
+    "outcomes_of",
+    "run_search",
+    "scores_of",
+    "sobol_indices",
+    "truth_of",
+    "write_report",
+]
+
+_HOME: Final = {
+    "Found": "loop",
+    "Grid": "grid",
+    "Objective": "objective",
+    "Outcomes": "outcomes",
+    "PsoSettings": "pso",
+    "Search": "spec",
+    "SearchSettings": "spec",
+    "Space": "space",
+    "Truth": "truth",
+    "best_scenario": "report",
+    "compare_scenarios": "check",
+    "outcomes_of": "outcomes",
+    "run_search": "loop",
+    "scores_of": "grid",
+    "sobol_indices": "sensitivity",
+    "truth_of": "truth",
+    "write_report": "report",
+}
+
+__getattr__ = lazy_names(__name__, _HOME)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -87,7 +87,7 @@ def scenario_named(text: str, field: str) -> Scenario:
     return Scenario.read(text)
 
 
-def check(
+def compare_scenarios(
     first: Scenario,
     second: Scenario,
     objective: Objective | None = None,

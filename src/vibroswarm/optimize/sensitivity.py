@@ -65,7 +65,7 @@ class Sensitivity:
         return {**vars(self), "fields": [vars(one) for one in self.fields]}
 
 
-def sensitivity(
+def sobol_indices(
     search: Search,
     budget: int = 20_000,
     *,
