@@ -210,3 +210,19 @@ def test_the_bootstrap_of_a_score_holds_the_truth_as_often_as_it_says() -> None:
         low, high = bootstrap(objective.score, random.exponential(1.0, (400, 1, 1)), seed=k, draws=300)[1:3]
         held += low <= 2.0 <= high
     assert 86 <= held <= 100
+
+
+def test_only_smooth_scores_are_corrected() -> None:
+    random = np.random.default_rng(4)
+    rows = random.exponential(1.0, (20, 1, 1))
+    smooth, quantile = Objective("intended"), Objective("intended", "quantile 0.8")
+    assert smooth.estimate(rows)[0] > smooth.score(rows)
+    assert quantile.estimate(rows)[0] == quantile.score(rows)
+    two = np.concatenate([rows, rows[::-1]], axis=1)
+    assert smooth.estimate(two)[0] == smooth.score(two)  # the worst of two cases
+    assert Objective("intended", over="mean").estimate(two)[0] > Objective("intended", over="mean").score(two)
+    limits = Objective("time_at_error")
+    robots = np.full((20, 1, 1), 5.0)
+    wrong = random.binomial(5, 0.05, (20, 1, 1))
+    counts = np.concatenate([100.0 * rows, wrong, robots, robots, np.full((20, 1, 1), 1200.0)], axis=2)
+    assert limits.estimate(counts)[0] == limits.score(counts) >= float(100.0 * rows.mean())

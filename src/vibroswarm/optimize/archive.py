@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibroswarm.optimize.objective import Objective, Rows, corrected
+from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values
 
 
@@ -94,7 +94,7 @@ class Archive:
         known = self._corrected.get(key)
         if known is None or known[0] != count:
             rows = found.all_rows()[:, :, self.columns[0]]
-            known = (count, *corrected(self.objectives[0].score, rows))
+            known = (count, *self.objectives[0].estimate(rows))
             self._corrected[key] = known
         return known[1], known[2]
 

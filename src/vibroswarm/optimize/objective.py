@@ -151,6 +151,16 @@ class Objective:
                 return mean_interval(rows[:, 0, 0], level)
         return bootstrap(self.score, rows, level, seed)
 
+    def estimate(self, rows: Rows) -> tuple[float, float]:
+        """The score and its standard error; freed of its bias for few runs where it is smooth (mean + sd).
+
+        A price that sets in at a limit, a quantile and a worst case have corners, where the correction would go wild.
+        """
+        one = rows.shape[1] == 1 or self.over == "mean"
+        freed, error = corrected(self.score, rows)
+        smooth = one and self.name not in AIMS and self.statistic == "mean+sd"
+        return (freed if smooth else self.score(rows)), error
+
     def _quantile(self) -> float | None:
         kind, _, share = self.statistic.partition(" ")
         if kind == "quantile":
