@@ -18,13 +18,13 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.evaluate import crew, derived_seed, figures_of
+from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Array, Outcomes
 from vibroswarm.optimize.truth import Scored, after, paired_score, scored_of
 from vibroswarm.presets import preset, preset_names
 from vibroswarm.scenario import Scenario
-from vibroswarm.study.executors import Workers
+from vibroswarm.study.executors import Workers, workers_for
 
 FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
 """What else is compared, run by run."""
@@ -109,7 +109,7 @@ def compare_scenarios(
         raise InputError(f"{runs} is too few; at least 2", field="runs")
     both = list(zip(names, (first, second), strict=True))
     blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
-    with crew(executor, workers) as hands:
+    with workers_for(executor, workers) as hands:
         for purpose in ("check", "second check"):
             at, told = derived_seed(seed, purpose), 2 * len(blocks) * runs
             blocks.append(

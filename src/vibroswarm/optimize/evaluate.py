@@ -8,9 +8,8 @@ which they were asked for: no result depends on who does them.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -24,7 +23,7 @@ from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.scenario import Scenario
-from vibroswarm.study.executors import Workers, workers_for
+from vibroswarm.study.executors import Workers
 
 PIECE: Final = 10
 """Runs in a piece: some 20 ms of work, hundreds of times what giving it out costs."""
@@ -203,10 +202,3 @@ def figures_of(
         failed=sum(piece.last - piece.first for piece, _ in bad),
         why=bad[0][1] if bad else "",
     )
-
-
-@contextmanager
-def crew(executor: str | Executor = "threads", count: int | None = None) -> Iterator[Workers]:
-    """Workers, see ``study.executors``."""
-    with workers_for(executor, count) as workers:
-        yield workers

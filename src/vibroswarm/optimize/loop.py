@@ -14,7 +14,7 @@ import numpy as np
 
 from vibroswarm.errors import RunError
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.evaluate import Evaluator, crew, do_pieces
+from vibroswarm.optimize.evaluate import Evaluator, do_pieces
 from vibroswarm.optimize.journal import Journal, Step
 from vibroswarm.optimize.method import Ask, Iteration, Method, Told
 from vibroswarm.optimize.methods import method_of
@@ -22,7 +22,7 @@ from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.surface import optima
-from vibroswarm.study.executors import Workers
+from vibroswarm.study.executors import Workers, workers_for
 
 Tell = Callable[[Told], None]
 
@@ -77,7 +77,7 @@ def run_search(
         RunError: every run of the first step failed, or the workers are gone; what was done is kept.
     """
     journal = None if folder is None else Journal(folder, search, mixed=mixed)
-    with crew(executor, workers) as hands:
+    with workers_for(executor, workers) as hands:
         return _Loop(search, journal, hands, tell).run()
 
 

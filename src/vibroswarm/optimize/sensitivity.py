@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
-from vibroswarm.optimize.evaluate import PIECE, Piece, crew, derived_seed, do_pieces
+from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
 from vibroswarm.optimize.spec import Search
+from vibroswarm.study.executors import workers_for
 
 DRAWS: Final = 1000
 Array = NDArray[np.float64]
@@ -89,7 +90,7 @@ def sobol_indices(
               k * replicates, (k + 1) * replicates)
         for k, point in enumerate(design)
     ]  # fmt: skip
-    with crew(executor, workers) as hands:
+    with workers_for(executor, workers) as hands:
         found = do_pieces(pieces, search.objectives[:1], hands.executor, hands.count, tell)
     bad = [rows for rows in found if isinstance(rows, str)]
     if bad:

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.evaluate import crew, derived_seed, figures_of
+from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
+from vibroswarm.study.executors import workers_for
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def score_fresh(
         raise InputError(f"{runs} is too few; at least 2", field="runs")
     cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, purpose)
     scored: list[Scored] = []
-    with crew(executor, workers) as hands:
+    with workers_for(executor, workers) as hands:
         for name, values in named:
             told = after(tell, len(scored) * runs)
             many = figures_of(

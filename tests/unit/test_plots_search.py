@@ -1,0 +1,48 @@
+"""The two pictures of a search."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots import draw_parameters, draw_search
+
+SCORES = pl.DataFrame({"iteration": [1, 2, 3], "best": [5.0, 4.0, 4.5], "mean": [9.0, None, 7.0]})
+OWN = pl.DataFrame(
+    {"iteration": [1, 1, 2, 2], "particle": [0, 1, 0, 1], "score": [5.0, 8.0, 4.0, None]},
+)
+SHARES = pl.DataFrame(
+    {"iteration": [1, 2, 1, 2], "series": ["tau", "tau", "O_c", "O_c"], "share": [0.5, 0.75, 0.25, 1.0]}
+)
+
+
+@pytest.mark.parametrize("style", ["column", "page", "slide"])
+def test_scores_best_mean_and_truth_are_drawn(style: str, tmp_path: Path) -> None:
+    picture = draw_search(SCORES, OWN, label="cost", true=6.0, style=style)
+    (axes,) = picture.figure.axes
+    assert len(axes.lines) == 2 + 2 + 1  # particles, best and mean, truth
+    drawn = {tuple(line.get_ydata()) for line in axes.lines}
+    assert (5.0, 4.0, 4.5) in drawn
+    assert picture.numbers["best"].to_list() == [5.0, 4.0, 4.5]
+    assert "6" in picture.caption
+    assert "luck" in picture.caption
+    assert len(picture.write(tmp_path / "scores")) == 4
+
+
+def test_parameters_are_drawn_by_field() -> None:
+    picture = draw_parameters(SHARES)
+    (axes,) = picture.figure.axes
+    assert [tuple(line.get_ydata()) for line in axes.lines] == [(0.5, 0.75), (0.25, 1.0)]
+    assert picture.numbers.columns == ["iteration", "series", "share"]
+
+
+def test_frames_that_are_wrong() -> None:
+    with pytest.raises(InputError, match="outside 0 to 1"):
+        draw_parameters(SHARES.with_columns(share=pl.col("share") * 2))
+    with pytest.raises(InputError, match="iteration"):
+        draw_search(SCORES.drop("iteration"))
+    with pytest.raises(InputError, match="best"):
+        draw_search(SCORES.drop("best"))
