@@ -141,3 +141,21 @@ def test_methods_that_cannot_be(tmp_path: Path) -> None:
     one = "\n".join(line for line in one.splitlines() if "min_obs" not in line and "strategy" not in line)
     with pytest.raises(InputError, match="at least two"):
         run_search(Search.from_toml(one))
+
+
+def test_what_told_good_candidates_from_the_rest() -> None:
+    pytest.importorskip("optuna")
+    from vibroswarm.optimize.importance import ped_anova
+
+    text = SMALL.replace("budget = 160", 'method = "random"\nbudget = 460').replace(
+        "evaluations = 2", "evaluations = 4"
+    )
+    search = Search.from_toml(text.replace("t_end_s = 60.0", "t_end_s = 200.0"))
+    search = replace(search, objectives=(Objective("decision_time", "mean"),))
+    found = run_search(search)
+    shares = ped_anova(found, 0.2)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert set(shares) == set(search.space.names)
+    assert next(iter(shares)) != "strategy.name"  # two robots that know nothing of each other's decision
+    with pytest.raises(InputError, match="no share"):
+        ped_anova(found, 2.0)

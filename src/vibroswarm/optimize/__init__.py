@@ -12,6 +12,7 @@ from vibroswarm.lazy import lazy_names
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import compare_scenarios
     from vibroswarm.optimize.grid import Grid, scores_of
+    from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
@@ -35,6 +36,7 @@ __all__ = [
     "best_scenario",
     "compare_scenarios",
     "outcomes_of",
+    "ped_anova",
     "run_search",
     "scores_of",
     "sobol_indices",
@@ -55,6 +57,7 @@ _HOME: Final = {
     "best_scenario": "report",
     "compare_scenarios": "check",
     "outcomes_of": "outcomes",
+    "ped_anova": "importance",
     "run_search": "loop",
     "scores_of": "grid",
     "sobol_indices": "sensitivity",

@@ -34,7 +34,7 @@ class Dashboard:
                 load_if_exists=True,
             )
             self.shown = {int(t.user_attrs["key"]) for t in self.study.trials if "key" in t.user_attrs}
-        self.distributions = {d.name: _distribution(self.library, d) for d in archive.space}
+        self.distributions = {d.name: distribution_of(self.library, d) for d in archive.space}
 
     def show(self) -> None:
         """Add the candidates that have runs and are not there yet."""
@@ -61,7 +61,8 @@ class Dashboard:
             self.shown.add(candidate.key)
 
 
-def _distribution(library: Any, dimension: Dimension) -> Any:
+def distribution_of(library: Any, dimension: Dimension) -> Any:
+    """A field's bounds as Optuna has them."""
     of = library.distributions
     if dimension.choices:
         return of.CategoricalDistribution(dimension.choices)
