@@ -295,6 +295,9 @@ def _say(found: Found, truth: Truth | None) -> None:
     print(f"  the search believed  {truth.believed:.4g} {unit}")
     print(f"  true, on fresh runs  {number(truth.winner.score, 2)} {unit} ({truth.winner.score.n:,} runs)")
     print(f"  {truth.words}")
+    for scored in (truth.winner, *truth.others):
+        if scored.failed:
+            print(f"  {scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure")
     _say_parts(truth.winner)
     for other, paired in zip(truth.others, truth.against, strict=True):
         print(
@@ -360,7 +363,8 @@ def _say_check(found: Checked) -> None:
 
     print(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
     for scored in (found.first, found.second):
-        print(f"  {scored.name}: {number(scored.score, 2)} {found.objective.unit}")
+        failed = f" ({scored.failed:,} runs FAILED)" if scored.failed else ""
+        print(f"  {scored.name}: {number(scored.score, 2)} {found.objective.unit}{failed}")
         _say_parts(scored)
     print(f"  difference: {number(found.difference, 2, sign=True)}; again on other seeds "
           f"{number(found.again, 2, sign=True)}")  # fmt: skip

@@ -6,7 +6,7 @@ asking again after the same history asks for the same: that is how a search is r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -76,4 +76,3 @@ class Told:
     best: float
     failed: int = 0
     stage: str = "search"
-    values: dict[str, object] = field(default_factory=dict)
