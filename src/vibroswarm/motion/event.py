@@ -40,6 +40,7 @@ from vibroswarm.motion.neighbours import (
     make_lists,
 )
 from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
+from vibroswarm.motion.places import hide, measure_all, no_places, put_down, stand_at
 from vibroswarm.motion.plans import (
     PLANNER,
     Planner,
@@ -55,7 +56,16 @@ from vibroswarm.motion.plans import (
     turned_by,
 )
 from vibroswarm.motion.record import END_ROW, Record, room_for, write_sample, write_segment
-from vibroswarm.motion.wakes import KEY_BITS, NEVER, ROBOT_BITS, all_wake, next_wake, set_wake, wake_by
+from vibroswarm.motion.wakes import (
+    KEY_BITS,
+    NEVER,
+    ROBOT_BITS,
+    all_wake,
+    next_wake,
+    next_wakes,
+    set_wake,
+    wake_by,
+)
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
@@ -70,6 +80,7 @@ def events(
     planners: Planners,
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
+    places: NDArray[np.float64],
     apart: NDArray[np.float64],
     awake: NDArray[np.uint32],
     setup: Setup,
@@ -82,21 +93,24 @@ def events(
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
     last_sample, last_segment = room_for(record, ROOM_TICKS * planners.size)
     while True:
-        key = next_wake(wakes, planners.size, -1)
+        key, after = next_wakes(wakes, planners.size)
         tick = key >> KEY_BITS
         if tick >= until:
             break
         if record.filled[0] > last_sample or record.filled[1] > last_segment:
             return tick
-        count = 0
-        while key >> KEY_BITS == tick:
-            awake[count] = key & ROBOT_BITS
+        if after == key:
+            after = next_wake(wakes, planners.size, key)
+        awake[0] = key & ROBOT_BITS
+        count = 1
+        while after >> KEY_BITS == tick:
+            awake[count] = after & ROBOT_BITS
             count += 1
-            key = next_wake(wakes, planners.size, key)
-        count = rouse(planners, near, apart, awake, count, setup, speeds, record, seed, run, tick)
+            after = next_wake(wakes, planners.size, after)
+        count = rouse(planners, near, places, apart, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, awake, count, setup, record, seed, run, tick)
         for k in range(count):
-            plan(planners, near, one_of(awake, k), setup, tick)
+            plan(planners, near, places, one_of(awake, k), setup, tick)
         for k in range(count):
             meet(planners, wakes, near, apart, one_of(awake, k), setup, tick)
         for k in range(count):
@@ -122,6 +136,7 @@ def one_of(awake: NDArray[np.uint32], k: int) -> int:
 def rouse(
     planners: Planners,
     near: NDArray[np.uint32],
+    places: NDArray[np.float64],
     apart: NDArray[np.float64],
     awake: NDArray[np.uint32],
     count: int,
@@ -143,6 +158,7 @@ def rouse(
         row = planners[i]
         if row.tick == tick:
             continue
+        hide(places, i)
         if row.mode == STOP:
             if row.sampled == 0:
                 sample(planners, i, setup, speeds, record, seed, run)
@@ -151,7 +167,7 @@ def rouse(
             if record.segments.size > 0:
                 write_turn(record, row, i, setup, run, tick)
             catch_up(row, setup, tick)
-        if look_around(planners, near, apart, i, setup, tick):
+        if look_around(planners, near, places, apart, i, setup, tick):
             for m in range(how_many(near, i)):
                 j = listed(near, i, m)
                 other = planners[j]
@@ -166,6 +182,7 @@ def rouse(
 def look_around(
     planners: Planners,
     near: NDArray[np.uint32],
+    places: NDArray[np.float64],
     apart: NDArray[np.float64],
     i: int,
     setup: Setup,
@@ -173,20 +190,33 @@ def look_around(
 ) -> bool:
     """Whether another body may be so near robot ``i`` that they might touch.
 
-    Notes how far the others on its list are: ``apart`` has a row a robot, the most that these distances may be
-    wrong, m, and then their squares.
+    Notes how far the others are: ``apart`` has a row a robot, the most that these distances may be wrong, m, and
+    then their squares, of all robots or of those on its list.
     """
     row = planners[i]
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
+    if planners.size <= SMALL_SWARM:
+        nearest2, slack = measure_all(places, apart, planners.size, i, row.x_m, row.y_m, tick)
+    else:
+        nearest2, slack = measure_listed(planners, near, apart, i, tick)
+    apart[i, 0] = slack
+    row.alone_m = math.sqrt(nearest2) - slack
+    return bool(row.alone_m < setup.zone_m)
+
+
+@inner
+def measure_listed(
+    planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, tick: int
+) -> tuple[float, float]:
+    """Squared distances to those on the list of robot ``i``; gives the least, and the most they may be off."""
+    row = planners[i]
     nearest2, slack = math.inf, 0.0
     for m in range(how_many(near, i)):
         other = planners[listed(near, i, m)]
         apart[i, m + 1] = apart2(other, row.x_m, row.y_m, tick)
         nearest2 = min(nearest2, apart[i, m + 1])
         slack = max(slack, other.slack_m)
-    apart[i, 0] = slack
-    row.alone_m = math.sqrt(nearest2) - slack
-    return bool(row.alone_m < setup.zone_m)
+    return nearest2, slack
 
 
 @inlined
@@ -320,7 +350,9 @@ def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, unt
 
 
 @inlined
-def plan(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
+def plan(
+    planners: Planners, near: NDArray[np.uint32], places: NDArray[np.float64], i: int, setup: Setup, tick: int
+) -> None:
     """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
     row = planners[i]
     ahead = own_ticks(row, setup, HORIZON_TICKS)
@@ -328,6 +360,8 @@ def plan(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tic
         ahead = blocked_ticks(planners, near, i, setup, ahead) if row.mode == DRIVE else 1
     row.own_tick = tick + ahead
     prepare_to_look(row, setup)
+    if planners.size <= SMALL_SWARM:
+        put_down(places, i, row)
     row.alert_tick = wall_tick(row, setup)
 
 
@@ -348,10 +382,11 @@ def meet(
     if far < row.alone_m:
         return
     far += apart[i, 0]
-    for m in range(how_many(near, i)):
+    small = planners.size <= SMALL_SWARM
+    for m in range(planners.size if small else how_many(near, i)):
         if apart[i, m + 1] > far * far:
             continue
-        j = listed(near, i, m)
+        j = m if small else listed(near, i, m)
         other = planners[j]
         met = other.tick == tick and j < i  # robot j is awake too, and has looked already
         if not met and may_meet(row, other, setup, tick):
@@ -415,7 +450,8 @@ class EventRun(KernelRun):
         self.all_wake = all_wake(robots, 1)
         self.wakes, self.awake = self.all_wake.copy(), np.zeros(robots, dtype=np.uint32)
         self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
-        self.apart = np.zeros(self.near.shape)
+        self.places = no_places()
+        self.apart = np.zeros((robots, 1 + max(SMALL_SWARM, self.near.shape[1])))
         self.list_radius_m = list_radius_m(self.setup)
 
     def start(self, seed: int, run: int) -> None:
@@ -426,11 +462,14 @@ class EventRun(KernelRun):
         swarm["sin_h"], swarm["cos_h"] = np.sin(swarm["heading_rad"]), np.cos(swarm["heading_rad"])
         swarm["mid_x_m"], swarm["mid_y_m"], swarm["stop_ticks"] = swarm["x_m"], swarm["y_m"], 0
         self.wakes[:] = self.all_wake
+        if swarm.size <= SMALL_SWARM:
+            stand_at(self.places, swarm["x_m"], swarm["y_m"])
 
     def copy(self) -> EventRun:
         """A branch that does not change with this state."""
         other = super().copy()
-        other.wakes, other.near = self.wakes.copy(), self.near.copy()
+        other.wakes, other.near, other.places = self.wakes.copy(), self.near.copy(), self.places.copy()
+        other.awake, other.apart = self.awake.copy(), self.apart.copy()
         return other
 
     def move_on(self, until: int) -> int:
@@ -444,8 +483,8 @@ class EventRun(KernelRun):
     def events_until(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.wakes, self.near, self.apart, self.awake, self.setup, self.speeds, self.record,
-            self.seed, self.run, until,
+            self.swarm, self.wakes, self.near, self.places, self.apart, self.awake, self.setup, self.speeds,
+            self.record, self.seed, self.run, until,
         )  # fmt: skip
 
     def ends(self) -> NDArray[np.void]:

@@ -18,6 +18,8 @@ NEVER: Final = 2**62
 KEY_BITS: Final = 16
 ROBOT_BITS: Final = 2**KEY_BITS - 1
 """Robots are numbered with 16 bits, as in the tables."""
+NOBODY: Final[int] = np.int64(-1)  # type: ignore[assignment]
+"""A key below all others; as a number: for a Python literal Numba would compile its callee anew."""
 
 
 def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
@@ -46,20 +48,32 @@ def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 
 @inner
+def next_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
+    """The least key, and the one after it if there is only one block (else the least again)."""
+    if wakes.shape[0] > 1:
+        first = next_wake(wakes, robots, NOBODY)
+        return first, first
+    first, second = NEVER, NEVER
+    for m in range(robots):
+        key = wakes[0, m + 1]
+        second = min(second, max(first, key))
+        first = min(first, key)
+    return first, second
+
+
+@inner
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
-    """The least key above ``beyond``: that of the latest who has woken at a tick, and is told his next only at its end.
+    """The least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
 
     The bounds of the blocks are made exact as far as need be.
     """
-    if wakes.shape[0] == 1:
-        return least_of(wakes, 0, robots, beyond)
     while True:
         first = 0
         for k in range(1, wakes.shape[0]):
             if wakes[k, 0] < wakes[first, 0]:
                 first = k
         earliest = least_of(wakes, first, min(robots - 16 * first, 16), beyond)
-        if earliest == wakes[first, 0]:
+        if earliest == wakes[first, 0] or wakes.shape[0] == 1:
             return earliest
         wakes[first, 0] = earliest
 
