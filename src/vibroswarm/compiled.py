@@ -171,11 +171,33 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
         )(function)
     finally:
         config.CACHE_DIR = before
+    _let_pairs_be_vectors(compiled)
     _compiled.append(compiled)
     if Path(function.__code__.co_filename).stat().st_mtime > _hashed_at_s:
         _forget()
     result: Callable[P, R] = compiled
     return result
+
+
+def _let_pairs_be_vectors(compiled: Any) -> None:
+    """Compile with LLVM's vectors of equal operations side by side, which Numba leaves out: 5 to 10 % of the engines.
+
+    Only these kernels: it is a setting of the whole process, and is put back.
+    """
+    from numba import config
+
+    settings: Any = config
+    compile_one = compiled.compile
+
+    def compile_with_vectors(signature: Any) -> Any:
+        before = settings.SLP_VECTORIZE
+        settings.SLP_VECTORIZE = 1
+        try:
+            return compile_one(signature)
+        finally:
+            settings.SLP_VECTORIZE = before
+
+    compiled.compile = compile_with_vectors
 
 
 def _without_entry(compiled: Callable[P, R]) -> Callable[P, R]:
