@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,7 +15,16 @@ from vibroswarm.errors import InputError
 from vibroswarm.motion.body import setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import begin
-from vibroswarm.motion.record import Rows, copy_record, empty_record, joined, tables, write_segments
+from vibroswarm.motion.record import (
+    Rows,
+    SampleColumns,
+    copy_record,
+    empty_record,
+    joined,
+    tables,
+    with_samples,
+    write_segments,
+)
 from vibroswarm.scenario import Scenario
 
 BUFFER_TICKS = 2048
@@ -66,24 +75,30 @@ class KernelRun(ABC):
 
     def rows(self, until_s: float) -> Rows:
         """``advance``, as plain rows."""
+        samples: list[NDArray[np.void]] = []
+        rest = self.hand_over(until_s, lambda rows: samples.append(joined([rows])))
+        return rest._replace(samples=joined(samples or [rest.samples]))
+
+    def hand_over(self, until_s: float, take: Callable[[NDArray[np.void]], None]) -> Rows:
+        """``rows`` without samples: those are handed over as they come, in a buffer that is used again."""
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
         until = math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
-        samples, segments = [], []
+        record, segments = self.record, []
         while self.tick < until:
             if self.tick == 0:
-                if self.record.segments.size > 0:
-                    write_segments(self.record, self.swarm, self.run, 0, False)
+                if record.segments.size > 0:
+                    write_segments(record, self.swarm, self.run, 0, False)
                 self.tick = 1
             else:
                 self.tick = self.move_on(until)
-            count = self.record.filled
-            samples.append(joined([self.record.samples[: count[0]]]))
-            segments.append(joined([self.record.segments[: count[1]]]))
-            self.record.filled[:] = 0
+            take(record.samples[: record.filled[0]])
+            if record.segments.size > 0:
+                segments.append(joined([record.segments[: record.filled[1]]]))
+            record.filled[:] = 0
         return Rows(
-            joined(samples or [self.record.samples[:0]]),
-            in_order(joined(segments or [self.record.segments[:0]])) if self.record.segments.size else None,
+            record.samples[:0],
+            in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
             self.ends(),
         )
 
@@ -107,8 +122,15 @@ def batch_of(
     """Whole runs, one after the other, as one Motion."""
     end_s = scenario.run.t_end_s
     state = engine(scenario, seed, runs[0], segments)
-    rows = []
+    columns = SampleColumns(state.tick_ms, likely_samples(scenario) * len(runs))
+    pieces = []
     for run in runs:
         state.start(seed, run)
-        rows.append(state.rows(end_s))
-    return tables(rows, scenario.run.control_period_ms)
+        pieces.append(state.hand_over(end_s, columns.take))
+    return with_samples(columns.frame(), pieces, state.tick_ms)
+
+
+def likely_samples(scenario: Scenario) -> int:
+    """As many samples as a run takes if nobody is ever kept from it: about as many as there will be."""
+    each_ms = scenario.sample.sample_interval_ms + scenario.sample.stop_ms
+    return int(scenario.swarm.robots * scenario.run.t_end_s * 1000.0 / max(each_ms, 1.0)) + 1

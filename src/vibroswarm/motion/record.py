@@ -7,7 +7,7 @@ tables of the contract.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -161,21 +161,68 @@ def joined(pieces: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
 
 
+class SampleColumns:
+    """The columns of a motion table, filled from rows as they come, while those are still in the cache.
+
+    Numbers of a kind are the rows of one array, shape (columns, room): arrays that grow are few.
+    """
+
+    def __init__(self, tick_ms: int, room: int) -> None:
+        self.tick_ms, self.count = tick_ms, 0
+        kinds = [DTYPES[kind] for kind in MOTION.values()]
+        self.arrays = {kind: np.empty((kinds.count(kind), room), dtype=kind) for kind in dict.fromkeys(kinds)}
+
+    def take(self, rows: NDArray[np.void]) -> None:
+        """Put these rows (``SAMPLE_ROW``) after those there."""
+        if rows.size == 0:
+            return
+        room = self.arrays[np.float64].shape[1]
+        if self.count + rows.size > room:
+            self.arrays = {kind: grown(array, self.count, rows.size) for kind, array in self.arrays.items()}
+        wide, narrow = self.arrays[np.float64], self.arrays[np.float32]
+        pour(rows, self.arrays[np.uint32], self.arrays[np.uint16], wide, narrow, self.count, self.tick_ms)
+        self.count += rows.size
+
+    def frame(self) -> pl.DataFrame:
+        """All rows as a table."""
+        columns = {kind: iter(array) for kind, array in self.arrays.items()}
+        named = {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
+        return pl.DataFrame(named, schema=MOTION)
+
+
+def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
+    """A copy with room for at least so many more columns, and for half as many again as now."""
+    larger = np.empty((array.shape[0], max(count + more, count + count // 2)), dtype=array.dtype)
+    larger[:, :count] = array[:, :count]
+    return larger
+
+
+@kernel
+def pour(
+    rows: NDArray[np.void],
+    numbers: NDArray[np.uint32],
+    robots: NDArray[np.uint16],
+    wide: NDArray[np.float64],
+    narrow: NDArray[np.float32],
+    first: int,
+    tick_ms: int,
+) -> None:
+    """``SAMPLE_ROW`` into columns in the order of ``MOTION``, those of each kind by themselves; ticks become s."""
+    for k in range(rows.size):
+        row, place = rows[k], first + k
+        numbers[0, place], robots[0, place], numbers[1, place] = row.run, row.robot, row.sample
+        wide[0, place], wide[1, place] = row.stop_tick * tick_ms / 1000.0, row.tick * tick_ms / 1000.0
+        wide[2, place], wide[3, place], wide[4, place] = row.x_m, row.y_m, row.heading_rad
+        narrow[0, place], narrow[1, place] = row.drive * tick_ms / 1000.0, row.turn * tick_ms / 1000.0
+        narrow[2, place], narrow[3, place] = row.avoid * tick_ms / 1000.0, row.stop * tick_ms / 1000.0
+
+
 def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
     """The motion table of pieces that are in the order of run, time, robot."""
-    ticks = {"stop_start_s": "stop_tick", "time_s": "tick"} | {f"{name}_s": name for name in KINDS}
-    count = sum(piece.size for piece in pieces)
-    columns = {name: np.empty(count, dtype=DTYPES[kind]) for name, kind in MOTION.items()}
-    start = 0
-    for piece in pieces:  # one by one: they are read many times, so that they should stay in the cache
-        for name, column in columns.items():
-            part = column[start : start + piece.size]
-            if name in ticks:
-                part[:] = seconds(piece[ticks[name]], tick_ms)
-            else:
-                part[:] = piece[name]
-        start += piece.size
-    return pl.DataFrame(columns, schema=MOTION)
+    columns = SampleColumns(tick_ms, sum(piece.size for piece in pieces))
+    for piece in pieces:
+        columns.take(piece)
+    return columns.frame()
 
 
 def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
@@ -227,9 +274,14 @@ def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
     """The rows of several runs as one Motion."""
+    return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
+
+
+def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
+    """A table of samples, and the ends and segments of the same runs, as one Motion."""
     segments = [piece.segments for piece in pieces if piece.segments is not None]
     return Motion(
-        samples=sample_frame([piece.samples for piece in pieces], tick_ms),
+        samples=samples,
         ends=end_frame(joined([piece.ends for piece in pieces]), tick_ms),
         segments=segment_frame(joined(segments), tick_ms) if segments else None,
     )
