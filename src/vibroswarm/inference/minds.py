@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, signed
+from vibroswarm.compiled import inner, kernel, signed
 from vibroswarm.draws import LOSS, uniform
 from vibroswarm.inference.beliefs import Beliefs, belief_of
 from vibroswarm.scenario import Scenario
@@ -69,14 +69,14 @@ def mind_program(scenario: Scenario) -> MindProgram:
     )
 
 
-@kernel
+@inner
 def load_mind(minds: NDArray[np.void], i: int) -> Mind:
     """Row ``i`` as the robot's program sees it."""
     row = minds[i]
     return Mind(row.alpha, row.beta, row.decision, row.own, row.received, row.message)
 
 
-@kernel
+@inner
 def store_mind(minds: NDArray[np.void], i: int, mind: Mind) -> None:
     """The reverse of ``load_mind``."""
     row = minds[i]
@@ -95,13 +95,13 @@ def begin_minds(minds: NDArray[np.void], program: MindProgram) -> None:
         row.belief, row.belief_at_decision = np.nan, np.nan
 
 
-@kernel
+@inner
 def lost(seed: int, run: int, receiver: int, sender: int, index: int, loss: float) -> bool:
     """Whether the sender's message of its sample ``index`` does not reach the receiver."""
     return loss > 0.0 and uniform(seed, run, receiver, LOSS, index, sender) < loss
 
 
-@kernel
+@inner
 def hear(
     minds: NDArray[np.void],
     i: int,
@@ -129,7 +129,7 @@ def hear(
         store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))
 
 
-@kernel
+@inner
 def take_sample(
     minds: NDArray[np.void],
     i: int,

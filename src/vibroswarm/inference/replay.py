@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, read_only, signed, zero_rows
+from vibroswarm.compiled import inner, kernel, read_only, signed, zero_rows
 from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
 from vibroswarm.inference.minds import (
     MIND,
@@ -65,7 +65,7 @@ def empty_columns(rows: int) -> Columns:
     )
 
 
-@kernel
+@inner
 def write_row(columns: Columns, k: int, minds: NDArray[np.void], i: int) -> None:
     """The inference table's row of the sample that robot ``i`` has just taken."""
     mind = minds[i]
@@ -73,7 +73,7 @@ def write_row(columns: Columns, k: int, minds: NDArray[np.void], i: int) -> None
     columns.alpha[k], columns.beta[k], columns.belief[k] = mind.alpha, mind.beta, mind.belief
 
 
-@kernel
+@inner
 def hear_all(
     minds: NDArray[np.void],
     i: int,

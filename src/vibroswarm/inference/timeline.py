@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel, read_only, signed
+from vibroswarm.compiled import allocating_kernel, inner, read_only, signed
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
@@ -104,7 +104,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     )
 
 
-@kernel
+@inner
 def tick_of(time_s: float, tick_ms: int) -> int:
     """The tick nearest to a time."""
     return int(np.rint(time_s * (1000.0 / tick_ms)))
@@ -158,7 +158,7 @@ def hearing(
     return heard, at_end
 
 
-@kernel
+@inner
 def write_heard(
     row: NDArray[np.int32],
     heard: NDArray[np.int32],

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inner
 
 
-@kernel
+@inner
 def message(observation: int) -> int:
     """m = O."""
     return observation

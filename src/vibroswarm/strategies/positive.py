@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inner
 
 
-@kernel
+@inner
 def message(observation: int, decision: int) -> int:
     """m = d_f if d_f is not -1, else O."""
     return decision if decision != -1 else observation

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inner, kernel
 from vibroswarm.robot.believe import belief_below
 from vibroswarm.strategies import none, positive, soft
 
@@ -59,21 +59,21 @@ def begin_mind(program: MindProgram) -> Mind:
     return Mind(program.prior_alpha, program.prior_beta, -1, 0, 0, 0)
 
 
-@kernel
+@inner
 def receive(mind: Mind, ones: int, zeros: int) -> Mind:
     """Bits from other robots: into the posterior like own ones (Eq. 8)."""
     alpha, beta, decision, own, received, message = mind
     return Mind(alpha + ones, beta + zeros, decision, own, received + ones + zeros, message)
 
 
-@kernel
+@inner
 def observe(mind: Mind, observation: int) -> Mind:
     """An own reading: into the posterior (Eq. 7)."""
     alpha, beta, decision, own, received, message = mind
     return Mind(alpha + observation, beta + 1 - observation, decision, own + 1, received, message)
 
 
-@kernel
+@inner
 def counted(mind: Mind, program: MindProgram) -> int:
     """Observations counted against O_c, when the current own sample is already in ``mind``."""
     own = mind.own if program.gate_counts_current else mind.own - 1
@@ -82,20 +82,20 @@ def counted(mind: Mind, program: MindProgram) -> int:
     return own if program.gate == GATE_OWN else mind.received
 
 
-@kernel
+@inner
 def may_decide(mind: Mind, program: MindProgram) -> bool:
     """Whether the belief is tested, when the current own sample is already in ``mind``."""
     open_to_test = mind.decision == -1 or (program.revise and program.strategy == SOFT)
     return open_to_test and counted(mind, program) > program.min_observations
 
 
-@kernel
+@inner
 def needs_belief(mind: Mind, program: MindProgram) -> bool:
     """Whether what the robot decides or says depends on its belief at all."""
     return program.strategy == SOFT or may_decide(mind, program)
 
 
-@kernel
+@inner
 def decide(belief: float, program: MindProgram) -> int:
     """d_f by Eq. 10, strictly."""
     if belief > program.credible_threshold:
@@ -105,7 +105,7 @@ def decide(belief: float, program: MindProgram) -> int:
     return -1
 
 
-@kernel
+@inner
 def conclude(mind: Mind, belief: float, observation: int, u: float, program: MindProgram) -> Mind:
     """Test, and compose from the posterior with the own sample in it; ``belief`` is that of ``mind``."""
     alpha, beta, decision, own, received, _ = mind

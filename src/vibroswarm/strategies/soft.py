@@ -13,28 +13,28 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import inner
 from vibroswarm.robot.believe import variance
 
 ROUNDING: Final = 1e-12
 """Far above what rounding does to a probability."""
 
 
-@kernel
+@inner
 def weight(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
     """delta (Eq. 13)."""
     delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa
     return delta
 
 
-@kernel
+@inner
 def probability(observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
     """Probability that the message is 1 (Eq. 11)."""
     delta = weight(alpha, beta, belief, eta, kappa)
     return delta * (1.0 - belief) + (1.0 - delta) * observation
 
 
-@kernel
+@inner
 def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
