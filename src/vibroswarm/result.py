@@ -91,7 +91,8 @@ class Result:
     """All that is known of some runs of one scenario; the tables are polars frames (see ``TABLES``)."""
 
     scenario: Scenario
-    seed: int
+    seed: int | None
+    """None: nothing was drawn; the tables were recorded (``lab``)."""
     motion: pl.DataFrame
     ends: pl.DataFrame
     segments: pl.DataFrame | None
@@ -172,7 +173,8 @@ class Result:
         try:
             about = json.loads((folder / "result.json").read_text(encoding="utf-8"))
             version, names = int(about["schema_version"]), list(about["tables"])
-            seed, source, versions = int(about["seed"]), str(about["source"]), dict(about["versions"])
+            seed = None if about["seed"] is None else int(about["seed"])
+            source, versions = str(about["source"]), dict(about["versions"])
         except OSError as error:
             raise InputError(
                 f"is no result of vibroswarm ({error.strerror}: result.json)", field=str(folder)

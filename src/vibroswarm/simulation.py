@@ -78,6 +78,11 @@ def replay(result: Result, scenario: Scenario) -> Result:
     Raises:
         InputError: ``scenario`` would move the robots otherwise, or the runs ended when all had decided.
     """
+    if result.seed is None:
+        raise InputError(
+            "was recorded: what its robots read cannot be drawn anew; replay it with 'vibroswarm lab replay'",
+            field="result",
+        )
     for section in OF_MOTION:
         if getattr(scenario, section) != getattr(result.scenario, section):
             raise InputError(

@@ -37,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
         floors,
         merge,
         optimize,
+        lab,
         run,
         scenario,
         show,
@@ -60,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     optimize.add_parser(commands)
     merge.add_parser(commands)
     show.add_parser(commands)
+    lab.add_parser(commands)
     scenario.add_parser(commands)
     floors.add_parser(commands)
     bench.add_parser(commands)

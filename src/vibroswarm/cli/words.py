@@ -76,10 +76,11 @@ def verdict_text(result: Result, found: Verdict) -> str:
     """The whole verdict, some lines of plain text."""
     scenario, floor = result.scenario, result.floor()
     ones, tiles = int(floor.tiles.sum()), floor.tiles.size
+    made = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
     lines = [
         f"{robots}, {FEEDBACK[scenario.strategy.name]}, on '{floor.name}' "
-        f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), seed {result.seed}",
+        f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), {made}",
         "",
         headline(found),
         how_sure(found),

@@ -21,6 +21,9 @@ from vibroswarm.page.record import COLUMNS, RunRecord
 FORMAT = 1
 """Version of the payload; the page's scripts read this one."""
 
+NOT_KNOWN = 255
+"""A message that a recording does not tell."""
+
 SAMPLE_TYPES = {
     "robot": pl.UInt16,
     "sample": pl.UInt32,
@@ -45,13 +48,14 @@ def payload(record: RunRecord) -> dict[str, Any]:
     """The run as plain dicts, lists, text and finite numbers.
 
     Samples are columns packed bit by bit, sorted by robot and sample (``packing.packed_column``); a missing
-    energy is NaN there. Poses are rounded and thinned (``poses``). All else is as in the record.
+    energy is NaN there, a message that is not known ``NOT_KNOWN``.
+    Poses are rounded and thinned (``poses``). All else is as in the record.
     """
     return {
         "format": FORMAT,
         "title": record.title,
         "strategy": record.strategy,
-        "seed": int(record.seed),
+        "seed": None if record.seed is None else int(record.seed),
         "run": int(record.run),
         "arena": {"width_m": float(record.arena_width_m), "height_m": float(record.arena_height_m)},
         "floor": _floor(record),
@@ -115,7 +119,7 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
     table = (
         table.sort("robot", "sample")
         .cast({"energy": pl.Float32})
-        .with_columns(pl.col("energy").fill_null(np.nan))
+        .with_columns(pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(NOT_KNOWN))
     )
     return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
 

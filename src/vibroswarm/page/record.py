@@ -53,7 +53,7 @@ class RunRecord:
         floor: the tiles, in arena coordinates.
         t_end_s: when the run ended.
         strategy: what robots sent ("none", "positive", "soft").
-        seed, run: what makes the run again.
+        seed, run: what makes the run again; seed None: it was recorded, not made.
         fill_ratio: the true share of tiles that vibrate.
         consensus: one of ``OUTCOMES``.
         consensus_time_s: when the last robot decided, or None.
@@ -74,7 +74,7 @@ class RunRecord:
     floor: Floor
     t_end_s: float
     strategy: str
-    seed: int
+    seed: int | None
     run: int
     fill_ratio: float
     consensus: str

@@ -43,9 +43,10 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     _draw_samples(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
+    made = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     axes.set_title(
         f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{scenario.strategy.name} feedback, seed {result.seed}: {summary['consensus']}",
+        f"{scenario.strategy.name} feedback, {made}: {summary['consensus']}",
         fontsize=9,
         wrap=True,
     )

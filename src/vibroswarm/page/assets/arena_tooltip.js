@@ -37,7 +37,7 @@ function sampleNote(row) {
   const rows = [
     ["read as", s.observation[row] ? "vibrating" : "still"],
     ["tile", tile < 0 ? "none" : tileIsVibrating(tile) ? "vibrating" : "still"],
-    ["bit sent", String(s.message[row])], ["p after it", probability(s.belief[row])],
+    ["bit sent", s.message[row] > 1 ? "not known" : String(s.message[row])], ["p after it", probability(s.belief[row])],
   ];
   if (!Number.isNaN(s.energy[row])) rows.splice(1, 0, ["RMS", s.energy[row].toFixed(2)]);
   const heading = `Sample ${s.sample[row] + 1} of robot ${s.robot[row]}, ${seconds(s.time_s[row])}`;

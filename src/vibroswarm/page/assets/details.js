@@ -4,7 +4,7 @@ function buildDetails() {
   const rule = run.rule, f = run.floor;
   const gates = { total: "readings, own and received", received: "received bits", own: "own samples" };
   const known = [
-    ["Run", `seed ${run.seed}, run ${run.run}`],
+    ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
     ["Fill ratio", ratio(run.truth.fill_ratio)],

@@ -121,6 +121,7 @@ function drawMessage(context, view, robot, pose, t, flashS) {
   const age = (t - run.samples.time_s[row]) / flashS;
   if (age >= 1) return;
   const bit = run.samples.message[row];
+  if (bit > 1) return;  // a recording may not tell it
   const x = view.x(run.samples.x_m[row]), y = view.y(run.samples.y_m[row]), r = bodyRadius(view);
   context.strokeStyle = colours.of[bit];
   context.globalAlpha = 1 - age;

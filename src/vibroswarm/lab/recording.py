@@ -1,0 +1,419 @@
+"""A recording: sessions of robots in the tables of a simulation, with what only a log has beside them.
+
+A ``Recording`` is a ``Result``: all that takes a result takes it. What differs:
+
+* ``seed`` is None: nothing was drawn.
+* ``scenario`` is a description. Fields in ``stated`` were stated by the user or by the log, those in ``inferred``
+  follow from the log; all others are the preset's and mean nothing here.
+* Null is what the log cannot know: a heading; driving and turning times; the bits that were sent.
+* ``sample`` counts messages sent, so that a lost row leaves a gap; ``samples`` of the robots counts the lost ones too.
+* Bits of logs that tell none are made from the energies with ``sensor.rms_threshold``.
+* Paths are straight between the places that were seen (``paths``).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.minds import FINALS
+from vibroswarm.inference.replay import INFERENCE
+from vibroswarm.lab.floor_fit import check_floor
+from vibroswarm.lab.inferred import Inferred, infer_settings
+from vibroswarm.lab.log import TOLD, Log
+from vibroswarm.lab.order import in_order
+from vibroswarm.lab.paths import gaps_of, knots_of, segments_of
+from vibroswarm.motion.contract import ENDS, MOTION
+from vibroswarm.observation.model import OBSERVATIONS
+from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
+from vibroswarm.result import Result, floor_frame
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import versions
+
+USUAL_AGE_S: Final = 0.25
+EDGE_M: Final = 1e-9
+
+ROWS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "sample": pl.UInt32,
+    "line": pl.UInt32,
+    "energy": pl.Float64,
+    "lost_before": pl.UInt32,
+    "position_age_s": pl.Float64,
+    "avoid_total_s": pl.Float64,
+    "stop_total_s": pl.Float64,
+}
+"""Of each sample: the line of the log, the energy with all digits, how many samples before it have no row, how old its
+position is beyond the usual quarter of a second at most (null where a log has no tracks), and the counters."""
+PLACES: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "time_s": pl.Float64,
+    "x_m": pl.Float64,
+    "y_m": pl.Float64,
+}
+
+_MORE: Final = {"rows": ROWS, "tracks": PLACES}
+
+
+@dataclass(frozen=True, eq=False)
+class Recording(Result):
+    """Sessions as a result, see the head of this module."""
+
+    rows: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=ROWS))
+    tracks: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=PLACES))
+    names: tuple[int, ...] = ()
+    """What the log calls robots 0, 1, ..."""
+    sessions: tuple[Mapping[str, Any], ...] = ()
+    """Of each run: the log's name, its reader, and what was counted (``log.TOLD``)."""
+    stated: tuple[str, ...] = ()
+    inferred: tuple[Mapping[str, Any], ...] = ()
+    """``inferred.Inferred`` as plain values."""
+    floor_words: str = ""
+
+    def write_into(self, folder: Path) -> None:
+        """The files of a result, ``recording.json``, and a Parquet file for rows and for tracks."""
+        super().write_into(folder)
+        about = {
+            "names": list(self.names),
+            "sessions": [dict(one) for one in self.sessions],
+            "stated": list(self.stated),
+            "inferred": [dict(one) for one in self.inferred],
+            "floor": self.floor_words,
+        }
+        text = json.dumps(about, indent=2, allow_nan=False) + "\n"
+        (folder / "recording.json").write_text(text, encoding="utf-8")
+        for name in _MORE:
+            getattr(self, name).write_parquet(folder / f"{name}.parquet", compression="zstd")
+
+    @classmethod
+    def read(cls, path: str | Path) -> Recording:
+        """What ``write`` has written.
+
+        Raises:
+            InputError: no recording there, or a damaged one.
+        """
+        folder = Path(path)
+        if not (folder / "recording.json").is_file():
+            raise InputError("is no recording; make one with 'vibroswarm lab import'", field=str(folder))
+        result = Result.read(folder)
+        try:
+            about = json.loads((folder / "recording.json").read_text(encoding="utf-8"))
+            more = {name: pl.read_parquet(folder / f"{name}.parquet") for name in _MORE}
+            known = (about["names"], about["sessions"], about["stated"], about["inferred"])
+            names, sessions, stated, inferred = (tuple(one) for one in known)
+            words = str(about["floor"])
+        except (OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError) as error:
+            raise InputError(
+                f"is a damaged recording ({str(error).splitlines()[0]})", field=str(folder)
+            ) from None
+        for name, schema in _MORE.items():
+            if dict(more[name].schema) != schema:
+                raise InputError(f"has not the columns of the table '{name}'", field=str(folder))
+        fields = {name: getattr(result, name) for name in Result.__dataclass_fields__}
+        return cls(
+            **fields,
+            rows=more["rows"],
+            tracks=more["tracks"],
+            names=names,
+            sessions=sessions,
+            stated=stated,
+            inferred=inferred,
+            floor_words=words,
+        )
+
+
+def recording_of(
+    logs: Sequence[Log],
+    floor: Floor,
+    scenario: Scenario,
+    stated: Sequence[str] = (),
+    *,
+    robots: Sequence[int] | None = None,
+    any_floor: bool = False,
+) -> Recording:
+    """Logs of sessions of the same robots on one floor, as a recording; run 0 is the first.
+
+    Args:
+        logs: as their readers gave them. scenario: what is known of the sessions, on a preset for the rest.
+        stated: names of the fields of ``scenario`` that the user states; they go before what is inferred.
+        robots: as the logs call them; None: those of the first log.
+        any_floor: go on where the floor does not fit.
+    Raises:
+        InputError: rows that are wrong (``order``), robots that are not in all logs, a floor that does not fit.
+    """
+    if not logs:
+        raise InputError("names no log", field="LOG")
+    ordered = [in_order(log, robots) for log in logs]
+    names = _robots_of(ordered, robots)
+    for log in ordered:
+        if log.samples.is_empty():
+            raise InputError("holds no sample (a row with an energy)", field=log.name)
+    inferred = infer_settings(
+        ordered,
+        prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
+        eta=scenario.strategy.eta,
+        kappa=scenario.strategy.kappa,
+    )
+    described, stated = _described(scenario, list(stated), ordered, inferred, floor, len(names))
+    tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]
+    together = {name: pl.concat([one[name] for one in tables]) for name in tables[0] if name != "told"}
+    samples = together["motion"].with_columns(energy=together["rows"]["energy"])
+    words = (
+        check_floor(floor, samples)
+        if not any_floor
+        else "Whether the floor fits was not asked (--any-floor)."
+    )
+    floors = dict.fromkeys(range(len(ordered)), floor)
+    robot_frame, runs = _outcomes(described, floors, together.pop("finals"), together["ends"])
+    return Recording(
+        scenario=described,
+        seed=None,
+        **together,
+        robots=robot_frame,
+        runs=runs,
+        floors=floor_frame(floors),
+        source=f"recording ({', '.join(sorted({log.reader for log in ordered}))})",
+        versions=versions(),
+        names=names,
+        sessions=tuple(
+            {"log": log.name, "reader": log.reader, "told": dict(log.told) | one["told"]}
+            for log, one in zip(ordered, tables, strict=True)
+        ),
+        stated=tuple(stated),
+        inferred=tuple(one.as_dict() for one in inferred),
+        floor_words=words,
+    )
+
+
+def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
+    found = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
+    if robots is not None:
+        return tuple(sorted(robots))
+    for log, one in zip(logs, found, strict=True):
+        if one != found[0]:
+            raise InputError(
+                f"has robots {', '.join(map(str, one))}, and '{logs[0].name}' {', '.join(map(str, found[0]))}; "
+                "sessions of one recording are of the same robots (--robots says which there are)",
+                field=log.name,
+            )
+    return tuple(found[0])
+
+
+def _described(
+    scenario: Scenario,
+    stated: list[str],
+    logs: Sequence[Log],
+    inferred: Sequence[Inferred],
+    floor: Floor,
+    robots: int,
+) -> tuple[Scenario, list[str]]:
+    """The scenario that describes the sessions: what is stated goes before what is inferred."""
+    values: dict[str, Any] = {
+        one.name: one.value for one in inferred if one.value is not None and one.name not in stated
+    }
+    values |= {name: value for log in logs for name, value in log.settings.items() if name not in stated}
+    end_s = max(_end_of(log) for log in logs)
+    values |= {
+        "floor.source": floor.name or "floor",
+        "floor.tiles": tuple("".join(map(str, row)) for row in floor.tiles.tolist()),
+        "floor.tile_width_m": floor.tile_width_m,
+        "floor.tile_height_m": floor.tile_height_m,
+        "swarm.robots": robots,
+        "run.t_end_s": float(np.ceil(end_s)),
+        "run.stop": "t_end",
+    }
+    from_log = [name for log in logs for name in log.settings]
+    return scenario.with_values(values), list(dict.fromkeys([*stated, *from_log, "swarm.robots"]))
+
+
+def _end_of(log: Log) -> float:
+    return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
+
+
+def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> dict[str, Any]:
+    """The tables of one session."""
+    number = {name: robot for robot, name in enumerate(names)}
+    frame = log.samples.with_columns(
+        run=pl.lit(run, dtype=pl.UInt32),
+        robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16),
+    ).sort("time_s", "robot")
+    count = pl.int_range(pl.len(), dtype=pl.Int64).over("robot")
+    frame = frame.with_columns(sample=pl.coalesce("sent", count).cast(pl.UInt32))
+    stop_s = (pl.col("stop_total_s") - pl.col("stop_total_s").shift(1).over("robot", order_by="time_s")) / (
+        pl.col("sample").cast(pl.Int64)
+        - pl.col("sample").cast(pl.Int64).shift(1).over("robot", order_by="time_s")
+    )
+    # The first stop of a robot, and where a log counts none: as long as the scenario has it.
+    first = pl.col("stop_total_s").is_not_null() & (pl.col("sample") == 0)
+    usual_s = scenario.sample.stop_ms / 1000.0
+    known = pl.coalesce(stop_s, pl.when(first).then(pl.col("stop_total_s")))
+    length = pl.coalesce(known, pl.lit(usual_s))
+    before = pl.col("time_s").shift(1).over("robot", order_by="time_s").fill_null(0.0)
+    frame = frame.with_columns(
+        stop_s=known.cast(pl.Float32),
+        stop_start_s=pl.max_horizontal(pl.col("time_s") - length, before),
+        avoid_s=pl.coalesce(
+            pl.col("avoid_total_s") - pl.col("avoid_total_s").shift(1).over("robot", order_by="time_s"),
+            pl.when(pl.col("sample") == 0).then("avoid_total_s"),
+        ).cast(pl.Float32),
+        lost_before=(
+            pl.col("sample").cast(pl.Int64)
+            - pl.col("sample").cast(pl.Int64).shift(1).over("robot", order_by="time_s").fill_null(-1)
+            - 1
+        ).cast(pl.UInt32),
+        drive_s=pl.lit(None, dtype=pl.Float32),
+        turn_s=pl.lit(None, dtype=pl.Float32),
+    )
+    tracks = log.tracks.with_columns(robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16))
+    paths = [
+        _path(
+            run, robot, frame.filter(pl.col("robot") == robot), tracks.filter(pl.col("robot") == robot), log
+        )
+        for robot in range(len(names))
+    ]
+    segments = pl.concat([path["segments"] for path in paths]).sort("start_s", "robot", maintain_order=True)
+    age = pl.concat([path["age"] for path in paths])
+    rows = frame.join(age, on=["robot", "sample"], how="left", maintain_order="left")
+    observations = _observations(frame, scenario, floor)
+    told = _told(paths, rows, observations, frame, scenario)
+    return {
+        "motion": frame.select(pl.col(name).cast(kind) for name, kind in MOTION.items()),
+        "ends": pl.concat([path["ends"] for path in paths]),
+        "segments": segments,
+        "observations": observations,
+        "inference": frame.select(pl.col(name).cast(kind) for name, kind in INFERENCE.items()),
+        "rows": rows.select(pl.col(name).cast(kind) for name, kind in ROWS.items()),
+        "tracks": tracks.select(
+            pl.lit(run, dtype=pl.UInt32).alias("run"), *(pl.col(name) for name in PLACES if name != "run")
+        ),
+        "finals": _finals(run, frame, len(names)),
+        "told": told,
+    }
+
+
+def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log) -> dict[str, Any]:
+    knots = knots_of(track, samples)
+    if knots.is_empty():
+        raise InputError(f"robot {robot} is nowhere in it", field=log.name)
+    time_s = track["time_s"].to_numpy()
+    key = samples.select("robot", "sample")
+    if time_s.size:
+        at = np.searchsorted(time_s, samples["time_s"].to_numpy(), side="right") - 1
+        age = np.where(at >= 0, samples["time_s"].to_numpy() - time_s[np.maximum(at, 0)], np.nan)
+        aged = key.with_columns(position_age_s=pl.Series(age, nan_to_null=True))
+    else:
+        aged = key.with_columns(position_age_s=pl.lit(None, dtype=pl.Float64))
+    segments = segments_of(run, robot, knots, samples)
+    end = {
+        "run": [run],
+        "robot": [robot],
+        "end_s": [_end_of(log)],
+        "x_m": [knots["x_m"][-1]],
+        "y_m": [knots["y_m"][-1]],
+        "heading_rad": [segments["heading_rad"][-1]],
+        "stop_start_s": [None],
+    }
+    return {
+        "segments": segments,
+        "age": aged,
+        "ends": pl.DataFrame(end, schema=ENDS),
+        "gaps": gaps_of(time_s),
+    }
+
+
+def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
+    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario)
+    read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
+    return frame.with_columns(
+        tile=pl.Series(floor.tile_at(x, y)), observation=pl.coalesce("observation", read)
+    ).select(pl.col(name).cast(kind) for name, kind in OBSERVATIONS.items())
+
+
+def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
+    """Places on the walls themselves (a marker clipped to the arena) put a nanometre inside."""
+    width, height = scenario.arena.width_m, scenario.arena.height_m
+    x = np.where(np.abs(x_m - width) < EDGE_M, width - EDGE_M, x_m)
+    return x, np.where(
+        np.abs(y_m) < EDGE_M, EDGE_M, np.where(np.abs(y_m - height) < EDGE_M, height - EDGE_M, y_m)
+    )
+
+
+def _told(
+    paths: Sequence[Mapping[str, Any]],
+    rows: pl.DataFrame,
+    observations: pl.DataFrame,
+    frame: pl.DataFrame,
+    scenario: Scenario,
+) -> dict[str, float]:
+    old = rows["position_age_s"].drop_nulls()
+    prior = scenario.decision.prior_alpha + scenario.decision.prior_beta
+    odd = frame.filter(pl.col("alpha") + pl.col("beta") - prior != pl.col("sent") + pl.col("received") + 1)
+    return {
+        "tracking_gaps": sum(path["gaps"][0] for path in paths),
+        "tracking_gap_longest_s": round(max(path["gaps"][1] for path in paths), 6),
+        "positions_old": int((old > USUAL_AGE_S).sum()),
+        "position_oldest_s": round(float(old.max() or 0.0), 6),  # type: ignore[arg-type]
+        "posteriors_odd": odd.height,
+        "off_the_floor": int((observations["tile"] < 0).sum()),
+    }
+
+
+def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
+    """What became of each robot, as ``inference.minds.final_frame`` has it."""
+    rows: list[dict[str, Any]] = []
+    for robot in range(robots):
+        own = frame.filter(pl.col("robot") == robot)
+        row: dict[str, Any] = dict.fromkeys(FINALS) | {"run": run, "robot": robot, "samples": 0}
+        if own.height:
+            last = own.row(-1, named=True)
+            row |= {name: last[name] for name in ("alpha", "beta", "received", "belief")}
+            row["samples"] = last["sample"] + 1
+            row["decision"] = last["decision"]
+            if last["decision"] in (0, 1):
+                changed = own.with_row_index().filter(pl.col("decision") != last["decision"])
+                stood = own.row(0 if changed.is_empty() else int(changed["index"][-1]) + 1, named=True)
+                row |= {
+                    "decision_time_s": stood["time_s"],
+                    "belief_at_decision": stood["belief"],
+                    "belief": stood["belief"],
+                }
+        else:
+            row["decision"] = -1
+        rows.append(row)
+    return pl.DataFrame(rows, schema=FINALS)
+
+
+def _outcomes(
+    scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The tables of robots and of runs; a decision that is not logged counts as none."""
+    robots = scenario.swarm.robots
+    runs = finals["run"].to_list()[::robots]
+    fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
+    boundary = scenario.decision.decision_boundary
+    truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)
+    end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
+    known = finals.with_columns(pl.col("decision").fill_null(-1))
+    run_frame = run_table(known, fills, truth, end_s, scenario.run.t_end_s)
+    # A session that was ended by hand was not cut short by a decision.
+    return robot_table(known, truth), run_frame.with_columns(stopped_early=pl.lit(False))
+
+
+def told_lines(recording: Recording) -> list[str]:
+    """What was counted while reading, a line a session and kind; what is 0 is left out."""
+    lines = []
+    for run, session in enumerate(recording.sessions):
+        told = session["told"]
+        lines.append(f"session {run + 1}: {session['log']} ({session['reader']})")
+        lines += [f"  {told[name]:g} {words}" for name, words in TOLD.items() if told.get(name)]
+    return lines

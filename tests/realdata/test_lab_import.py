@@ -1,0 +1,90 @@
+"""The recordings of the study's robots and the logs of its simulator, read.
+
+They stay where they are; VIBROSWARM_RUGBOT names their folder.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.analysis.correlation import lag_one
+from vibroswarm.errors import InputError
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.readers import read_log
+from vibroswarm.lab.recording import Recording, recording_of
+from vibroswarm.page.from_result import record_of
+from vibroswarm.presets import preset
+
+FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
+pytestmark = pytest.mark.skipif(
+    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
+)
+
+
+def floor() -> Floor:
+    return Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
+
+
+@pytest.fixture(scope="module")
+def real() -> Recording:
+    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
+    return recording_of(logs, floor(), preset("paper"))
+
+
+@pytest.fixture(scope="module")
+def simulated() -> Recording:
+    logs = [read_log(Path(FOLDER) / f"webots_log_{k}.txt") for k in (0, 1, 2)]
+    return recording_of(logs, floor(), preset("paper"))
+
+
+def test_all_is_read_and_told(real: Recording) -> None:
+    assert real.names == (1, 2, 3, 4, 5)
+    told = [one["told"] for one in real.sessions]
+    assert [one["rows"] for one in told] == [28063, 28038, 27626]
+    assert [one["samples"] for one in told] == [1798, 1810, 1766]
+    assert [one["samples_lost"] for one in told] == [2, 1, 1]
+    assert [one["posteriors_odd"] for one in told] == [0, 0, 0]
+    assert all(one["counters_wrapped"] >= 30 for one in told)
+    assert real.robots["decision"].to_list() == [0] * 15
+    assert real.runs["consensus"].to_list() == ["right"] * 3
+    spacing = real.motion.select(pl.col("time_s").diff().over("run", "robot")).drop_nulls()
+    assert spacing.to_series().mean() == pytest.approx(3.33, abs=0.01)
+
+
+def test_what_the_robots_ran_with(real: Recording) -> None:
+    """DATA.md: theta_E 1.55, 425 observations as 85 own ones, positive feedback, tau 2000 ms."""
+    found = {one["name"]: one for one in real.inferred}
+    assert found["sensor.rms_threshold"]["value"] == 1.55
+    assert found["decision.gate"]["value"] == "own"
+    assert found["decision.min_observations"]["value"] == 84  # with the current one 85
+    assert found["strategy.name"]["value"] == "positive"
+    assert found["decision.credible_threshold"]["value"] == pytest.approx(0.95)
+    assert found["sample.sample_interval_ms"]["value"] == 2000
+
+
+def test_what_the_simulator_ran_with(simulated: Recording) -> None:
+    found = {one["name"]: one for one in simulated.inferred}
+    assert found["sensor.rms_threshold"]["value"] == 1.33
+    assert found["strategy.name"]["value"] == "none"
+    assert found["sample.sample_interval_ms"]["value"] == 2000
+    assert [one["told"]["rows_repeated"] for one in simulated.sessions] == [5, 5, 5]
+
+
+def test_a_floor_that_is_mirrored_is_refused() -> None:
+    mirrored = Floor.filling(np.flipud(floor().tiles), name="mirrored")
+    log = read_log(Path(FOLDER) / "CAL_1.csv")
+    with pytest.raises(InputError, match="Mirrored top to bottom it fits"):
+        recording_of([log], mirrored, preset("paper"))
+
+
+def test_a_real_session_is_a_result_like_any(real: Recording) -> None:
+    record = record_of(real, 1)
+    assert record.strategy == "positive"
+    assert record.segments.height > 20_000
+    assert lag_one(real).estimate == pytest.approx(0.24, abs=0.04)
