@@ -25,6 +25,9 @@ from vibroswarm.scenario import Scenario
 
 SCHEMA_VERSION: Final = 1
 
+RECORDED: Final = "recording"
+"""The source of what was not simulated begins with this; it has no seed."""
+
 CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "agreed")
 """Outcome of a run. ``agreed``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
 so that neither decision is right."""
@@ -173,8 +176,9 @@ class Result:
         try:
             about = json.loads((folder / "result.json").read_text(encoding="utf-8"))
             version, names = int(about["schema_version"]), list(about["tables"])
-            seed = None if about["seed"] is None else int(about["seed"])
             source, versions = str(about["source"]), dict(about["versions"])
+            recorded = about["seed"] is None and source.startswith(RECORDED)
+            seed = None if recorded else int(about["seed"])
         except OSError as error:
             raise InputError(
                 f"is no result of vibroswarm ({error.strerror}: result.json)", field=str(folder)

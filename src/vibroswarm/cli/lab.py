@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli import lab_export, lab_replay
 from vibroswarm.cli.options import add_scenario_options
 from vibroswarm.errors import InputError
 
@@ -30,6 +31,8 @@ def add_parser(commands: Any) -> None:
     )
     tasks = parser.add_subparsers(title="tasks", metavar="TASK", dest="task")
     _add_import(tasks)
+    lab_export.add_parser(tasks)
+    lab_replay.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
 
 

@@ -34,7 +34,7 @@ from vibroswarm.lab.paths import gaps_of, knots_of, segments_of
 from vibroswarm.motion.contract import ENDS, MOTION
 from vibroswarm.observation.model import OBSERVATIONS
 from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
-from vibroswarm.result import Result, floor_frame
+from vibroswarm.result import RECORDED, Result, floor_frame
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import versions
 
@@ -182,7 +182,7 @@ def recording_of(
         robots=robot_frame,
         runs=runs,
         floors=floor_frame(floors),
-        source=f"recording ({', '.join(sorted({log.reader for log in ordered}))})",
+        source=f"{RECORDED} ({', '.join(sorted({log.reader for log in ordered}))})",
         versions=versions(),
         names=names,
         sessions=tuple(

@@ -1,0 +1,287 @@
+"""What each strategy would have decided on a recording's own observations.
+
+The energies are those that were read; the bit is E > theta_E with the threshold that is asked for. As many messages are
+heard between two samples of a robot as its log counts (``inference.counted``); which ones is not logged and is drawn
+anew in each draw. A sample whose row is lost is put back half-way between its neighbours, at the place where the
+robot was, with an energy drawn from those of the session on tiles of the same kind. Motion stays what it was: a robot
+that decided went on sampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import zero_rows
+from vibroswarm.draws import Purpose, uniform
+from vibroswarm.errors import InputError
+from vibroswarm.inference.beliefs import beliefs
+from vibroswarm.inference.counted import Session, replay_counted
+from vibroswarm.inference.minds import FINALS, MIND, final_frame, mind_program
+from vibroswarm.inference.replay import Columns, empty_columns
+from vibroswarm.lab.recording import Recording, inside
+from vibroswarm.motion.pose import pose
+from vibroswarm.observation.model import vibrating_at
+from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
+from vibroswarm.result import ROBOTS, RUNS
+from vibroswarm.scenario import Scenario
+
+SLACK_S: Final = 1.0
+"""Times of sender and receiver are late by up to a quarter of a second each; real radios may hear during a stop."""
+REPLAYABLE: Final = ("sensor", "strategy", "decision")
+"""Sections that a replay may change: the rest is what happened."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """Many draws of one scenario over a recording."""
+
+    scenario: Scenario
+    draws: int
+    robots: pl.DataFrame
+    """``result.ROBOTS``, and ``draw``."""
+    runs: pl.DataFrame
+    """``result.RUNS``, and ``draw``."""
+    unsent: float
+    """Messages received that nobody can have sent at that time, mean a draw: they are left out."""
+    put_back: int
+    """Samples whose row was lost, in all sessions."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """A session's samples, lost ones put back; (rows,) each."""
+
+    session: Session
+    energy: NDArray[np.float64]
+    """nan where it is to be drawn."""
+    vibrating: NDArray[np.bool_]
+
+
+def lab_replay(recording: Recording, scenario: Scenario, draws: int = 200, seed: int = 1) -> Replayed:
+    """Replay a scenario over the observations of a recording, ``draws`` times.
+
+    Args:
+        scenario: as the recording's but for sensor (its threshold), strategy and decision.
+        seed: of the draws.
+    Raises:
+        InputError: another section differs, too few draws, or a count of received messages that is null.
+    """
+    if draws < 1:
+        raise InputError(f"{draws} is too few; at least 1", field="draws")
+    for section in type(scenario).model_fields:
+        if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
+            raise InputError("is what happened; a replay of a recording keeps it", field=section)
+    if recording.inference["received"].null_count():
+        raise InputError(
+            "do not count the messages received; a replay has to know how many there were", field="the logs"
+        )
+    runs = recording.runs["run"].to_list()
+    parts = [_rows_of(recording, run) for run in runs]
+    tables, unsent = [], 0
+    for draw in range(draws):
+        finals = []
+        for run, rows in zip(runs, parts, strict=True):
+            final, missing, _ = _one(recording, scenario, rows, run, seed + draw)
+            finals.append(final)
+            unsent += missing
+        tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
+    lost = int(recording.rows["lost_before"].sum())
+    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
+    return Replayed(scenario, draws, robots, of_runs, unsent / draws, lost)
+
+
+def replayed_table(
+    recording: Recording, scenario: Scenario, run: int = 0, seed: int = 1
+) -> tuple[pl.DataFrame, int]:
+    """The inference columns of one draw with run, robot and sample, lost samples put back; messages nobody sent."""
+    rows = _rows_of(recording, run)
+    _, missing, columns = _one(recording, scenario, rows, run, seed)
+    frame = pl.DataFrame(
+        {
+            "run": np.full(rows.energy.size, run, dtype=np.uint32),
+            "robot": rows.session.robot.astype(np.uint16),
+            "sample": rows.session.sample.astype(np.uint32),
+            **columns._asdict(),
+        }
+    )
+    return frame, missing
+
+
+def _one(
+    recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
+) -> tuple[pl.DataFrame, int, Columns]:
+    """What became of each robot of a run in one draw, and messages that nobody can have sent."""
+    energy = rows.energy
+    if np.isnan(energy).any():
+        energy = _drawn(rows, run, seed)
+    session = rows.session._replace(observation=(energy > scenario.sensor.rms_threshold).astype(np.uint8))
+    program, count = mind_program(scenario), energy.size
+    minds = zero_rows(scenario.swarm.robots, MIND)
+    columns = empty_columns(count)
+    known = beliefs(program.boundary, program.prior_alpha + program.prior_beta + count)
+    missing = replay_counted(
+        session, minds, np.zeros(count, dtype=np.uint8), columns, program, known, SLACK_S, seed, run
+    )
+    ends = recording.ends.filter(pl.col("run") == run)
+    return final_frame(ends, minds, session.time_s), int(missing), columns
+
+
+def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
+    """The energies, those of lost samples drawn from the session's on tiles of the same kind."""
+    energy = rows.energy.copy()
+    for k in np.flatnonzero(np.isnan(rows.energy)):
+        alike = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
+        u = uniform(
+            seed, run, int(rows.session.robot[k]), int(Purpose.SENSING), int(rows.session.sample[k]), 0
+        )
+        energy[k] = alike[int(u * alike.size)]
+    return energy
+
+
+def _rows_of(recording: Recording, run: int) -> _Rows:
+    """The samples of a run in the order of time, lost ones put back."""
+    of_run = pl.col("run") == run
+    key = ["run", "robot", "sample"]
+    frame = (
+        recording.motion.filter(of_run)
+        .join(recording.rows.select(*key, "energy", "lost_before"), on=key, maintain_order="left")
+        .join(recording.inference.select(*key, "received"), on=key, maintain_order="left")
+        .join(recording.observations.select(*key, "tile"), on=key, maintain_order="left")
+    )
+    floor = recording.floor(run)
+    rows: list[dict[str, Any]] = []
+    for _, own in frame.group_by("robot", maintain_order=True):
+        before: Mapping[str, Any] = {"sample": -1, "time_s": 0.0, "stop_start_s": 0.0, "received": 0}
+        for row in own.iter_rows(named=True):
+            rows += _put_back(recording, run, before, row)
+            rows.append(row)
+            before = row
+    table = pl.DataFrame(
+        [{name: row[name] for name in (*key, "time_s", "stop_start_s", "received", "energy", "tile")} for row in rows],
+        schema_overrides={"energy": pl.Float64},
+    ).sort("time_s", "robot")  # fmt: skip
+    new = table.select(
+        pl.col("received").cast(pl.Int64)
+        - pl.col("received").cast(pl.Int64).shift(1).over("robot").fill_null(0)
+    ).to_series()
+    session = Session(
+        robot=table["robot"].cast(pl.Int64).to_numpy(),
+        sample=table["sample"].cast(pl.Int64).to_numpy(),
+        time_s=table["time_s"].to_numpy(),
+        # Read at the last walking tick at the latest, so sent two ticks before the stop (half a tick for rounding).
+        hears_until_s=table["stop_start_s"].to_numpy() - 1.5 * recording.scenario.tick_s,
+        received=new.to_numpy(),
+        observation=np.zeros(table.height, dtype=np.uint8),
+    )
+    energy = table["energy"].fill_null(float("nan")).to_numpy()
+    return _Rows(session, energy, vibrating_at(floor, table["tile"].to_numpy()))
+
+
+def _put_back(
+    recording: Recording, run: int, before: Mapping[str, Any], after: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Rows for the samples between two of a robot's rows, evenly in time and in messages received."""
+    lost = after["sample"] - before["sample"] - 1
+    found = []
+    for nth in range(1, lost + 1):
+        share = nth / (lost + 1)
+        time_s = before["time_s"] + share * (after["time_s"] - before["time_s"])
+        stop_s = after["time_s"] - after["stop_start_s"]
+        x, y = after["x_m"], after["y_m"]
+        if recording.segments is not None:
+            x, y, _ = pose(recording.segments, run, after["robot"], time_s)
+        tile = recording.floor(run).tile_at(*inside(np.array([x]), np.array([y]), recording.scenario))[0]
+        found.append(
+            {
+                "run": run,
+                "robot": after["robot"],
+                "sample": before["sample"] + nth,
+                "time_s": time_s,
+                "stop_start_s": max(time_s - stop_s, before["time_s"]),
+                "received": before["received"] + int(share * (after["received"] - before["received"])),
+                "energy": None,
+                "tile": int(tile),
+            }
+        )
+    return found
+
+
+def _outcome(
+    recording: Recording, scenario: Scenario, finals: pl.DataFrame, draw: int
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The tables of robots and runs of one draw."""
+    runs = recording.runs["run"].to_list()
+    floors = {run: recording.floor(run) for run in runs}
+    arena, boundary = scenario.arena, scenario.decision.decision_boundary
+    fills = np.array(fill_ratios(floors, runs, arena.width_m, arena.height_m))
+    truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)
+    end_s = recording.runs["end_s"].to_numpy()
+    robots = robot_table(finals.select(list(FINALS)), truth)
+    of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
+    number = pl.lit(draw, dtype=pl.UInt32).alias("draw")
+    return robots.select(number, *ROBOTS), of_runs.select(number, *RUNS)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a session came to, over the draws."""
+
+    session: int
+    strategy: str
+    consensus: dict[str, float]
+    """Share of the draws with each outcome."""
+    decision_time_s: float | None
+    """Mean over draws of the mean over robots; one that never decides counts with its last sample's time."""
+    decision_time_low_s: float | None
+    decision_time_high_s: float | None
+    """5 % and 95 % of the draws."""
+    undecided: float
+    belief_in_truth: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return dict(self.__dict__)
+
+
+def told(recording: Recording, replayed: Replayed) -> list[Told]:
+    """What each session came to, in the order of sessions."""
+    return _told(recording, replayed.robots, replayed.runs, replayed.scenario.strategy.name)
+
+
+def as_logged(recording: Recording) -> list[Told]:
+    """What the robots themselves decided."""
+    number = pl.lit(0, dtype=pl.UInt32).alias("draw")
+    robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
+    return _told(recording, robots, runs, recording.scenario.strategy.name)
+
+
+def _told(recording: Recording, robots: pl.DataFrame, runs: pl.DataFrame, strategy: str) -> list[Told]:
+    last = recording.motion.group_by("run", "robot").agg(pl.col("time_s").max().alias("last_s"))
+    timed = robots.join(last, on=["run", "robot"], how="left").with_columns(
+        time_s=pl.coalesce("decision_time_s", "last_s")
+    )
+    found = []
+    for run in recording.runs["run"].to_list():
+        own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
+        mean = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
+        shares = of_run["consensus"].cast(pl.String).value_counts(normalize=True, sort=True)
+        belief = own["belief_in_truth"].drop_nulls().to_numpy()
+        found.append(
+            Told(
+                session=run + 1,
+                strategy=strategy,
+                consensus={str(name): float(share) for name, share in shares.iter_rows()},
+                decision_time_s=float(mean.mean()) if mean.size else None,
+                decision_time_low_s=float(np.quantile(mean, 0.05)) if mean.size else None,
+                decision_time_high_s=float(np.quantile(mean, 0.95)) if mean.size else None,
+                undecided=float((own["decision"] == -1).to_numpy().mean()),
+                belief_in_truth=float(belief.mean()) if belief.size else None,
+            )
+        )
+    return found
