@@ -32,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
     """The parser of all commands. What a command needs is imported when it runs."""
     from vibroswarm.cli import (
         bench,
+        calibrate,
         detect,
         evaluate,
         floors,
@@ -62,6 +63,7 @@ def parser() -> argparse.ArgumentParser:
     merge.add_parser(commands)
     show.add_parser(commands)
     lab.add_parser(commands)
+    calibrate.add_parser(commands)
     scenario.add_parser(commands)
     floors.add_parser(commands)
     bench.add_parser(commands)

@@ -186,7 +186,12 @@ def recording_of(
         versions=versions(),
         names=names,
         sessions=tuple(
-            {"log": log.name, "reader": log.reader, "told": dict(log.told) | one["told"]}
+            {
+                "log": log.name,
+                "reader": log.reader,
+                "wraps_at": dict(log.wraps_at),
+                "told": dict(log.told) | one["told"],
+            }
             for log, one in zip(ordered, tables, strict=True)
         ),
         stated=tuple(stated),

@@ -1,0 +1,1 @@
+"""Calibration: how alike recordings and simulations are, and in what they differ."""

@@ -1,0 +1,96 @@
+"""Real beside simulated, feature by feature, as in the paper's calibration figures; and a table of it as CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.calibrate.compare import Comparison
+from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.files import whole_file
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK: Final = ("#2b2b2b", "#4c78a8")
+_AXES: Final = {
+    "avoidance": ("avoidance time (s)", "share of samples"),
+    "vibrating": ("energy (RMS)", "share of samples"),
+    "still": ("energy (RMS)", "share of samples"),
+    "places": ("x (m)", "y (m)"),
+    "distances": ("time (s)", "distance (m)"),
+    "steps": ("dx (m)", "dy (m)"),
+}
+_SPANS: Final = {
+    "avoidance": ((0.0, 8.0),),
+    "vibrating": ((0.0, 6.0),),
+    "still": ((0.0, 3.0),),
+    "places": ((0.0, 1.0), (0.0, 1.0)),
+    "distances": ((0.0, 1200.0), (0.0, 0.2)),
+    "steps": ((-0.2, 0.2), (-0.2, 0.2)),
+}
+_BINS: Final = {"avoidance": 40, "vibrating": 50, "still": 50, "places": 15, "distances": 24, "steps": 39}
+
+Floats = NDArray[np.float64]
+
+
+def comparison_figure(real: Result, simulated: Result, found: Comparison) -> Figure:
+    """A row a feature: real, simulated; figures of likeness in the titles, legible in grey."""
+    from matplotlib.figure import Figure
+
+    one, other = sessions_of(real), sessions_of(simulated)
+    shown = [feature for feature in FEATURES if feature not in found.missing]
+    figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
+    axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
+    for row, feature in enumerate(shown):
+        alike = next(each for each in found.similarities if each.feature == feature)
+        values = [np.concatenate(each.values(feature)) for each in (one, other)]
+        _draw(axes[row], values, feature)
+        axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
+        axes[row][1].set_title(
+            f"simulated: S {alike.at_equal_counts:.3f} (null {alike.null:.3f}, ceiling {alike.ceiling:.3f})",
+            fontsize=8,
+        )
+    return figure
+
+
+def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None:
+    spans, bins = _SPANS[feature], _BINS[feature]
+    if len(spans) == 1:
+        heights = [_shares(each[:, 0], bins, spans[0]) for each in values]
+        for axis, height, ink in zip(pair, heights, INK, strict=True):
+            axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)
+            axis.set_ylim(0.0, 1.05 * max(float(one.max()) for one in heights))
+    else:
+        grids = [np.histogram2d(each[:, 0], each[:, 1], bins, spans)[0] / len(each) for each in values]
+        most = max(float(grid.max()) for grid in grids)
+        for axis, grid in zip(pair, grids, strict=True):
+            extent = (*spans[0], *spans[1])
+            axis.imshow(
+                grid.T, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=most
+            )
+    for axis in pair:
+        _label(axis, feature)
+
+
+def _shares(values: Floats, bins: int, span: tuple[float, float]) -> Floats:
+    return np.asarray(np.histogram(values, bins, span)[0] / max(len(values), 1))
+
+
+def _label(axis: Axes, feature: str) -> None:
+    across, up = _AXES[feature]
+    axis.set_xlabel(across, fontsize=7)
+    axis.set_ylabel(up, fontsize=7)
+    axis.tick_params(labelsize=6)
+
+
+def write_comparison_picture(real: Result, simulated: Result, found: Comparison, path: Path) -> None:
+    """Draw it into a file: PNG, SVG or PDF by its suffix."""
+    with whole_file(path) as part, MATPLOTLIB_LOCK:
+        comparison_figure(real, simulated, found).savefig(part, dpi=150)

@@ -1,0 +1,138 @@
+"""Cosine similarity between null and ceiling, energy distance, classifier: against what must be so."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+from vibroswarm.calibrate.classifier import fit_logistic, share_told, tell_apart
+from vibroswarm.calibrate.energy_distance import compare_distance, effect_size
+from vibroswarm.calibrate.features import histogram, sample_table, sessions_of, values_of
+from vibroswarm.calibrate.similarity import at_equal_counts, ceiling, compare_feature, cosine, null
+from vibroswarm.presets import preset
+from vibroswarm.simulation import simulate
+
+
+def test_cosine_of_vectors() -> None:
+    assert cosine(np.array([1.0, 0.0]), np.array([1.0, 1.0])) == pytest.approx(1 / math.sqrt(2))
+    assert cosine(np.array([1.0, 2.0]), np.array([2.0, 4.0])) == pytest.approx(1.0)
+    assert math.isnan(cosine(np.zeros(2), np.ones(2)))
+
+
+def test_two_samples_of_one_distribution_reach_the_ceiling() -> None:
+    rng = np.random.default_rng(4)
+    draw = lambda n: np.clip(rng.beta(0.7, 0.9, (n, 2)), 1e-6, 1 - 1e-6)  # noqa: E731
+    reached = np.mean([at_equal_counts("places", draw(1500), draw(1500), 1500) for _ in range(40)])
+    expected = np.mean([ceiling("places", draw(1500), 1500, 1500) for _ in range(40)])
+    assert reached == pytest.approx(expected, abs=0.003)
+    assert null("places", draw(1500), 1500) < reached - 0.05
+
+
+def test_few_samples_lower_the_ceiling_and_many_raise_it_to_one() -> None:
+    rng = np.random.default_rng(5)
+    values = rng.random((20_000, 2))
+    few, many = (ceiling("places", values, n, n) for n in (500, 10**7))
+    assert few < 0.75
+    assert many == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_shapeless_simulation_is_near_its_null_however_high_its_similarity() -> None:
+    """Why the figure alone misleads: evenly spread points score nearly what the truth itself would."""
+    rng = np.random.default_rng(6)
+    nearly_even = [np.clip(rng.beta(0.93, 0.93, (1800, 2)), 1e-6, 1 - 1e-6) for _ in range(3)]
+    even = [rng.random((1800, 2)) for _ in range(3)]
+    found = compare_feature("places", nearly_even, even)
+    assert found is not None
+    assert found.as_published > 0.93
+    assert abs(found.at_equal_counts - found.null) < 0.006
+    assert found.ceiling > found.null
+
+
+def test_energy_distance_is_that_of_scipy_less_its_bias() -> None:
+    rng = np.random.default_rng(7)
+    x, y = rng.gamma(2.0, size=300), rng.gamma(3.0, size=400)
+    across = np.abs(x[:, None] - y).mean()
+    biased = stats.energy_distance(x, y) ** 2 / 2  # scipy: D^2 / 2 in our words... of means with own pairs
+    inside = [np.abs(v[:, None] - v).mean() for v in (x, y)]
+    assert 2 * across - sum(inside) == pytest.approx(2 * biased, rel=1e-9)
+    unbiased = (2 * across - inside[0] * 300 / 299 - inside[1] * 400 / 399) / (2 * across)
+    assert effect_size(x[:, None], y[:, None]) == pytest.approx(unbiased, rel=1e-9)
+
+
+def test_energy_distance_is_zero_on_average_between_equals() -> None:
+    rng = np.random.default_rng(8)
+    equal = [effect_size(rng.random((60, 2)), rng.random((60, 2))) for _ in range(200)]
+    assert abs(np.mean(equal)) < 3 * np.std(equal) / math.sqrt(200)
+    assert min(equal) < 0 < max(equal)
+    shifted = [effect_size(rng.random((60, 2)), rng.random((60, 2)) + 0.15) for _ in range(20)]
+    assert np.mean(shifted) > 0.02
+    assert effect_size(np.zeros((5, 1)), np.ones((5, 1))) == 1.0
+
+
+def test_the_interval_is_over_sessions() -> None:
+    rng = np.random.default_rng(9)
+    real = [rng.normal(shift, size=(200, 1)) for shift in (0.0, 0.1, -0.1)]
+    found = compare_distance("still", real, [rng.normal(1.0, size=(200, 1)) for _ in range(2)])
+    assert found is not None
+    assert found.effect.n == 3
+    assert found.effect.low > found.real.high if found.real is not None else False
+
+
+def test_the_logistic_fit_is_at_its_minimum() -> None:
+    rng = np.random.default_rng(10)
+    columns = rng.normal(size=(800, 3))
+    label = rng.random(800) < 1 / (1 + np.exp(-2 * columns[:, 0] + 0.5))
+    weights = fit_logistic(columns, label)
+    assert weights[1] == pytest.approx(2.0, abs=0.35)
+    assert np.abs(weights[2:]).max() < 0.3
+
+
+def test_what_cannot_be_told_is_told_by_chance_only() -> None:
+    rng = np.random.default_rng(11)
+    sets = [rng.normal(size=(400, 4)) for _ in range(4)]
+    assert share_told((sets[0], sets[1]), (sets[2], sets[3])) == pytest.approx(0.5, abs=0.06)
+    moved = [one + np.array([1.5, 0, 0, 0]) for one in (sets[1], sets[3])]
+    assert share_told((sets[0], moved[0]), (sets[2], moved[1])) > 0.72
+
+
+@pytest.fixture(scope="module")
+def simulations() -> tuple[object, ...]:
+    base = preset("paper-empirical").with_values({"floor.source": "random:0.48", "floor.redraw": "study"})
+    other = base.with_values({"robot.full_speed_m_s": 0.045, "walk.avoidance_threshold_mm": 80.0})
+    return simulate(base, 3, 2), simulate(base, 4, 2), simulate(other, 5, 2)
+
+
+def test_a_simulation_is_not_told_from_itself_but_from_another(simulations: tuple[object, ...]) -> None:
+    """The negative control of the whole chain."""
+    one, again, other = (sessions_of(result).samples for result in simulations)  # type: ignore[arg-type]
+    alike, apart = tell_apart(one, again), tell_apart(one, other)
+    assert abs(alike.simulated_by_robot.estimate - 0.5) < 0.1
+    assert apart.simulated_by_robot.estimate > 0.75
+    assert apart.simulated.estimate > 0.75
+    steps = [[values_of(session, "distances") for session in each] for each in (one, again, other)]
+    same, different = (
+        compare_distance("distances", *steps[:2]),
+        compare_distance("distances", steps[0], steps[2]),
+    )
+    assert same is not None
+    assert different is not None
+    assert abs(same.effect.estimate) < 0.003
+    assert different.effect.estimate > 0.01
+
+
+def test_the_sample_table(simulations: tuple[object, ...]) -> None:
+    result = simulations[0]
+    table = sample_table(result)  # type: ignore[arg-type]
+    first = table.filter(pl.col("sample") == 0)
+    assert first["dx_m"].null_count() == first.height == 10
+    assert first["avoid_s"].null_count() == first.height
+    assert table["dx_m"].null_count() == 10
+    tiles = result.observations.join(table, on=["run", "robot", "sample"])  # type: ignore[attr-defined]
+    floor = result.floor(0).tiles.ravel()  # type: ignore[attr-defined]
+    assert (tiles["vibrating"].to_numpy() == (floor[tiles["tile"].to_numpy()] == 1)).all()
+    counts = histogram(values_of(table, "avoidance"), "avoidance")
+    assert counts.sum() == (table["avoid_s"].drop_nulls() > 1e-9).sum()

@@ -1,0 +1,69 @@
+"""The authors' six similarities from their own logs, and what stands beside them.
+
+The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.calibrate.compare import Comparison, compare
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.readers import read_log
+from vibroswarm.lab.recording import recording_of
+from vibroswarm.presets import preset
+
+FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
+pytestmark = pytest.mark.skipif(
+    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
+)
+
+AUTHORS = {
+    "avoidance": 0.930,
+    "vibrating": 0.977,
+    "still": 0.987,
+    "places": 0.919,
+    "distances": 0.920,
+    "steps": 0.897,
+}
+
+
+@pytest.fixture(scope="module")
+def found() -> Comparison:
+    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
+    real = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
+    simulated = [read_log(Path(FOLDER) / f"webots_log_{k}.txt") for k in (0, 1, 2)]
+    return compare(*(recording_of(logs, floor, preset("paper")) for logs in (real, simulated)))
+
+
+def test_the_authors_figures_come_out(found: Comparison) -> None:
+    assert {one.feature: round(one.as_published, 3) for one in found.similarities} == AUTHORS
+
+
+def test_places_score_less_than_evenly_spread_points_would(found: Comparison) -> None:
+    """The readings: as many uniform points score 0.94, a perfect simulator 0.962."""
+    places = next(one for one in found.similarities if one.feature == "places")
+    assert places.null == pytest.approx(0.94, abs=0.01)
+    assert places.ceiling == pytest.approx(0.962, abs=0.002)
+    assert places.at_equal_counts < places.null
+
+
+def test_real_sessions_are_nearer_each_other_than_the_simulator_is(found: Comparison) -> None:
+    for one in found.similarities:
+        assert one.real_by_session is not None
+        assert one.real_by_session.mean > one.by_session.mean, one.feature
+    for one in found.distances:
+        if one.feature in ("avoidance", "vibrating", "still"):
+            assert one.real is not None
+            assert one.effect.low > one.real.high, one.feature
+
+
+def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> None:
+    assert found.told_apart.simulated.estimate > 0.7
+    assert found.told_apart.simulated_by_robot.low > 0.7
+    assert found.told_apart.real is not None
+    assert found.told_apart.real.high < 0.6
