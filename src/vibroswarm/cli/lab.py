@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli import lab_export, lab_replay
+from vibroswarm.cli import lab_export, lab_replay, lab_threshold
 from vibroswarm.cli.options import add_scenario_options
 from vibroswarm.errors import InputError
 
@@ -33,6 +33,7 @@ def add_parser(commands: Any) -> None:
     _add_import(tasks)
     lab_export.add_parser(tasks)
     lab_replay.add_parser(tasks)
+    lab_threshold.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
 
 

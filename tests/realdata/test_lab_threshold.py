@@ -1,0 +1,52 @@
+"""The thresholds of the study's robots: what the readings say of error rates and edges.
+
+The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.readers import read_log
+from vibroswarm.lab.recording import Recording, recording_of
+from vibroswarm.lab.threshold import at_threshold, edge_profile, find_thresholds, labelled
+from vibroswarm.presets import preset
+
+FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
+pytestmark = pytest.mark.skipif(
+    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
+)
+
+
+@pytest.fixture(scope="module")
+def real() -> Recording:
+    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
+    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
+    return recording_of(logs, floor, preset("paper"))
+
+
+def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:
+    found = at_threshold(real, 1.33)
+    assert found.all_samples.false_positive == pytest.approx(0.163, abs=0.001)
+    assert found.all_samples.false_negative == pytest.approx(0.147, abs=0.001)
+    assert found.decidable.verdict == "cannot be told from the boundary"
+    assert at_threshold(real, 1.55).share_by_session.high < 0.5
+
+
+def test_equal_error_is_near_what_the_simulations_used(real: Recording) -> None:
+    equal = find_thresholds(real)[0]
+    assert equal.low < 1.33 < equal.high
+    assert 1.30 < equal.value < 1.40
+    assert equal.inner_samples.false_positive < 0.6 * equal.all_samples.false_positive
+
+
+def test_false_positives_sit_at_the_edges(real: Recording) -> None:
+    profile = edge_profile(labelled(real), 1.33)
+    assert profile["false_positive"][0] > 0.44  # within 10 mm of a vibrating tile
+    assert profile["false_positive"][-1] < 0.06  # beyond 60 mm
+    assert profile["false_positive"].is_sorted(descending=True)
