@@ -11,8 +11,10 @@ import pytest
 from vibroswarm.floors.floor import Floor
 from vibroswarm.lab.readers import read_log
 from vibroswarm.lab.recording import Recording, recording_of
+from vibroswarm.lab.replay import with_beliefs
 from vibroswarm.lab.write import write_csv
 from vibroswarm.motion.pose import pose
+from vibroswarm.page.from_result import record_of
 from vibroswarm.presets import preset
 from vibroswarm.result import Result
 
@@ -130,7 +132,11 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert np.abs(mine["x_m"] - mine["x_m_made"]).max() < 1e-9
     assert np.abs(mine["y_m"] - mine["y_m_made"]).max() < 1e-9
     assert found.inference["alpha"].null_count() == table.height
-    assert found.robots["decision"].to_list() == [-1] * 5
+    assert found.robots["decision"].to_list() == [None] * 5
+    assert found.runs["consensus"].to_list() == [None]
+    shown = with_beliefs(found)
+    assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
+    assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
 
 
 def test_tables_as_csv(recording: Recording, tmp_path: Path) -> None:

@@ -309,3 +309,21 @@ def _said(belief: float) -> str:
     if 0.9995 < belief < 1:
         return "> 0.999"
     return "< 0.001" if 0 < belief < 0.0005 else f"{belief:.3f}"
+
+
+def test_a_recorded_session_can_be_watched(open_page: Open, tmp_path: Path) -> None:
+    """Messages that the log does not tell are neither drawn nor said to be a bit."""
+    from vibroswarm.cli import main
+
+    shipped = Path(__file__).parents[2] / "examples" / "lab"
+    out = tmp_path / "kept"
+    arguments = [str(shipped / "session-1.csv"), "--floor", str(shipped / "floor.txt"), "--out", str(out)]
+    assert main(["lab", "import", *arguments]) == 0
+    page = open_page("#t=60", file=out / "run.html")
+    for canvas in ("floor", "past", "actors", "belief"):
+        assert not page.evaluate(BLANK, canvas), canvas
+    assert "recorded, session 1" in page.text_content("#details")
+    began = state(page)["time_s"]
+    if not state(page)["playing"]:
+        page.click("#play")
+    wait_until(page, f"vibroswarm.state().time_s > {began}")

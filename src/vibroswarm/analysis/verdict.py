@@ -40,7 +40,8 @@ class RobotVerdict:
 class Verdict:
     """What became of one run; times in s."""
 
-    consensus: str
+    consensus: str | None
+    """None: a recording that does not tell what its robots decided."""
     consensus_time_s: float | None
     decision: int | None
     """What all decided alike, else None."""
@@ -73,7 +74,7 @@ def verdict(result: Result, run: int = 0) -> Verdict:
     return Verdict(
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
-        decision=alike.pop() if len(alike) == 1 and -1 not in alike else None,
+        decision=alike.pop() if len(alike) == 1 and not alike & {-1, None} else None,
         truth=summary["truth"],
         fill_ratio=fill,
         decision_boundary=result.scenario.decision.decision_boundary,

@@ -105,19 +105,27 @@ def _robots(text: str | None) -> list[int] | None:
 
 
 def _pages(recording: Recording, folder: Path) -> list[str]:
-    """Page and picture of each session; none of one whose robots' posteriors are not in the log."""
-    from vibroswarm.page.from_result import write_run_page
+    """Page and picture of each session; with what robots would have believed where the log does not tell."""
+    from vibroswarm.lab.replay import with_beliefs
+    from vibroswarm.page.from_result import record_of
+    from vibroswarm.page.write import write_page
     from vibroswarm.plots.run import write_run_picture
 
     made = []
+    logged = _logs_beliefs(recording)
+    shown = recording if logged else with_beliefs(recording)
     runs = recording.runs["run"].to_list()
     for run in runs:
         name = "run" if len(runs) == 1 else f"run-{run + 1}"
         write_run_picture(recording, folder / f"{name}.png", run)
-        if recording.inference.drop("message").null_count().sum_horizontal()[0] == 0:
-            write_run_page(recording, folder / f"{name}.html", run)
-            made.append(f"{name}.html")
+        title = str(recording.sessions[run]["log"]) + ("" if logged else " (beliefs replayed, not logged)")
+        write_page(record_of(shown, run, title=title), folder / f"{name}.html")
+        made.append(f"{name}.html")
     return made
+
+
+def _logs_beliefs(recording: Recording) -> bool:
+    return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
 
 def _say_import(recording: Recording, arguments: argparse.Namespace, pages: list[str]) -> None:
@@ -143,10 +151,13 @@ def _say_import(recording: Recording, arguments: argparse.Namespace, pages: list
         print(_inferred_line(recording, one))
     for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
         at = "" if time_s is None else f", by {time_s:.1f} s"
-        print(f"{'' if run else chr(10)}session {run + 1}: consensus {consensus}{at}")
-    print(f"Kept in {arguments.out}: tables, pictures{', pages ' + ', '.join(pages) if pages else ''}.")
-    if not pages:
-        print("No page: the logs do not tell what the robots believed.")
+        came_to = "decisions are not logged" if consensus is None else f"consensus {consensus}{at}"
+        print(f"{'' if run else chr(10)}session {run + 1}: {came_to}")
+    print(f"Kept in {arguments.out}: tables, pictures, pages {', '.join(pages)}.")
+    if not _logs_beliefs(recording):
+        print(
+            "The logs do not tell what the robots believed: the pages show what they would have, all hearing all."
+        )
 
 
 def _inferred_line(recording: Recording, one: Any) -> str:

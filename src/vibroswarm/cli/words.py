@@ -25,6 +25,8 @@ def decision_words(decision: int | None, boundary: float) -> str:
 
 def headline(found: Verdict) -> str:
     """The outcome in one sentence."""
+    if found.consensus is None:
+        return "What the robots decided was not logged."
     robots = len(found.robots)
     what = decision_words(found.decision, found.decision_boundary)
     together = "the robot decided" if robots == 1 else f"all {robots} robots decided"

@@ -111,7 +111,8 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
                 step("alpha", prior[0]).alias("new_alpha"),
                 step("beta", prior[1]).alias("new_beta"),
                 step("received", 0.0).alias("new_received"),
-                (step("sent", -1.0) == 1).fill_null(False).alias("whole"),
+                # Where messages are not counted, lost rows do not show.
+                ((step("sent", -1.0) == 1).fill_null(False) | pl.col("sent").is_null()).alias("whole"),
                 step("time_s", None).alias("spacing_s"),
                 step("avoid_total_s", None).alias("avoid_s"),
                 step("stop_total_s", None).alias("stop_s"),
@@ -125,7 +126,7 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     """theta_E: at least the largest energy that read as 0, less than the smallest that read as 1."""
     name = "sensor.rms_threshold"
     bits = _logged_bits(logs)
-    if bits is not None:
+    if not np.isnan(bits).all():
         zero, one = bits == 0, bits == 1
         how = "whose bit is logged"
     elif np.isnan(between.new_alpha).all():
@@ -161,11 +162,10 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     return Inferred(name, _beside(lower, upper, zeros.size >= ones.size), lower, upper, words)
 
 
-def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64] | None:
-    """In the order of ``Intervals``; None where a log tells none."""
+def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
+    """The bits read, in the order of ``Intervals``; nan where a log does not tell."""
     bits = [log.samples.sort("robot", "time_s")["observation"].cast(pl.Float64).to_numpy() for log in logs]
-    together = np.concatenate(bits)
-    return None if np.isnan(together).any() else together
+    return np.concatenate(bits)
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
@@ -263,8 +263,10 @@ def infer_tau(between: Intervals) -> Inferred:
     """tau, from the spacing of samples between which nothing was avoided."""
     name = "sample.sample_interval_ms"
     calm = between.whole & ~np.isnan(between.spacing_s)
+    which = "(avoidance is not logged)"
     if not np.isnan(between.avoid_s).all():
         calm &= between.avoid_s == 0
+        which = "without avoidance"
     spacing = between.spacing_s[calm]
     if spacing.size < 20:
         return Inferred(name, None, None, None, f"{spacing.size} undisturbed intervals: too few")
@@ -280,7 +282,7 @@ def infer_tau(between: Intervals) -> Inferred:
     low, high = tau_s - 2 * error_s, tau_s + TICKS_S + 2 * error_s
     return Inferred(
         name, round(1000 * _roundest(low, high), 3), 1000 * low, 1000 * high,
-        f"{alike.size} of {spacing.size} intervals without avoidance are {alike.mean():.3f} s; less a stop of "
+        f"{alike.size} of {spacing.size} intervals {which} are {alike.mean():.3f} s; less a stop of "
         f"{stop_s:.3f} s and at most two ticks of 20 ms",
     )  # fmt: skip
 
@@ -312,8 +314,8 @@ def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str,
     """Probability that each of a session's samples sent a one, by strategy; rows in the order of time."""
     frame = log.samples.sort("time_s")
     bit = (frame["energy"].to_numpy() > threshold).astype(float)
-    if frame["observation"].null_count() == 0:
-        bit = frame["observation"].to_numpy().astype(float)
+    logged = frame["observation"].cast(pl.Float64).to_numpy()
+    bit = np.where(np.isnan(logged), bit, logged)
     found = {"none": bit}
     decision = frame["decision"].cast(pl.Float64).to_numpy()
     found["positive"] = np.where(decision >= 0, decision, bit)

@@ -401,7 +401,7 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
 def _outcomes(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The tables of robots and of runs; a decision that is not logged counts as none."""
+    """The tables of robots and of runs; null where decisions are not logged."""
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]
     fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
@@ -409,9 +409,13 @@ def _outcomes(
     truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)
     end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
     known = finals.with_columns(pl.col("decision").fill_null(-1))
-    run_frame = run_table(known, fills, truth, end_s, scenario.run.t_end_s)
     # A session that was ended by hand was not cut short by a decision.
-    return robot_table(known, truth), run_frame.with_columns(stopped_early=pl.lit(False))
+    run_frame = run_table(known, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
+    robot_frame = robot_table(known, truth).with_columns(decision=finals["decision"])
+    untold = finals.group_by("run", maintain_order=True).agg(pl.col("decision").is_null().any())["decision"]
+    came_to = ("consensus", "consensus_time_s", "right", "wrong", "undecided")
+    nulls = [pl.when(~untold).then(pl.col(name)).alias(name) for name in came_to]
+    return robot_frame, run_frame.with_columns(nulls)
 
 
 def told_lines(recording: Recording) -> list[str]:

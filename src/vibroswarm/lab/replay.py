@@ -10,7 +10,7 @@ that decided went on sampling.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -23,12 +23,13 @@ from vibroswarm.errors import InputError
 from vibroswarm.inference.beliefs import beliefs
 from vibroswarm.inference.counted import Session, replay_counted
 from vibroswarm.inference.minds import FINALS, MIND, final_frame, mind_program
-from vibroswarm.inference.replay import Columns, empty_columns
+from vibroswarm.inference.replay import Columns, empty_columns, infer
 from vibroswarm.lab.recording import Recording, inside
+from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.model import vibrating_at
-from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
-from vibroswarm.result import ROBOTS, RUNS
+from vibroswarm.outcome import fill_ratios, outcome_tables, robot_table, run_table, truth_of
+from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.scenario import Scenario
 
 SLACK_S: Final = 1.0
@@ -226,6 +227,15 @@ def _outcome(
     of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
     number = pl.lit(draw, dtype=pl.UInt32).alias("draw")
     return robots.select(number, *ROBOTS), of_runs.select(number, *RUNS)
+
+
+def with_beliefs(recording: Recording, seed: int = 0) -> Result:
+    """The recording with what robots would have believed, all hearing all, by its scenario: for logs without it."""
+    motion = Motion(recording.motion, recording.ends, recording.segments)
+    inference, finals = infer(recording.scenario, seed, motion, recording.observations)
+    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
+    robots, runs = outcome_tables(recording.scenario, floors, finals, recording.ends)
+    return replace(recording, inference=inference, robots=robots, runs=runs)
 
 
 @dataclass(frozen=True)

@@ -67,10 +67,8 @@ def read_webots(path: Path) -> Log:
         series = pl.Series(use, values)
         check_values(series, lines, name, use, f"{place + 1}")
         found[use] = series
-    # It prints the bit that was sent; without feedback that is the bit that was read.
     settings = _settings(text)
-    if settings.get("strategy.name") == "none":
-        found["observation"] = found["message"]
+    found["observation"] = _bits_read(settings.get("strategy.name"), found["message"], found["decision"])
     return Log(
         name=path.name,
         reader="webots",
@@ -79,6 +77,14 @@ def read_webots(path: Path) -> Log:
         settings=settings,
         told={"rows": len(rows)},
     )
+
+
+def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl.Series:
+    """The bits that were read, as far as those that were sent tell: always without feedback, until it decides with
+    positive feedback, else never (null)."""
+    known = pl.lit(strategy == "none") | (pl.lit(strategy == "positive") & (pl.col("decision") == -1))
+    frame = pl.DataFrame([sent.alias("sent"), decision.alias("decision")])
+    return frame.select(pl.when(known).then("sent").alias("observation")).to_series()
 
 
 def _number(cell: str, name: str, line: int) -> float:

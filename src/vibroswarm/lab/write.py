@@ -2,7 +2,7 @@
 
 | format | holds | does not hold |
 |---|---|---|
-| rugbot | places every 0.22 s and at samples (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when in 0.22 s a sample was taken, driving apart from turning |
+| rugbot | places every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when in 0.22 s a sample was taken, driving apart from turning |
 | webots | samples after 5 s: time, place, energy to 1e-6, bit sent, posterior, counters; whole-numbered settings | paths, headings, sessions without bits sent |
 | csv | every table of the result, a file each | - |
 """  # noqa: E501
@@ -71,7 +71,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 def _place(time_s: float, robot: int, where: Any) -> str:
     marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
-    return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0])!r},{float(where[1])!r}"
+    return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
 
 
 def _mind(row: dict[str, Any]) -> str:

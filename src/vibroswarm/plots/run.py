@@ -46,7 +46,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     made = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     axes.set_title(
         f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{scenario.strategy.name} feedback, {made}: {summary['consensus']}",
+        f"{scenario.strategy.name} feedback, {made}: {summary['consensus'] or 'decisions not logged'}",
         fontsize=9,
         wrap=True,
     )

@@ -1,0 +1,146 @@
+"""``vibroswarm lab`` and ``vibroswarm calibrate`` as a user meets them, on the recordings that the project ships."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.lab.recording import Recording
+from vibroswarm.result import Result
+
+SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
+FLOOR = ["--floor", str(SHIPPED / "floor.txt")]
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("lab") / "kept"
+    logs = [str(SHIPPED / f"session-{k}.csv") for k in (1, 2)]
+    assert main(["lab", "import", *logs, *FLOOR, "--out", str(out)]) == 0
+    return out
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> Any:
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_shipped_recordings_are_those_that_the_script_makes(tmp_path):
+    runpy.run_path(str(SHIPPED / "make.py"))["make"](tmp_path)
+    for made in sorted(tmp_path.iterdir()):
+        assert made.read_text() == (SHIPPED / made.name).read_text(), made.name
+
+
+def test_a_recording_is_a_folder_like_any_result(kept):
+    names = {path.name for path in kept.iterdir()}
+    assert {"run-1.html", "run-2.html", "run-1.png", "scenario.toml", "recording.json"} <= names
+    assert Result.read(kept).seed is None
+    assert Recording.read(kept).names == (1, 2, 3, 4, 5)
+    page = (kept / "run-2.html").read_text(encoding="utf-8")
+    assert "session-2.csv" in page
+
+
+def test_what_is_told_of_an_import(tmp_path, capsys):
+    log = str(SHIPPED / "session-1.csv")
+    arguments = ["lab", "import", log, *FLOOR, "--out", str(tmp_path / "a")]
+    assert main([*arguments, "--set", "sensor.rms_threshold=1.0", "--json"]) == 0
+    about = told(capsys)
+    assert about["stated"][0] == "sensor.rms_threshold"
+    assert about["sessions"][0]["told"]["samples"] == 181
+    assert Recording.read(tmp_path / "a").scenario.sensor.rms_threshold == 1.0  # what is stated goes first
+    assert main([*arguments, "--force", "--set", "sensor.rms_threshold=1.0"]) == 0
+    said = capsys.readouterr().out
+    assert "(stated: 1.0, WHICH DOES NOT FIT)" in said
+    assert "The floor fits" in said
+
+
+def test_a_csv_of_ones_own(tmp_path, capsys):
+    arguments = [str(SHIPPED / "camera.csv"), "--columns", str(SHIPPED / "columns.toml"), *FLOOR]
+    assert main(["lab", "import", *arguments, "--out", str(tmp_path / "mine")]) == 0
+    said = capsys.readouterr().out
+    assert "decisions are not logged" in said
+    assert "beliefs replayed, not logged" in (tmp_path / "mine" / "run.html").read_text(encoding="utf-8")
+
+
+def test_replay(kept, capsys):
+    assert (
+        main(["lab", "replay", str(kept), "--gate", "own", "--set", "rms_threshold=1.4", "--draws", "5"]) == 0
+    )
+    said = capsys.readouterr().out
+    assert "rms_threshold 1.4" in said
+    assert said.count("as logged") == 2
+    assert main(["lab", "replay", str(kept), "--strategy", "soft", "--draws", "3", "--json"]) == 0
+    about = told(capsys)
+    assert list(about["replayed"]) == ["soft"]
+    assert about["replayed"]["soft"][1]["session"] == 2
+
+
+def test_threshold(kept, capsys):
+    assert main(["lab", "threshold", str(kept), "--costs", "1:3", "--at", "1.33"]) == 0
+    said = capsys.readouterr().out
+    assert all(
+        word in said for word in ("equal error:", "least error:", "costs 1 to 3:", "given: theta_E = 1.330")
+    )
+    assert main(["lab", "threshold", str(kept), "--json"]) == 0
+    about = told(capsys)
+    assert len(about["thresholds"]) == 2
+    assert about["edge_profile"][-1]["to_m"] is None
+
+
+def test_export_and_import_again(kept, tmp_path, capsys):
+    assert main(["run", "--set", "run.t_end_s=30", *FLOOR, "--out", str(tmp_path / "made")]) == 0
+    for name, suffix in (("rugbot", ".csv"), ("webots", ".txt")):
+        log = tmp_path / f"again{suffix}"
+        assert main(["lab", "export", str(tmp_path / "made"), "--format", name, "--out", str(log)]) == 0
+        assert main(["lab", "import", str(log), *FLOOR, "--any-floor", "--out", str(tmp_path / name)]) == 0
+    made, again = Result.read(tmp_path / "made"), Recording.read(tmp_path / "webots")
+    late = made.motion.filter(pl.col("time_s") > 5.0)
+    assert again.motion.height == late.height
+    assert main(["lab", "export", str(kept), "--format", "csv", "--out", str(tmp_path / "tables")]) == 0
+    assert (tmp_path / "tables" / "inference.csv").is_file()
+
+
+def test_compare(kept, tmp_path, capsys):
+    picture = tmp_path / "side.png"
+    assert main(["calibrate", "compare", str(kept), str(kept), "--picture", str(picture), "--json"]) == 0
+    about = told(capsys)
+    assert all(one["as_published"] == pytest.approx(1.0) for one in about["similarities"])
+    assert about["told_apart"]["simulated_by_robot"]["estimate"] < 0.7
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["calibrate", "compare", str(kept), str(kept)]) == 0
+    assert "ceiling" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["lab", "import", "nowhere.csv", *FLOOR, "--out", "x"], "there is no such file"),
+        (["lab", "import", "nowhere.csv", "--out", "x"], "on which floor were the robots?"),
+        (["lab", "import", "nowhere.csv", "--floor", "random:0.48", "--out", "x"], "is random"),
+        (["lab", "replay", "nowhere"], "is no recording"),
+        (["lab", "threshold", "nowhere", "--costs", "1"], "is not of the form A:B"),
+        (
+            ["lab", "replay", "nowhere", "--strategy", "softly"],
+            "there is no strategy 'softly', did you mean 'soft'",
+        ),
+        (["lab", "export", "nowhere", "--format", "rugbt", "--out", "x"], "did you mean 'rugbot'"),
+        (["calibrate", "compare", "nowhere", "nowhere"], "is no result of vibroswarm"),
+    ],
+)
+def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_replay_sets_only_what_it_can(kept, capsys):
+    assert main(["lab", "replay", str(kept), "--set", "sample_interval_ms=100"]) == 2
+    assert "is no field that a replay can change" in capsys.readouterr().err
