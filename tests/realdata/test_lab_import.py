@@ -12,7 +12,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.correlation import lag_one
+from vibroswarm.analysis.correlation import lag_one, packet_loss
+from vibroswarm.analysis.sampling import walk_figures_of
+from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
@@ -88,3 +90,14 @@ def test_a_real_session_is_a_result_like_any(real: Recording) -> None:
     assert record.strategy == "positive"
     assert record.segments.height > 20_000
     assert lag_one(real).estimate == pytest.approx(0.24, abs=0.04)
+
+
+def test_statistics_take_it(real: Recording, simulated: Recording) -> None:
+    """The readings: 1 to 3 % of the packets lost, 97.5 mm and 3.33 s between samples."""
+    lost = packet_loss(real)["packet_loss"].to_list()
+    assert all(0.005 < one < 0.035 for one in lost), lost
+    assert packet_loss(simulated)["packet_loss"].abs().max() < 0.001  # none is lost there
+    walk = walk_figures_of(real)
+    assert walk["distance_m"].mean() == pytest.approx(0.0975, abs=0.0005)
+    assert walk["avoid_per_sample_s"].mean() == pytest.approx(0.423, abs=0.003)
+    assert verdict(real, 2).consensus == "right"

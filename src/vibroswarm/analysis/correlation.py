@@ -132,6 +132,8 @@ def packet_loss(result: Result) -> pl.DataFrame:
     Only messages sent at least two control periods before the receiver's last stop began count: it had come past
     these, heard or not, when it took its last sample. What was sent later may still have been on its way, and a
     robot that never sampled says nothing. The share is of messages addressed to a robot, its own not among them.
+    Samples count by their numbers, so that rows that a recording lost count too; where it does not tell what was
+    received, heard and the share are null.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
@@ -146,10 +148,16 @@ def packet_loss(result: Result) -> pl.DataFrame:
     span = int(max(tick.max(initial=0), 0)) + 3
     clock = result.motion["run"].to_numpy().astype(np.int64) * span + tick
     of_run = last["run"].to_numpy().astype(np.int64)
-    sent = np.searchsorted(clock, of_run * span + np.maximum(begun, -1), side="right")
-    sent -= np.searchsorted(clock, of_run * span, side="left")
+    number = pl.col("sample").cast(pl.Int64)
+    since = number - number.shift(1).over("run", "robot").fill_null(-1)  # 1, and more after lost rows
+    so_far = np.append(0, np.cumsum(result.motion.select(since).to_series().to_numpy()))
+    sent = so_far[np.searchsorted(clock, of_run * span + np.maximum(begun, -1), side="right")]
+    sent -= so_far[np.searchsorted(clock, of_run * span, side="left")]
     own = last["sample"].to_numpy().astype(np.int64)  # all before its last, each long before that stop
     counted = last.select("run", "heard").with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
-    table = counted.group_by("run", maintain_order=True).agg(pl.col("addressed", "heard").sum())
+    untold = pl.col("heard").is_null().any()
+    table = counted.group_by("run", maintain_order=True).agg(
+        pl.col("addressed").sum(), pl.when(~untold).then(pl.col("heard").sum()).alias("heard")
+    )
     loss = pl.when(pl.col("addressed") > 0).then(1.0 - pl.col("heard") / pl.col("addressed"))
     return table.with_columns(packet_loss=loss).select(list(EXCHANGE)).cast(EXCHANGE)  # type: ignore[arg-type]

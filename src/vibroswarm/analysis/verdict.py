@@ -28,12 +28,13 @@ class RobotVerdict:
     belief_at_decision: float | None
     belief_in_decision: float | None
     belief: float | None
-    estimate: float
-    interval: tuple[float, float]
-    alpha: int
-    beta: int
+    estimate: float | None
+    """None, as the posterior itself, in a recording that does not tell it."""
+    interval: tuple[float, float] | None
+    alpha: int | None
+    beta: int | None
     samples: int
-    received: int
+    received: int | None
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,10 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
         belief_at_decision=belief,
         belief_in_decision=sure,
         belief=row["belief"],
-        estimate=alpha / (alpha + beta),
-        interval=(float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975))),
+        estimate=None if alpha is None else alpha / (alpha + beta),
+        interval=None
+        if alpha is None
+        else (float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975))),
         alpha=alpha,
         beta=beta,
         samples=row["samples"],

@@ -67,10 +67,13 @@ def robot_line(robot: RobotVerdict, boundary: float) -> str:
     """One robot in one line of the table."""
     at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f} s"
     sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f} %"
-    low, high = robot.interval
+    estimate = "not told"
+    if robot.estimate is not None and robot.interval is not None:
+        estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
+    heard = "-" if robot.received is None else str(robot.received)
     return (
         f"{robot.robot:>5}  {decision_words(robot.decision, boundary):<26} {at:>9} {sure:>8}   "
-        f"{robot.estimate:.3f} [{low:.3f}, {high:.3f}] {robot.samples:>8} {robot.received:>6}"
+        f"{estimate:<20} {robot.samples:>8} {heard:>6}"
     )
 
 

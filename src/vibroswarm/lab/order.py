@@ -105,6 +105,12 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
             if np.isnan(values[own]).all():
                 continue
             of_time = name.endswith("_s")
+            untold = own[np.isnan(values[own])]
+            if name == "sent" and untold.size:
+                raise InputError(
+                    f"does not say how many messages robot {one} has sent, as its other rows do",
+                    field=f"{log.name}, row {line[untold[0]]}",
+                )
             values[own], times, wrong = unwrapped(
                 values[own], log.wraps_at.get(name), time_s[own] if of_time else None
             )
