@@ -144,3 +144,11 @@ def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, mon
 def test_a_replay_sets_only_what_it_can(kept, capsys):
     assert main(["lab", "replay", str(kept), "--set", "sample_interval_ms=100"]) == 2
     assert "is no field that a replay can change" in capsys.readouterr().err
+
+
+def test_figures(kept, capsys):
+    assert main(["calibrate", "figures", str(kept)]) == 0
+    assert "speed lost in 1200 s, %" in capsys.readouterr().out
+    assert main(["calibrate", "figures", str(kept), str(kept), "--at", "1.55", "--json"]) == 0
+    assert told(capsys)["rms_threshold"] == 1.55
+    assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2

@@ -8,9 +8,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vibroswarm.calibrate.compare import Comparison, compare
+from vibroswarm.calibrate.figures import figures_of
 from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
 from vibroswarm.lab.readers import read_log
@@ -67,3 +69,31 @@ def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> 
     assert found.told_apart.simulated_by_robot.low > 0.7
     assert found.told_apart.real is not None
     assert found.told_apart.real.high < 0.6
+
+
+def test_the_figures_are_those_of_the_readings() -> None:
+    """Section 6: what the real robots do that the simulator does not."""
+    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
+    found = []
+    for names in ([f"CAL_{k}.csv" for k in (1, 2, 3)], [f"webots_log_{k}.txt" for k in (0, 1, 2)]):
+        logs = [read_log(Path(FOLDER) / name) for name in names]
+        figures = figures_of(recording_of(logs, floor, preset("paper")), 1.33)
+        found.append({one.name: one.interval.estimate for one in figures if one.interval is not None})
+    real, simulated = found
+    assert real["speed_m_s"] == pytest.approx(0.0567, abs=0.0015)
+    assert real["start_speed_m_s"] == pytest.approx(0.0602, abs=0.0015)
+    assert real["between_m_s"] == pytest.approx(0.0081, abs=0.0007)
+    assert real["share_between"] == pytest.approx(0.79, abs=0.06)
+    assert real["lag_one"] == pytest.approx(0.18, abs=0.03)
+    assert real["drop"] == pytest.approx(0.103, abs=0.01)
+    assert real["veer_rad_s"] == pytest.approx(np.radians(-5.7), abs=np.radians(0.5))
+    assert real["veer_between_rad_s"] == pytest.approx(np.radians(2.8), abs=np.radians(0.4))
+    assert real["avoid_s"] == pytest.approx(0.423, abs=0.003)
+    assert real["avoid_none"] == pytest.approx(0.66, abs=0.01)
+    assert real["density_corners"] == pytest.approx(1.14, abs=0.01)
+    assert real["density_inside"] == pytest.approx(0.92, abs=0.01)
+    assert real["off_walls"] == pytest.approx(1.71, abs=0.01)
+    assert real["near_walls"] == pytest.approx(0.21, abs=0.01)
+    assert real["lag_one_bits"] == pytest.approx(0.24, abs=0.02)
+    assert simulated["drop"] == pytest.approx(0.142, abs=0.01)
+    assert simulated["share_between"] < 0.05  # it redraws speeds at every sample

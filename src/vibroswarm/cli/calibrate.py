@@ -44,7 +44,48 @@ def add_parser(commands: Any) -> None:
     )
     compare.add_argument("--json", action="store_true", help="as JSON")
     compare.set_defaults(run=run_compare, parser=compare)
+    figures = tasks.add_parser(
+        "figures",
+        help="how robots drive, avoid, spread and read, and a simulation beside them",
+        description="Figures of one or two results (each run is a session) with 95 %% intervals over sessions.",
+        allow_abbrev=False,
+    )
+    figures.add_argument(
+        "folders", metavar="DIR", type=Path, nargs="+", help="folders of recordings or simulations"
+    )
+    figures.add_argument("--at", metavar="THETA", default="1.33", help="threshold for error rates (1.33)")
+    figures.add_argument("--json", action="store_true", help="as JSON")
+    figures.set_defaults(run=run_figures, parser=figures)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
+
+
+def run_figures(arguments: argparse.Namespace) -> int:
+    """Read, count, tell side by side."""
+    from vibroswarm.calibrate.figures import FIGURES, figures_of
+    from vibroswarm.errors import InputError
+
+    try:
+        threshold = float(arguments.at)
+    except ValueError:
+        raise InputError(f"'{arguments.at}' is no threshold; give a number", field="--at") from None
+    found = {str(folder): figures_of(_read(folder), threshold) for folder in arguments.folders}
+    if arguments.json:
+        about = {folder: [one.as_dict() for one in each] for folder, each in found.items()}
+        print(json.dumps({"rms_threshold": threshold, "figures": about}, indent=2, allow_nan=False))
+        return 0
+    print(f"{'':<46}" + "".join(f"{Path(folder).name:<30}" for folder in found))
+    for k, (words, times) in enumerate(FIGURES.values()):
+        cells = [_scaled(each[k].interval, times) for each in found.values()]
+        print(f"{words:<46}" + "".join(f"{cell:<30}" for cell in cells))
+    print(f"Errors at a threshold of {threshold:g}; in brackets 95 % over sessions; '-': cannot be told.")
+    return 0
+
+
+def _scaled(one: Interval | None, times: float) -> str:
+    if one is None:
+        return "-"
+    middle, low, high = (f"{times * each:.3g}" for each in (one.estimate, one.low, one.high))
+    return middle if one.n < 2 else f"{middle} [{low}, {high}]"
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
