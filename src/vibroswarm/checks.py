@@ -104,6 +104,20 @@ def _check_sensor(s: Scenario) -> None:
                 )
 
 
+FACTOR_LIMIT = 10_000_000
+"""Factors of sensors and tiles that a run may have."""
+
+
+def _check_factors(s: Scenario) -> None:
+    robots = s.swarm.robots if s.sensor.robot_spread else 1
+    tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
+    if robots * tiles > FACTOR_LIMIT:
+        raise InputError(
+            f"{robots} robots and {tiles} tiles that all differ are too many; at most {FACTOR_LIMIT} pairs",
+            field="sensor.tile_spread",
+        )
+
+
 def _check_floor(s: Scenario) -> None:
     rows, columns = s.floor.tiles_for(0, 0)[0].shape
     width = s.floor.tile_width_m or s.arena.width_m / columns
@@ -115,4 +129,4 @@ def _check_floor(s: Scenario) -> None:
         )
 
 
-ALL = (_check_ranges, _check_places, _check_time, _check_sensor, _check_floor)
+ALL = (_check_ranges, _check_places, _check_time, _check_sensor, _check_factors, _check_floor)

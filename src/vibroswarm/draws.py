@@ -63,6 +63,11 @@ ALONE: Final = _number(0)
 OF_HEADING: Final = _number(1)
 OF_SITE: Final = _number(2)
 """Peers that keep the numbers of a start's heading and lattice site from those of its place."""
+OF_EDGE: Final = _number(1)
+"""Peer of a sample's second number: on which side of a tile's edge it is felt."""
+OF_TILE: Final = _number(1)
+OF_SENSOR: Final = _number(2)
+"""Peers that keep the numbers of tiles' and of sensors' factors from those of the wheels."""
 
 _M0: Final = 0xD2511F53
 _M1: Final = 0xCD9E8D57

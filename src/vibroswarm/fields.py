@@ -14,6 +14,7 @@ Field to paper:
 | strategy.eta, strategy.kappa | eta, kappa | - |
 | robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
 | robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
+| sensor.edge_reach_m, sensor.edge_blur_m, sensor.tile_spread, sensor.robot_spread | not in the paper | m, m, -, - |
 | robot.battery_life_s | b_d = 1 - t / battery_life_s | s |
 """
 
@@ -211,6 +212,16 @@ class Sensor(Section):
     """Measured energies of vibrating tiles, for model = "energies"."""
     still_energies: Energies | None = None
     """Measured energies of still tiles."""
+    edge_reach_m: Annotated[float, Field(ge=-1, le=1)] | None = None
+    """Vibrating tiles reach so far beyond their edges: at this distance every second sample is read as on one.
+    Without it (and ``edge_blur_m``) a sample reads the tile under the centre, as the paper's did."""
+    edge_blur_m: Annotated[float, Field(ge=0, le=1)] | None = None
+    """How gradual that is: standard deviation of the distance at which it happens, m."""
+    tile_spread: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Tiles differ: energies on each are multiplied by a factor of mean 1, log-normal with this standard
+    deviation of its logarithm, drawn for each tile and run (each study with ``floor.redraw = "study"``)."""
+    robot_spread: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Robots' sensors differ likewise; drawn for each robot and run."""
 
 
 class Strategy(Section):

@@ -23,29 +23,29 @@ from vibroswarm.motion.body import Setup, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
-from vibroswarm.observation.model import (
-    OBSERVATIONS,
-    energies_of,
-    sensing_numbers,
-    share_below,
+from vibroswarm.observation.felt import (
+    Place,
+    Response,
+    factor_row,
+    factors_differ,
+    felt_tile,
+    response_of,
     tile_below,
-    vibrating_at,
 )
+from vibroswarm.observation.model import OBSERVATIONS, sensing_numbers, vibrating_at
+from vibroswarm.observation.reading import energies_of
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import MindProgram
 
 
 class Ground(NamedTuple):
-    """The floor and the sensor as the kernel reads them; lengths in m."""
+    """The floor, where it lies, and how the sensors respond, as the kernel reads them."""
 
     tiles: NDArray[np.uint8]
-    left_m: float
-    top_m: float
-    tile_width_m: float
-    tile_height_m: float
-    still_share_below: float
-    vibrating_share_below: float
+    """(tiles,)"""
+    place: Place
+    response: Response
 
 
 class Radio(NamedTuple):
@@ -59,27 +59,24 @@ class Radio(NamedTuple):
 
 
 class Notes(NamedTuple):
-    """What is written down beside the motion: (room,) of the inference table; (room, 2) of tile and bit."""
+    """What is written down beside the motion: (room,) of the inference table; (room, 4) of
+    tile, bit, tile felt and row of factors."""
 
     inference: Columns
     observations: NDArray[np.int64]
 
 
 @kernel
-def tile_at(ground: Ground, x_m: float, y_m: float) -> int:
-    """Index of the tile under a point; -1 where there is none."""
-    rows, columns = ground.tiles.shape
-    return tile_below(
-        x_m, y_m, ground.left_m, ground.top_m, ground.tile_width_m, ground.tile_height_m, rows, columns
-    )
-
-
-@kernel
-def read(ground: Ground, tile: int, u: float) -> int:
-    """The bit that a sample on this tile reads."""
-    columns = ground.tiles.shape[1]
-    vibrating = tile >= 0 and ground.tiles[tile // columns, tile % columns] == 1
-    return 1 if u > (ground.vibrating_share_below if vibrating else ground.still_share_below) else 0
+def read(
+    ground: Ground, x_m: float, y_m: float, seed: int, run: int, robot: int, sample: int
+) -> tuple[int, int, int, int]:
+    """What a sample here reads: the tile below, the bit, the tile felt, the row of factors."""
+    tile = tile_below(x_m, y_m, ground.place)
+    felt = felt_tile(x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample)
+    vibrates = felt >= 0 and ground.tiles[felt] == 1
+    row = factor_row(ground.response, 0, robot, felt)
+    u = uniform(seed, run, robot, SENSING, sample, ALONE)
+    return tile, (1 if u > ground.response.shares_below[row, int(vibrates)] else 0), felt, row
 
 
 @kernel
@@ -101,11 +98,11 @@ def sample_and_communicate(
         if not swarm[i].sampled:
             continue
         k, index = record.filled[0], swarm[i].samples - 1
-        tile = tile_at(ground, swarm[i].x_m, swarm[i].y_m)
-        bit = read(ground, tile, uniform(seed, run, i, SENSING, index, ALONE))
+        tile, bit, felt, row = read(ground, swarm[i].x_m, swarm[i].y_m, seed, run, i, index)
         u = uniform(seed, run, i, MESSAGE, index, ALONE)
         message = take_sample(minds, i, k, bit, u, program, beliefs, True)
         notes.observations[k, 0], notes.observations[k, 1] = tile, bit
+        notes.observations[k, 2], notes.observations[k, 3] = felt, row
         write_row(notes.inference, k, minds, i)
         radio.senders[k], radio.samples[k], radio.bits[k] = i, index, message
         radio.total[0] += 1
@@ -145,16 +142,14 @@ def run_whole(
     return until
 
 
-def ground_of(scenario: Scenario, floor: Floor) -> Ground:
-    """Floor and sensor of a run as the kernel reads them."""
+def ground_of(scenario: Scenario, seed: int, run: int, floor: Floor) -> Ground:
+    """Floor and sensors of a run as the kernel reads them."""
+    rows, columns = floor.tiles.shape
+    top_m = floor.bottom_m + rows * floor.tile_height_m
     return Ground(
-        tiles=floor.tiles,
-        left_m=floor.left_m,
-        top_m=floor.bottom_m + floor.tiles.shape[0] * floor.tile_height_m,
-        tile_width_m=floor.tile_width_m,
-        tile_height_m=floor.tile_height_m,
-        still_share_below=share_below(scenario.sensor, False),
-        vibrating_share_below=share_below(scenario.sensor, True),
+        tiles=floor.tiles.ravel(),
+        place=Place(rows, columns, floor.tile_width_m, floor.tile_height_m, floor.left_m, top_m),
+        response=response_of(scenario, seed, np.array([run]), [floor.tiles.size]),
     )
 
 
@@ -173,32 +168,41 @@ def whole_run(
         np.zeros(1, dtype=np.int64), scenario.network.loss,
     )  # fmt: skip
     record = empty_record(robots, room, 0)
-    notes = Notes(empty_columns(room), np.zeros((room, 2), dtype=np.int64))
+    notes = Notes(empty_columns(room), np.zeros((room, 4), dtype=np.int64))
     program = mind_program(scenario)
     known = beliefs(program.boundary, program.prior_alpha + program.prior_beta + room)
     begin(swarm, setup, speeds, seed, run)
     begin_minds(minds, program)
+    ground = ground_of(scenario, seed, run, floor)
     end = run_whole(
-        swarm, setup, speeds, ground_of(scenario, floor), minds, radio, record, notes, program, known,
+        swarm, setup, speeds, ground, minds, radio, record, notes, program, known,
         seed, run, ticks, scenario.run.stop == "all_decided",
     )  # fmt: skip
     count = int(record.filled[0])
     motion = tables(
         [Rows(record.samples[:count], None, end_rows(swarm, run, end))], scenario.run.control_period_ms
     )
-    observations = _observation_frame(scenario, seed, floor, motion.samples, notes.observations[:count])
+    observations = _observation_frame(
+        scenario, seed, floor, ground, motion.samples, notes.observations[:count]
+    )
     inference = inference_frame(motion.samples, notes.inference)
     finals = final_frame(motion.ends, minds, motion.samples["time_s"].to_numpy())
     return motion, observations, inference, finals
 
 
 def _observation_frame(
-    scenario: Scenario, seed: int, floor: Floor, samples: pl.DataFrame, read_off: NDArray[np.int64]
+    scenario: Scenario,
+    seed: int,
+    floor: Floor,
+    ground: Ground,
+    samples: pl.DataFrame,
+    notes: NDArray[np.int64],
 ) -> pl.DataFrame:
     """The observation table; the energies are those of the numbers that gave the bits."""
-    tile, bit = read_off[:, 0], read_off[:, 1]
+    tile, bit, felt, row = notes.T
     u = sensing_numbers(seed, *(samples[name].to_numpy() for name in ("run", "robot", "sample")))
-    energy = energies_of(scenario.sensor, vibrating_at(floor, tile), u)
+    factors = ground.response.factors[row] if factors_differ(scenario.sensor) else None
+    energy = energies_of(scenario.sensor, vibrating_at(floor, felt), u, factors)
     return samples.select("run", "robot", "sample").with_columns(
         tile=pl.Series(tile, dtype=OBSERVATIONS["tile"]),
         energy=pl.Series(energy),

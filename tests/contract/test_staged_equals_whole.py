@@ -38,6 +38,17 @@ FLOORS: dict[str, dict[str, Any]] = {
         "floor.bottom_m": -0.2,
     },
 }
+FELT: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "edges": {"sensor.edge_reach_m": 0.01, "sensor.edge_blur_m": 0.02},
+    "all": {
+        "sensor.edge_reach_m": -0.01,
+        "sensor.edge_blur_m": 0.01,
+        "sensor.tile_spread": 0.3,
+        "sensor.robot_spread": 0.2,
+    },
+    "robots": {"sensor.edge_reach_m": 0.03, "sensor.robot_spread": 0.4},
+}
 QUICK: dict[str, Any] = {
     "run.t_end_s": 150.0,
     "decision.min_observations": 12,
@@ -66,6 +77,7 @@ class Draw:
     interval_ms: float = 2000.0
     period_ms: int = 20
     prior: tuple[int, int] = (1, 1)
+    felt: str = "plain"
 
     def scenario(self, **more: Any) -> Scenario:
         values = {
@@ -85,7 +97,7 @@ class Draw:
             "run.control_period_ms": self.period_ms,
         }
         more = {name.replace("__", "."): value for name, value in more.items()}
-        return Scenario().with_values(QUICK | values | FLOORS[self.floor] | more)
+        return Scenario().with_values(QUICK | values | FLOORS[self.floor] | FELT[self.felt] | more)
 
 
 def whole(scenario: Scenario, seed: int, run: int) -> Tables:
@@ -126,6 +138,7 @@ draws = st.builds(
     interval_ms=st.sampled_from([2000.0, 500.0, 100.0, 3778.0, 57.0]),
     period_ms=st.sampled_from([20, 13, 50]),
     prior=st.sampled_from([(1, 1), (4, 2)]),
+    felt=st.sampled_from(sorted(FELT)),
 )
 
 

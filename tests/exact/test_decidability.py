@@ -23,7 +23,7 @@ from vibroswarm.analysis.decidability import (
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.model import error_rates
+from vibroswarm.observation.reading import error_rates
 from vibroswarm.presets import preset
 from vibroswarm.simulation import simulate
 

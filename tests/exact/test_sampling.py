@@ -23,7 +23,8 @@ from vibroswarm.analysis.sampling import (
 )
 from vibroswarm.errors import InputError
 from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.model import OBSERVATIONS, error_rates
+from vibroswarm.observation.model import OBSERVATIONS
+from vibroswarm.observation.reading import error_rates
 from vibroswarm.presets import preset
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate

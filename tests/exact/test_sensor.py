@@ -10,7 +10,8 @@ from scipy import stats
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.model import OBSERVATIONS, energy_of, error_rates, observe, share_below
+from vibroswarm.observation.model import OBSERVATIONS, observe
+from vibroswarm.observation.reading import energy_of, error_rates, share_below
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario, Sensor
 

@@ -47,6 +47,10 @@ OTHERS = {
     "floor.tile_height_m": 0.1,
     "sensor.vibrating_energies": (1.0, 2.0),
     "sensor.still_energies": (0.5,),
+    "sensor.edge_reach_m": 0.01,
+    "sensor.edge_blur_m": 0.02,
+    "sensor.tile_spread": 0.2,
+    "sensor.robot_spread": 0.1,
     "rays.side_m": (0.0, 0.007, -0.0075),
     "rays.angle_deg": (0.0, 27.0, -28.0),
 }
@@ -229,7 +233,8 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     named = {f"{section}.{field}" for section, fields in values.items() for field in fields}
     optional = {
         "floor.tiles", "floor.tile_width_m", "floor.tile_height_m", "sensor.vibrating_energies",
-        "sensor.still_energies",
+        "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
+        "sensor.robot_spread",
     }  # fmt: skip
     assert named == set(field_names()) - optional
 

@@ -34,7 +34,7 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.model import error_rates
+from vibroswarm.observation.reading import error_rates
 from vibroswarm.outcome import truth_of
 from vibroswarm.scenario import Scenario
 

@@ -40,7 +40,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, plain, wilson
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.model import error_rates
+from vibroswarm.observation.reading import error_rates
 from vibroswarm.result import Result
 
 PriorName = Literal["tiles", "counts", "mirror"]

@@ -14,7 +14,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.observation.model import error_rates
+from vibroswarm.observation.reading import error_rates
 from vibroswarm.result import Result
 
 

@@ -8,13 +8,13 @@
 | false positive, false negative | - | - | scalar | 1 - F_still(theta_E), F_vibrating(theta_E) |
 
 Changing the floor changes no noise: the uniform number belongs to (seed, run, robot, sample). A place
-without a tile does not vibrate and reads as a still tile does; its tile is -1.
+without a tile does not vibrate and reads as a still tile does; its tile is -1. Near edges, and where tiles or
+robots differ (off in the paper), the tile that is read and a factor come from ``felt``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from itertools import accumulate
 from typing import Any, Final
 
@@ -24,8 +24,17 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, kernel, read_only, signed
 from vibroswarm.draws import ALONE, SENSING, uniform
-from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.felt import (
+    Place,
+    Response,
+    factor_row,
+    factors_differ,
+    felt_tile,
+    response_of,
+    tile_below,
+)
+from vibroswarm.observation.reading import energies_of
 from vibroswarm.scenario import Scenario
 
 OBSERVATIONS: Final[dict[str, Any]] = {
@@ -38,61 +47,10 @@ OBSERVATIONS: Final[dict[str, Any]] = {
 }
 
 
-def share_below(sensor: Sensor, vibrating: bool) -> float:
-    """F(theta_E): the probability that a tile of this kind reads as still."""
-    if sensor.model == "energies":
-        energies = np.sort(_measured(sensor, vibrating))
-        return float(np.searchsorted(energies, sensor.rms_threshold, side="right")) / energies.size
-    return _gamma_below(sensor.rms_threshold, *_gamma(sensor, vibrating))
-
-
-@lru_cache(maxsize=64)
-def _gamma_below(threshold: float, shape: float, scale: float, location: float) -> float:
-    from scipy.special import gammainc
-
-    return float(gammainc(shape, max(threshold - location, 0.0) / scale))
-
-
-def error_rates(sensor: Sensor) -> tuple[float, float]:
-    """(false positive, false negative): a still tile reads as vibrating, a vibrating one as still."""
-    return 1.0 - share_below(sensor, False), share_below(sensor, True)
-
-
-def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Energies at the quantiles ``u`` of a tile of this kind, shape as ``u``."""
-    if sensor.model == "energies":
-        energies = np.sort(_measured(sensor, vibrating))
-        return energies[(u * energies.size).astype(np.int64)].astype(np.float32)
-    from scipy.special import gammaincinv
-
-    shape, scale, location = _gamma(sensor, vibrating)
-    return (scale * gammaincinv(shape, u) + location).astype(np.float32)
-
-
-def energies_of(sensor: Sensor, vibrating: NDArray[np.bool_], u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """``energy_of`` for places of both kinds, shape as ``u``."""
-    energy = np.empty(u.size, dtype=np.float32)
-    for kind in (False, True):
-        energy[vibrating == kind] = energy_of(sensor, kind, u[vibrating == kind])
-    return energy
-
-
 def vibrating_at(floor: Floor, tile: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
     """Whether the tiles of these indices vibrate; where there is none (-1), nothing does."""
     flat = np.append(floor.tiles.ravel(), 0)  # index -1 is the last
     return np.asarray(flat[tile] == 1)
-
-
-def _gamma(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
-    if vibrating:
-        return sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location
-    return sensor.still_shape, sensor.still_scale, sensor.still_location
-
-
-def _measured(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
-    values = sensor.vibrating_energies if vibrating else sensor.still_energies
-    assert values is not None, "checked by Scenario"
-    return np.asarray(values, dtype=np.float64)
 
 
 @allocating_kernel
@@ -107,25 +65,6 @@ def sensing_numbers(
 
 
 @kernel
-def tile_below(
-    x_m: float,
-    y_m: float,
-    left_m: float,
-    top_m: float,
-    width_m: float,
-    height_m: float,
-    rows: int,
-    columns: int,
-) -> int:
-    """Index of the tile under a point; -1 where there is none (as ``Floor.tile_at``, with the tiles' top edge)."""
-    column, row = np.floor((x_m - left_m) / width_m), np.floor((top_m - y_m) / height_m)
-    if column >= 0 and row >= 0 and column < columns and row < rows:
-        index: int = int(row) * columns + int(column)
-        return index
-    return -1
-
-
-@kernel
 def read_samples(
     seed: int,
     bounds: NDArray[np.int64],
@@ -137,31 +76,36 @@ def read_samples(
     places: NDArray[np.float64],
     first_tiles: NDArray[np.int64],
     tiles: NDArray[np.uint8],
-    shares_below: tuple[float, float],
+    response: Response,
     tile: NDArray[np.int32],
     observation: NDArray[np.uint8],
     vibrating: NDArray[np.bool_],
     numbers: NDArray[np.float64],
+    factors: NDArray[np.float64],
 ) -> None:
     """What the samples read.
 
     Args:
         bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to y_m: (rows,).
         places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
-        shares_below: F(theta_E) of still and of vibrating tiles.
-        tile, observation: (rows,), written. vibrating, numbers: (rows,), written, or of no rows.
+        tile, observation: (rows,), written. vibrating, numbers, factors: (rows,), written, or of no rows: of the
+            tile that was felt.
     """
     wanted = numbers.size > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
-        top_m = bottom_m + rows * height_m
+        place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
+        own = tiles[first_tiles[r] : first_tiles[r] + place.rows * place.columns]
         for k in range(bounds[r], bounds[r + 1]):
-            at = tile_below(x_m[k], y_m[k], left_m, top_m, width_m, height_m, int(rows), int(columns))
-            vibrates = at >= 0 and tiles[first_tiles[r] + at] == 1
-            u = uniform(seed, runs[r], signed(robot[k]), SENSING, signed(sample[k]), ALONE)
-            tile[k], observation[k] = at, u > shares_below[int(vibrates)]
+            at = tile_below(x_m[k], y_m[k], place)
+            i, number = signed(robot[k]), signed(sample[k])
+            felt = felt_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
+            vibrates = felt >= 0 and own[felt] == 1
+            row = factor_row(response, r, i, felt)
+            u = uniform(seed, runs[r], i, SENSING, number, ALONE)
+            tile[k], observation[k] = at, u > response.shares_below[row, int(vibrates)]
             if wanted:
-                vibrating[k], numbers[k] = vibrates, u
+                vibrating[k], numbers[k], factors[k] = vibrates, u, response.factors[row]
 
 
 def observe(
@@ -182,12 +126,11 @@ def observe(
     run, count = samples["run"].to_numpy(), samples.height
     begins = np.r_[0, np.flatnonzero(run[1:] != run[:-1]) + 1] if count else np.zeros(0, dtype=np.int64)
     runs = run[begins].astype(np.int64)
-    places, first_tiles, tiles = _laid_out([floors[number] for number in runs.tolist()])
+    own_floors = [floors[number] for number in runs.tolist()]
+    places, first_tiles, tiles = _laid_out(own_floors)
     tile, observation = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.uint8)
-    vibrating, numbers = (
-        np.empty(count if energies else 0, dtype=np.bool_),
-        np.empty(count if energies else 0),
-    )
+    kept = count if energies else 0
+    vibrating, numbers, factors = np.empty(kept, dtype=np.bool_), np.empty(kept), np.empty(kept)
     read_samples(
         seed,
         np.append(begins, count),
@@ -199,15 +142,17 @@ def observe(
         places,
         first_tiles,
         tiles,
-        (share_below(scenario.sensor, False), share_below(scenario.sensor, True)),
+        response_of(scenario, seed, runs, [floor.tiles.size for floor in own_floors]),
         tile,
         observation,
         vibrating,
         numbers,
+        factors,
     )
     energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, count)
     if energies:
-        energy = pl.Series("energy", energies_of(scenario.sensor, vibrating, numbers))
+        differ = factors if factors_differ(scenario.sensor) else None
+        energy = pl.Series("energy", energies_of(scenario.sensor, vibrating, numbers, differ))
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),

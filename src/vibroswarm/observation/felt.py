@@ -1,0 +1,242 @@
+"""Which tile a sample feels, and what it is multiplied with: what the paper's sensor has not. All of it off there.
+
+| name | symbol | unit | shape | equation |
+|---|---|---|---|---|
+| distance to the edge | d | m | scalar | to the nearest vibrating tile; on one: minus that to the nearest still tile |
+| felt as vibrating | - | 0, 1 | scalar | v < Phi((reach - d) / blur), v a uniform number of the sample's own |
+| factor | c | - | (rows,) | exp(s z - s^2 / 2) of the tile felt, times that of the robot |
+
+A sample near an edge feels the tile below or the nearest one of the other kind, never a mixture of both. What the
+recordings show: on still tiles within 10 mm of a vibrating one energies are those of either kind, not in between.
+The floor's outer edge is none: seen from within, there is nothing beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import kernel
+from vibroswarm.draws import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
+from vibroswarm.fields import Sensor
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.reading import share_below, shares_below, typical_factors
+from vibroswarm.scenario import Scenario
+
+FAR = 6.0
+"""Blurs beyond the reach from which on an edge is not felt at all (one sample in 10^9)."""
+
+
+class Place(NamedTuple):
+    """Where a floor lies; lengths in m."""
+
+    rows: int
+    columns: int
+    width_m: float
+    height_m: float
+    left_m: float
+    top_m: float
+
+
+class Response(NamedTuple):
+    """How sensors respond, as the kernels read it.
+
+    Args:
+        edges: whether edges matter; reach_m and blur_m how. first: (runs,), where each run's rows begin in factors
+            (rows,) and shares_below (rows, 2), F(theta_E) of still and of vibrating tiles. Rows of a run: robots (or
+            one for all) by no tile and each tile (or one for all).
+    """
+
+    edges: bool
+    reach_m: float
+    blur_m: float
+    robots_differ: bool
+    first: NDArray[np.int64]
+    per_robot: NDArray[np.int64]
+    factors: NDArray[np.float64]
+    shares_below: NDArray[np.float64]
+
+
+@kernel
+def tile_below(x_m: float, y_m: float, place: Place) -> int:
+    """Index of the tile under a point; -1 where there is none (as ``Floor.tile_at``, with the tiles' top edge)."""
+    column = np.floor((x_m - place.left_m) / place.width_m)
+    row = np.floor((place.top_m - y_m) / place.height_m)
+    if column >= 0 and row >= 0 and column < place.columns and row < place.rows:
+        index: int = int(row) * place.columns + int(column)
+        return index
+    return -1
+
+
+@kernel
+def nearest_of_kind(
+    x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
+) -> tuple[int, float]:
+    """The nearest tile of this kind and the distance to it, m; (-1, inf) where none is ``within_m``."""
+    best, found = np.inf, -1
+    first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
+    last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
+    first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
+    last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
+    for row in range(first_row, last_row + 1):
+        above = y_m - (place.top_m - row * place.height_m)
+        up = max(above, -place.height_m - above, 0.0)
+        for column in range(first_column, last_column + 1):
+            index = row * place.columns + column
+            if tiles[index] == kind:
+                before = place.left_m + column * place.width_m - x_m
+                distance = math.hypot(max(before, -place.width_m - before, 0.0), up)
+                if distance < best and distance <= within_m:
+                    best, found = distance, index
+    return found, best
+
+
+@kernel
+def felt_share(
+    x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
+) -> tuple[float, int]:
+    """Probability that a sample here feels vibration, and the nearest tile of the other kind; -1: none is near."""
+    on_vibrating = at >= 0 and tiles[at] == 1
+    within_m = abs(reach_m) + FAR * blur_m
+    other, distance = nearest_of_kind(x_m, y_m, 0 if on_vibrating else 1, within_m, place, tiles)
+    if other < 0:
+        return (1.0 if on_vibrating else 0.0), other
+    past = reach_m + distance if on_vibrating else reach_m - distance
+    if blur_m > 0.0:
+        return 0.5 * math.erfc(-past / blur_m * math.sqrt(0.5)), other
+    return (1.0 if past > 0.0 else 0.0), other
+
+
+@kernel
+def felt_tile(
+    x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], response: Response,
+    seed: int, run: int, robot: int, sample: int,
+) -> int:  # fmt: skip
+    """The tile that a sample feels: that below (``at``), or near an edge the nearest one of the other kind."""
+    if not response.edges:
+        return at
+    share, other = felt_share(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
+    if other < 0:
+        return at
+    vibrates = uniform(seed, run, robot, SENSING, sample, OF_EDGE) < share
+    return at if vibrates == (at >= 0 and tiles[at] == 1) else other
+
+
+@kernel
+def factor_row(response: Response, r: int, robot: int, felt: int) -> int:
+    """The row of factors and shares of a robot on a tile in the r-th run."""
+    row: int = response.first[r]
+    if response.robots_differ:
+        row += robot * response.per_robot[r]
+    if response.per_robot[r] > 1:
+        row += felt + 1
+    return row
+
+
+def factors_differ(sensor: Sensor) -> bool:
+    """Whether any tile or robot has a factor of its own."""
+    return sensor.tile_spread is not None or sensor.robot_spread is not None
+
+
+def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: Sequence[int]) -> Response:
+    """How the sensors of these runs respond; ``tiles``: how many each run's floor has."""
+    sensor = scenario.sensor
+    count = len(tiles)
+    if not factors_differ(sensor):
+        first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
+        shares = np.array([[share_below(sensor, False), share_below(sensor, True)]])
+    else:
+        rows = []
+        for run, size in zip(runs.tolist(), tiles, strict=True):
+            rows.append(_factors(scenario, seed, run, size))
+        factors = np.concatenate(rows) if rows else np.ones(1)
+        first = np.cumsum([0, *(len(one) for one in rows)])[:count]
+        per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
+        shares = np.column_stack([shares_below(sensor, kind, factors) for kind in (False, True)])
+    return Response(
+        edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
+        reach_m=sensor.edge_reach_m or 0.0,
+        blur_m=sensor.edge_blur_m or 0.0,
+        robots_differ=sensor.robot_spread is not None,
+        first=first,
+        per_robot=per_robot,
+        factors=factors,
+        shares_below=np.ascontiguousarray(shares),
+    )
+
+
+def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.float64]:
+    """The factors of a run, robots (or one) x no tile and tiles (or one), flattened."""
+    sensor = scenario.sensor
+    of_tile, of_robot = np.ones(1), np.ones(1)
+    if sensor.tile_spread is not None:
+        number = run if scenario.floor.redraw == "run" else 0
+        of_tile = np.append(1.0, _log_normal(factor_numbers(seed, number, tiles, False), sensor.tile_spread))
+    if sensor.robot_spread is not None:
+        of_robot = _log_normal(factor_numbers(seed, run, scenario.swarm.robots, True), sensor.robot_spread)
+    return np.asarray(np.outer(of_robot, of_tile).ravel())
+
+
+def _log_normal(u: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
+    from scipy.special import ndtri
+
+    return np.asarray(np.exp(spread * ndtri(u) - 0.5 * spread**2))
+
+
+def factor_numbers(seed: int, run: int, count: int, robots: bool) -> NDArray[np.float64]:
+    """The uniform numbers of the factors of so many robots or tiles."""
+    out = np.empty(count)
+    _fill_factor_numbers(seed, run, robots, out)
+    return out
+
+
+@kernel
+def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.float64]) -> None:
+    for k in range(out.size):
+        robot, tile = (k, 0) if robots else (0, k)
+        out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
+
+
+def error_rates_on(sensor: Sensor, floor: Floor, grid: int = 40) -> tuple[float, float]:
+    """(false positive, false negative) on a floor, edges and all: means over its still and vibrating tiles' area.
+
+    Args:
+        grid: points to a tile's side at which it is computed; the error of a mean is below 0.1 % of it.
+    """
+    factors, weights = typical_factors(sensor)
+    still, vibrating = (float(weights @ shares_below(sensor, kind, factors)) for kind in (False, True))
+    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    kinds = floor.tiles.ravel() == 1
+    share = kinds.astype(np.float64)
+    if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None:
+        reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
+        _shares_felt(place, floor.tiles.ravel(), reach_m, blur_m, grid, share)
+    reads = share * (1.0 - vibrating) + (1.0 - share) * (1.0 - still)
+    positive = float(reads[~kinds].mean()) if (~kinds).any() else 1.0 - still
+    return positive, 1.0 - float(reads[kinds].mean()) if kinds.any() else vibrating
+
+
+@kernel
+def _shares_felt(
+    place: Place,
+    tiles: NDArray[np.uint8],
+    reach_m: float,
+    blur_m: float,
+    grid: int,
+    share: NDArray[np.float64],
+) -> None:
+    """Probability that a sample anywhere on each tile feels vibration, (tiles,)."""
+    for index in range(tiles.size):
+        row, column = index // place.columns, index % place.columns
+        total = 0.0
+        for i in range(grid):
+            for j in range(grid):
+                x_m = place.left_m + (column + (i + 0.5) / grid) * place.width_m
+                y_m = place.top_m - (row + (j + 0.5) / grid) * place.height_m
+                total += felt_share(x_m, y_m, index, place, tiles, reach_m, blur_m)[0]
+        share[index] = total / (grid * grid)

@@ -1,0 +1,205 @@
+"""What a sample feels near edges, and where tiles and robots differ: against exact shares, and off in the paper."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.motion.contract import MOTION
+from vibroswarm.observation.felt import Place, error_rates_on, nearest_of_kind
+from vibroswarm.observation.model import observe
+from vibroswarm.observation.reading import error_rates, shares_below
+from vibroswarm.presets import preset
+from vibroswarm.scenario import Scenario, Sensor
+
+HALVES = Floor.filling([[1, 0]])  # vibrates left of x = 0.5
+CERTAIN: dict[str, Any] = {"model": "energies", "vibrating_energies": (5.0,), "still_energies": (0.1,)}
+
+
+def samples_at(x_m: Any, y_m: Any = 0.5, robots: int = 1, runs: int = 1) -> pl.DataFrame:
+    """A motion table of samples at these places, by as many robots and in as many runs, in turn."""
+    x = np.atleast_1d(np.asarray(x_m, dtype=float))
+    number = np.arange(x.size)
+    frame = pl.DataFrame(
+        {
+            "run": np.sort(number % runs).astype(np.uint32),
+            "robot": (number % robots).astype(np.uint16),
+            "sample": number.astype(np.uint32),
+            "x_m": x,
+            "y_m": np.broadcast_to(np.asarray(y_m, dtype=float), x.shape).copy(),
+        }
+    )
+    return frame.with_columns(
+        **{name: pl.lit(None, kind) for name, kind in MOTION.items() if name not in frame.columns}
+    ).select(list(MOTION))
+
+
+def share_of_ones(sensor: Sensor, x_m: float, count: int = 4000) -> float:
+    table = observe(Scenario(sensor=sensor), 3, samples_at(np.full(count, x_m)), {0: HALVES})
+    return float(table["observation"].mean())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("reach_m", [-0.01, 0.0, 0.012])
+@pytest.mark.parametrize("x_m", [0.47, 0.499, 0.501, 0.51, 0.53])
+def test_near_an_edge_it_is_felt_as_often_as_the_normal_distribution_says(reach_m: float, x_m: float) -> None:
+    sensor = Sensor(edge_reach_m=reach_m, edge_blur_m=0.015, **CERTAIN)
+    expected = float(stats.norm.cdf((reach_m - (x_m - 0.5)) / 0.015))
+    found = share_of_ones(sensor, x_m)
+    assert abs(found - expected) < 4 * np.sqrt(expected * (1 - expected) / 4000) + 1e-9
+    # Negative control: with half the blur it would be seen.
+    other = float(stats.norm.cdf((reach_m - (x_m - 0.5)) / 0.0075))
+    if abs(other - expected) > 0.1:
+        assert abs(found - other) > 4 * np.sqrt(expected * (1 - expected) / 4000)
+
+
+def test_without_blur_vibrating_tiles_are_larger_by_the_reach() -> None:
+    sensor = Sensor(edge_reach_m=0.02, **CERTAIN)
+    assert [share_of_ones(sensor, x, 20) for x in (0.49, 0.519, 0.521)] == [1.0, 1.0, 0.0]
+    smaller = Sensor(edge_reach_m=-0.02, **CERTAIN)
+    assert [share_of_ones(smaller, x, 20) for x in (0.479, 0.481, 0.51)] == [1.0, 0.0, 0.0]
+
+
+def test_far_from_edges_nothing_changes() -> None:
+    places = samples_at(np.r_[np.linspace(0, 0.4, 500), np.linspace(0.6, 1, 500)])
+    plain, edged = (
+        observe(Scenario(sensor=sensor), 3, places, {0: HALVES})
+        for sensor in (Sensor(), Sensor(edge_reach_m=0.01, edge_blur_m=0.01))
+    )
+    assert plain.equals(edged)
+    near = samples_at(np.linspace(0.48, 0.52, 500))
+    assert not observe(Scenario(), 3, near, {0: HALVES}).equals(
+        observe(Scenario(sensor=Sensor(edge_reach_m=0.01, edge_blur_m=0.01)), 3, near, {0: HALVES})
+    )
+
+
+def test_the_tile_is_that_below_all_the_same() -> None:
+    sensor = Sensor(edge_reach_m=0.05, **CERTAIN)
+    table = observe(Scenario(sensor=sensor), 3, samples_at([0.49, 0.51, 0.7]), {0: HALVES})
+    assert table["tile"].to_list() == [0, 1, 1]
+    assert table["observation"].to_list() == [1, 1, 0]
+    assert table["energy"].to_list() == [5.0, 5.0, pytest.approx(0.1)]
+
+
+def test_the_nearest_tile_of_a_kind() -> None:
+    rng = np.random.default_rng(4)
+    tiles = rng.integers(0, 2, (6, 4), dtype=np.uint8)
+    floor = Floor(tiles, 0.07, 0.05, 0.1, 0.2)
+    place = Place(6, 4, 0.07, 0.05, 0.1, 0.2 + 6 * 0.05)
+    for x, y in rng.random((300, 2)) * 0.7:
+        for kind in (0, 1):
+            distances = np.full(24, np.inf)
+            for k in np.flatnonzero(tiles.ravel() == kind):
+                left, top = 0.1 + (k % 4) * 0.07, 0.5 - (k // 4) * 0.05
+                nearest_x, nearest_y = np.clip(x, left, left + 0.07), np.clip(y, top - 0.05, top)
+                distances[k] = np.hypot(x - nearest_x, y - nearest_y)
+            index, distance = nearest_of_kind(x, y, kind, 0.08, place, floor.tiles.ravel())
+            if distances.min() > 0.08:
+                assert (index, distance) == (-1, np.inf)
+            else:
+                assert distance == pytest.approx(distances.min(), abs=1e-12)
+                assert distances[index] == pytest.approx(distances.min(), abs=1e-12)
+
+
+def test_tiles_differ_and_keep_what_they_are() -> None:
+    """Energies of one size multiplied by the tile's factor: the factor itself is read off."""
+    floor = Floor.filling(np.ones((20, 20)))
+    centres = (np.arange(20) + 0.5) / 20
+    x, y = (one.ravel() for one in np.meshgrid(centres, centres))
+    sensor = Sensor(tile_spread=0.3, **CERTAIN)
+    scenario = Scenario(sensor=sensor)
+
+    def energies(run: int, seed: int = 3) -> Any:
+        places = samples_at(x, y).with_columns(run=pl.lit(run, pl.UInt32))
+        return observe(scenario, seed, places, {run: floor})["energy"].to_numpy() / 5.0
+
+    logs = np.log(energies(0))
+    assert stats.kstest(logs, "norm", args=(-0.045, 0.3)).pvalue > 1e-3
+    assert stats.kstest(logs, "norm", args=(0.045, 0.3)).pvalue < 1e-3  # negative control: of mean above 1
+    assert np.array_equal(energies(0), energies(0))
+    assert not np.allclose(energies(0), energies(1))
+    still = observe(scenario, 3, samples_at(x, y), {0: Floor.filling(np.zeros((20, 20)))})
+    assert still["energy"].to_numpy() / 0.1 == pytest.approx(
+        energies(0), rel=1e-6
+    )  # the tile's, whatever it does
+
+
+def test_robots_differ_on_every_tile_alike() -> None:
+    sensor = Sensor(robot_spread=0.2, tile_spread=0.3, **CERTAIN)
+    floor = Floor.filling([[1, 1]])
+    places = samples_at(np.repeat([0.25, 0.75], 5), robots=5)
+    energy = observe(Scenario(sensor=sensor), 3, places, {0: floor})["energy"].to_numpy().reshape(2, 5)
+    ratio = energy[0] / energy[1]
+    assert ratio == pytest.approx(np.full(5, ratio[0]), rel=1e-6)
+    assert len({round(float(one), 6) for one in energy[0]}) == 5
+
+
+def test_bits_are_energies_above_the_threshold() -> None:
+    sensor = Sensor(edge_reach_m=0.01, edge_blur_m=0.02, tile_spread=0.2, robot_spread=0.1)
+    rng = np.random.default_rng(2)
+    floor = Floor.filling([[1, 0, 1], [0, 0, 1]])
+    places = samples_at(rng.random(5000), rng.random(5000), robots=5, runs=3)
+    table = observe(Scenario(sensor=sensor), 3, places, dict.fromkeys(range(3), floor))
+    clear = (table["energy"] - 1.33).abs() > 1e-5
+    bits = table.filter(clear)["energy"] > 1.33
+    assert bits.cast(pl.UInt8).equals(table.filter(clear)["observation"], check_names=False)
+    without = observe(Scenario(sensor=sensor), 3, places, dict.fromkeys(range(3), floor), energies=False)
+    assert without["observation"].equals(table["observation"])
+
+
+def test_floors_of_different_sizes_in_one_table() -> None:
+    """Rows of factors are those of the run's own floor: together as alone."""
+    scenario = Scenario(sensor=Sensor(edge_reach_m=0.01, edge_blur_m=0.02, tile_spread=0.2, robot_spread=0.1))
+    rng = np.random.default_rng(2)
+    places = samples_at(rng.random(900), rng.random(900), robots=5, runs=3)
+    floors = {0: Floor.filling([[1, 0, 1]]), 1: HALVES, 2: Floor.filling(np.eye(7))}
+    together = observe(scenario, 3, places, floors)
+    alone = [observe(scenario, 3, places.filter(pl.col("run") == run), {run: floors[run]}) for run in floors]
+    assert together.equals(pl.concat(alone))
+
+
+def test_error_rates_are_means_over_tiles_and_robots() -> None:
+    sensor = Sensor(tile_spread=0.2, robot_spread=0.15)
+    nodes = (np.arange(200_000) + 0.5) / 200_000
+    factors = np.exp(0.25 * stats.norm.ppf(nodes) - 0.03125)
+    positive, negative = error_rates(sensor)
+    assert positive == pytest.approx(1 - shares_below(sensor, False, factors).mean(), abs=1e-5)
+    assert negative == pytest.approx(shares_below(sensor, True, factors).mean(), abs=1e-5)
+    assert positive > error_rates(Sensor())[0] + 0.005
+
+
+def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
+    sensor = Sensor(edge_reach_m=0.01, edge_blur_m=0.015)
+    floor = Floor.filling(
+        [[1, 0, 1, 0, 0], [0, 1, 0, 0, 1], [1, 0, 0, 1, 0], [0, 0, 1, 1, 0], [1, 0, 1, 0, 0]]
+    )
+    rng = np.random.default_rng(5)
+    table = observe(
+        Scenario(sensor=sensor), 3, samples_at(rng.random(60_000), rng.random(60_000)), {0: floor}
+    )
+    kind = floor.tiles.ravel()[table["tile"].to_numpy()]
+    bit = table["observation"].to_numpy()
+    positive, negative = error_rates_on(sensor, floor)
+    assert bit[kind == 0].mean() == pytest.approx(positive, abs=0.008)
+    assert 1 - bit[kind == 1].mean() == pytest.approx(negative, abs=0.008)
+    assert positive > error_rates(sensor)[0] + 0.05  # negative control: the edges count
+    assert error_rates_on(Sensor(), floor) == pytest.approx(error_rates(Sensor()))
+
+
+def test_all_of_it_is_off_in_the_paper() -> None:
+    for field in ("edge_reach_m", "edge_blur_m", "tile_spread", "robot_spread"):
+        assert getattr(preset("paper").sensor, field) is None
+
+
+def test_too_many_factors_are_refused() -> None:
+    with pytest.raises(InputError, match="at most"):
+        Scenario().with_values(
+            {"sensor.tile_spread": 0.1, "sensor.robot_spread": 0.1, "floor.rows": 2000, "floor.columns": 2000}
+        )
+    with pytest.raises(InputError, match=r"sensor\.edge_blur_m"):
+        Scenario().with_values({"sensor.edge_blur_m": -0.1})
