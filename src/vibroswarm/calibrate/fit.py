@@ -1,0 +1,184 @@
+"""A scenario fitted to recordings: what can be had in closed form, and by simulation what cannot.
+
+Fitted is what robots *are* (``FITTED``); what they were told to do (sampling interval, leg times, decisions, strategy) and
+theta_E are the base's. The walk's threshold is fitted because what a real sensor calls 50 mm is not 50 mm.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
+from vibroswarm.calibrate.fit_drive import DriveFit, fit_drive
+from vibroswarm.calibrate.fit_sensor import SensorFit, fit_sensor
+from vibroswarm.calibrate.measured import Measured
+from vibroswarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+LACKS: Final = (
+    "Speed that wanders within a robot beside the spread between robots: one Gamma is drawn for each robot or for each "
+    "sample, not both.",
+    "Veer that wanders within a robot (3.8 deg/s in the study's recordings, with 2.8 between robots).",
+    "A dead time before a turn: a lower turn gain stands for it at the end of turns.",
+    "Robots nearer to walls than their sensors should let them: after a turn the real ones drive a little before they "
+    "look again (predictive check: places within 50 mm of a wall).",
+    "Cones of the distance sensors: rays are lines without noise; their angle was fitted in place of a width.",
+    "Samples between two kinds of tile that read neither: near an edge a sample is of one kind or the other.",
+    "Packets lost in bursts: each is lost by itself.",
+)
+
+
+INTERRUPTED_BELOW: Final = 0.02
+"""With a smaller share of avoidance beyond the sampling interval, samples are taken to interrupt it."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A figure, its standard error and 95 % interval (bootstrap over robots and sessions, or posterior)."""
+
+    name: str
+    value: float
+    error: float
+    low: float
+    high: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return dict(self.__dict__)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The scenario, the figures it was made from, and the checks."""
+
+    scenario: Scenario
+    changed: dict[str, Any]
+    """The fields that were fitted, by dotted name."""
+    figures: tuple[Fitted, ...]
+    predicted: dict[str, tuple[float, float, float]]
+    """Of avoidance: recorded, and 95 % of what the posterior predicts for a session."""
+    motion_runs: int
+    sessions: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "fields": self.changed,
+            "figures": [one.as_dict() for one in self.figures],
+            "predictive_check": {
+                name: dict(zip(("recorded", "low", "high"), one, strict=True))
+                for name, one in self.predicted.items()
+            },
+            "motion_runs": self.motion_runs,
+            "sessions": self.sessions,
+            "lacks": list(LACKS),
+        }
+
+
+def fit(
+    found: Measured,
+    base: Scenario,
+    *,
+    candidates: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Fit:
+    """Fit a scenario.
+
+    Args:
+        found: the sessions (``measured``). base: what the robots were told, and all that is not fitted.
+        candidates: runs of the simulation-based part.
+    Raises:
+        InputError: too few robots or drives.
+    """
+    drive, sensor = fit_drive(found), fit_sensor(found)
+    loss = fit_loss(found)
+    changed: dict[str, Any] = dict(drive.fields(base))
+    changed |= {f"sensor.{name}": round(value, 5) for name, value in sensor.values.items()}
+    for name in ("tile_spread", "robot_spread"):
+        if changed[f"sensor.{name}"] <= 0:
+            del changed[f"sensor.{name}"]
+    beyond = avoidance_beyond(found, base)
+    changed["sample.interrupts_avoidance"] = beyond.value < INTERRUPTED_BELOW
+    if loss is not None:
+        changed["network.loss"] = round(loss.value, 5)
+    speed_m_s = drive.values["start_speed_m_s"]
+    tried = {} if candidates is None else {"candidates": candidates}
+    avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **tried)
+    changed |= avoidance.fields(base, speed_m_s)
+    figures = [
+        *_of_drive(drive),
+        *_of_sensor(sensor),
+        *([] if loss is None else [loss]),
+        *_of_avoidance(avoidance),
+    ]
+    return Fit(
+        base.with_values(changed),
+        changed,
+        tuple(figures),
+        avoidance.predicted,
+        avoidance.runs,
+        len(found.sessions),
+    )
+
+
+def avoidance_beyond(found: Measured, base: Scenario) -> Fitted:
+    """Share of intervals with avoidance in which it took longer than the sampling interval.
+
+    The timer counts avoidance, so that a robot that interrupts its turn to sample has next to none of these.
+    """
+    shares = []
+    limit_s = base.sample.sample_interval_ms / 1000.0 + 0.06
+    for _, own in found.samples.group_by("run", "robot", maintain_order=True):
+        avoid = own["avoid_s"].drop_nulls().to_numpy()
+        some = avoid[avoid > 1e-9]
+        if some.size:
+            shares.append(float((some > limit_s).mean()))
+    each = np.array(shares)
+    error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
+    mean = float(each.mean()) if each.size else 0.0
+    return Fitted(
+        "avoidance_beyond_interval", mean, error, max(mean - 1.96 * error, 0.0), mean + 1.96 * error
+    )
+
+
+def fit_loss(found: Measured) -> Fitted | None:
+    """Share of addressed messages that were lost; None where no log tells. Interval over sessions."""
+    known = found.exchange.drop_nulls("packet_loss")
+    if known.height == 0:
+        return None
+    shares = known["packet_loss"].to_numpy()
+    weights = known["addressed"].to_numpy().astype(float)
+    value = max(float(weights @ shares / weights.sum()), 0.0)
+    error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
+    return Fitted("network.loss", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
+
+
+def _figure(name: str, value: float, draws: Floats) -> Fitted:
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return Fitted(name, value, float(draws.std(ddof=1)), float(low), float(high))
+
+
+def _of_drive(found: DriveFit) -> Sequence[Fitted]:
+    return [_figure(name, value, found.draws[name]) for name, value in found.values.items()]
+
+
+def _of_sensor(found: SensorFit) -> Sequence[Fitted]:
+    return [_figure(f"sensor.{name}", value, found.draws[name]) for name, value in found.values.items()]
+
+
+def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
+    figures = []
+    for name, draws in found.draws.items():
+        mean = float(found.weights @ draws)
+        order = np.argsort(draws)
+        low, high = np.interp([0.025, 0.975], np.cumsum(found.weights[order]), draws[order])
+        error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
+        figures.append(Fitted(name, mean, error, float(low), float(high)))
+    return figures
