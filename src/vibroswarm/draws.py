@@ -63,6 +63,9 @@ ALONE: Final = _number(0)
 OF_HEADING: Final = _number(1)
 OF_SITE: Final = _number(2)
 """Peers that keep the numbers of a start's heading and lattice site from those of its place."""
+OF_WANDER: Final = _number(1)
+OF_WANDER_TOO: Final = _number(2)
+"""Peers of the two numbers by which a robot's speed wanders at a sample."""
 OF_EDGE: Final = _number(1)
 """Peer of a sample's second number: on which side of a tile's edge it is felt."""
 OF_TILE: Final = _number(1)

@@ -132,6 +132,9 @@ class Robot(Section):
     """It is clipped to at most this."""
     speed_redraw: Literal["sample", "robot"] = "sample"
     """Whether s_d is drawn anew at every sample (what ran) or once a robot (the text)."""
+    speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
+    """A robot's speed wanders about its own: s_d is also multiplied by a factor drawn at every sample, triangular of
+    mean 1 with this standard deviation; the product is clipped too. Without it (the paper) it does not."""
     battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
     """Battery factor is 1 - t / this, updated at samples."""
 

@@ -81,6 +81,7 @@ ODD = {
     "timer held in turns": {"sample.timer": "hold_in_turn", "run.t_end_s": 200.0},
     "timer frozen in avoidance": {"sample.timer": "frozen_in_avoidance", "run.t_end_s": 200.0},
     "avoidance goes before": {"sample.interrupts_avoidance": False, "sample.timer": "always", "run.t_end_s": 200.0},
+    "speeds that wander": {"robot.speed_redraw": "robot", "robot.speed_wander": 0.2, "run.t_end_s": 300.0},
     "a corridor": {"arena.width_m": 0.12, "arena.height_m": 2.0, "run.t_end_s": 200.0},
     "hardly larger than the robot": {
         "arena.width_m": 0.031, "arena.height_m": 0.04, "swarm.start_margin_m": 0.0, "swarm.robots": 1,

@@ -47,6 +47,7 @@ OTHERS = {
     "floor.tile_height_m": 0.1,
     "sensor.vibrating_energies": (1.0, 2.0),
     "sensor.still_energies": (0.5,),
+    "robot.speed_wander": 0.06,
     "sensor.edge_reach_m": 0.01,
     "sensor.edge_blur_m": 0.02,
     "sensor.tile_spread": 0.2,
@@ -234,7 +235,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     optional = {
         "floor.tiles", "floor.tile_width_m", "floor.tile_height_m", "sensor.vibrating_energies",
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
-        "sensor.robot_spread",
+        "sensor.robot_spread", "robot.speed_wander",
     }  # fmt: skip
     assert named == set(field_names()) - optional
 

@@ -23,8 +23,7 @@ from vibroswarm.scenario import Scenario
 Floats = NDArray[np.float64]
 
 LACKS: Final = (
-    "Speed that wanders within a robot beside the spread between robots: one Gamma is drawn for each robot or for each "
-    "sample, not both.",
+    "Speed that changes slowly within a robot: its wandering is new at every sample.",
     "Veer that wanders within a robot (3.8 deg/s in the study's recordings, with 2.8 between robots).",
     "A dead time before a turn: a lower turn gain stands for it at the end of turns.",
     "Robots nearer to walls than their sensors should let them: after a turn the real ones drive a little before they "
@@ -99,7 +98,7 @@ def fit(
     """
     drive, sensor = fit_drive(found), fit_sensor(found)
     loss = fit_loss(found)
-    changed: dict[str, Any] = dict(drive.fields(base))
+    changed: dict[str, Any] = {name: value for name, value in drive.fields(base).items() if value is not None}
     changed |= {f"sensor.{name}": round(value, 5) for name, value in sensor.values.items()}
     for name in ("tile_spread", "robot_spread"):
         if changed[f"sensor.{name}"] <= 0:

@@ -7,8 +7,9 @@ sessions spread by: a figure is reached where the real session lies within 95 % 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -158,20 +159,19 @@ def _score(
     feature: str, held: pl.DataFrame, simulated: Measured, rest: Measured, other: Measured | None
 ) -> Score:
     own = values_of(held, feature)
-    sources = [[values_of(one, feature) for one in _by_session(each)] for each in (simulated, rest)]
-    if other is not None:
-        sources.append([values_of(one, feature) for one in _by_session(other)])
-    pooled = [np.concatenate(one) for one in sources]
+    sources = [simulated, rest, *([] if other is None else [other])]
+    pooled = [np.concatenate([values_of(one, feature) for one in _by_session(each)]) for each in sources]
     count = min(len(own), *(len(one) for one in pooled))
     alike = [at_equal_counts(feature, own, one, count) for one in pooled]
-    distances = [_distance(feature, own, one) for one in sources]
+    distances = [_distance(feature, own, one) for one in pooled]
     if other is None:
         alike, distances = [*alike, np.nan], [*distances, np.nan]
     return Score(feature, count, *alike, *distances)
 
 
-def _distance(feature: str, own: Floats, others: Sequence[Floats]) -> float:
-    found = compare_distance(feature, [own], others)
+def _distance(feature: str, own: Floats, other: Floats) -> float:
+    """Of one session to a source's sessions taken together: what the source as a whole predicts."""
+    found = compare_distance(feature, [own], [other])
     return np.nan if found is None else found.effect.estimate
 
 
@@ -194,7 +194,7 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
         "share of ones": float(bits.mean()),
         "lag-1 correlation of bits": float(products.mean() / max((deviation**2).mean(), 1e-12)),
     }
-    for low, high in zip(EDGES_M, EDGES_M[1:], strict=False):
+    for low, high in pairwise(EDGES_M):
         inside = (edge >= low) & (edge < high)
         span = f"{1000 * low:.0f} to {1000 * high:.0f} mm from an edge"
         found[f"false positive, {span}"] = share(~on & inside)

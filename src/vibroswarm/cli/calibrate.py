@@ -22,7 +22,7 @@ def add_parser(commands: Any) -> None:
     """Make the command known."""
     parser = commands.add_parser(
         "calibrate",
-        help="compare a simulation with recordings",
+        help="compare a simulation with recordings, and fit it to them",
         description="How alike recordings and simulations are.",
         allow_abbrev=False,
     )
@@ -56,6 +56,9 @@ def add_parser(commands: Any) -> None:
     figures.add_argument("--at", metavar="THETA", default="1.33", help="threshold for error rates (1.33)")
     figures.add_argument("--json", action="store_true", help="as JSON")
     figures.set_defaults(run=run_figures, parser=figures)
+    from vibroswarm.cli import calibrate_fit
+
+    calibrate_fit.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.checks import lattice_sites, longest_step_m, start_region
 from vibroswarm.compiled import inner, zero_rows
-from vibroswarm.draws import ALONE, FIRST, HARDWARE, SPEED, uniform
+from vibroswarm.draws import ALONE, FIRST, HARDWARE, OF_WANDER, OF_WANDER_TOO, SPEED, uniform
 from vibroswarm.fields import Robot
 from vibroswarm.robot.walk import TIMERS, WalkProgram
 from vibroswarm.scenario import Scenario
@@ -35,7 +35,8 @@ Setup = Any
 no cost. Its fields are those of ``WalkProgram`` and:
 
 tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
-misalignment_min, misalignment_max; speed_redrawn (0, 1); battery_life_s; ray_forward_m and, one entry a ray,
+misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_wander (0: none), speed_factor_min,
+speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray,
 ray_side_m, ray_cos, ray_sin; look_m: rays matter up to the shorter of their range and theta_c; ray_reach_m: no ray
 sees a thing further than this from the robot's centre; disc_radius_m of other robots to rays; longest_step_m: no
 robot moves further between two ticks; zone_m: bodies further apart than this, centre to centre, cannot touch at
@@ -72,6 +73,9 @@ def setup_of(scenario: Scenario) -> Setup:
         "misalignment_min": robot.misalignment_min,
         "misalignment_max": robot.misalignment_max,
         "speed_redrawn": int(robot.speed_redraw == "sample"),
+        "speed_wander": robot.speed_wander or 0.0,
+        "speed_factor_min": robot.speed_factor_min,
+        "speed_factor_max": robot.speed_factor_max,
         "battery_life_s": robot.battery_life_s,
         "ray_forward_m": rays.forward_m,
         "ray_side_m": list(rays.side_m),
@@ -141,4 +145,10 @@ def speed_factor(
     node = int(place)
     low = speeds[node]
     factor: float = low + (speeds[node + 1] - low) * (place - node)
+    if setup.speed_wander > 0.0:
+        # The sum of two uniform numbers is triangular, of variance 1/6.
+        both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
+        both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
+        factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
+        factor = min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
     return factor
