@@ -28,7 +28,7 @@ WIDE = {"robot.speed_redraw": "robot", "robot.speed_factor_min": 0.1, "robot.spe
 
 def test_it_is_triangular_about_the_robots_own_speed() -> None:
     own = factors(Scenario().with_values(WIDE), count=1)[0]
-    found = factors(Scenario().with_values(WIDE | {"robot.speed_wander": 0.06})) / own
+    found = factors(Scenario().with_values(WIDE | {"robot.speed_wander": 0.06}), count=20_000) / own
     half = 0.06 * np.sqrt(6.0)
     triangle = stats.triang(0.5, loc=1 - half, scale=2 * half)
     assert stats.kstest(found, triangle.cdf).pvalue > 1e-3

@@ -1,0 +1,148 @@
+"""A fit finds what a simulation was made with; a figure that was not in it is not found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
+from vibroswarm.calibrate.fit_avoidance import PRIOR, SUMMARIES, posterior
+from vibroswarm.calibrate.fit_drive import fit_drive
+from vibroswarm.calibrate.fit_sensor import fit_sensor
+from vibroswarm.calibrate.folds import on_floor, readings_of
+from vibroswarm.calibrate.measured import Measured, edge_distance, measured
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.presets import preset
+from vibroswarm.simulation import simulate
+
+FLOOR = Floor.filling([[0, 1, 0, 1, 0], [1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [0, 1, 1, 0, 1], [1, 0, 0, 1, 0]])
+MADE: dict[str, Any] = {
+    "robot.speed_redraw": "robot",
+    "robot.speed_wander": 0.06,
+    "robot.speed_factor_shape": 100.0,
+    "robot.speed_factor_scale": 0.015,
+    "robot.speed_factor_location": -0.4,
+    "robot.speed_factor_min": 0.6,
+    "robot.speed_factor_max": 1.6,
+    "robot.misalignment_min": -0.06,
+    "robot.misalignment_max": 0.0,
+    "robot.battery_life_s": 12_000.0,
+    "sensor.edge_reach_m": 0.01,
+    "sensor.edge_blur_m": 0.015,
+    "sensor.tile_spread": 0.2,
+    "network.loss": 0.05,
+    "sample.interrupts_avoidance": False,
+}
+BASE = on_floor(preset("paper-empirical"), FLOOR)
+
+
+def made(runs: int = 8, **changes: Any) -> Measured:
+    values = MADE | {name.replace("__", "."): value for name, value in changes.items()}
+    scenario = BASE.with_values({name: value for name, value in values.items() if value is not None})
+    return measured([simulate(scenario, 41, runs, segments=True)])
+
+
+@pytest.fixture(scope="module")
+def found() -> Measured:
+    return made()
+
+
+def test_drives(found: Measured) -> None:
+    fit = fit_drive(found)
+    values, errors = fit.values, {name: draws.std() for name, draws in fit.draws.items()}
+    assert abs(values["start_speed_m_s"] - 0.0549 * 1.1) < 3.5 * errors["start_speed_m_s"]
+    assert abs(values["between_m_s"] - 0.0549 * 0.15) < 3.5 * errors["between_m_s"]
+    assert values["within_m_s"] / values["speed_m_s"] == pytest.approx(0.06, abs=0.006)
+    assert values["share_between"] > 0.7
+    assert values["battery_life_s"] == pytest.approx(12_000, rel=0.1)
+    fields = fit.fields(BASE)
+    assert fields["robot.speed_redraw"] == "robot"
+    assert fields["robot.misalignment_min"] == pytest.approx(-0.06, abs=0.015)
+    assert fields["robot.misalignment_max"] == pytest.approx(0.0, abs=0.015)
+    BASE.with_values({name: value for name, value in fields.items() if value is not None})
+
+
+def test_speeds_of_the_paper_are_not_taken_for_robots_own() -> None:
+    fit = fit_drive(measured([simulate(BASE, 42, 2, segments=True)]))
+    assert fit.values["share_between"] < 0.2
+    assert fit.fields(BASE)["robot.speed_redraw"] == "sample"
+    assert fit.fields(BASE)["robot.speed_wander"] is None
+
+
+def test_sensing(found: Measured) -> None:
+    fit = fit_sensor(found, draws=10)
+    values, errors = fit.values, {name: draws.std() for name, draws in fit.draws.items()}
+    assert abs(values["edge_reach_m"] - 0.01) < 4 * errors["edge_reach_m"]
+    assert abs(values["edge_blur_m"] - 0.015) < 4 * errors["edge_blur_m"]
+    assert errors["edge_reach_m"] < 0.002
+    still = values["still_shape"] * values["still_scale"] + values["still_location"]
+    vibrating = values["vibrating_shape"] * values["vibrating_scale"] + values["vibrating_location"]
+    assert still == pytest.approx(2.52194 * 0.28754 + 0.13731, rel=0.06)
+    assert vibrating == pytest.approx(5.33497 * 0.5132 - 0.2001, rel=0.06)
+    assert 0.1 < values["robot_spread"] + values["tile_spread"] < 0.3
+
+
+def test_edges_that_are_none_are_not_found() -> None:
+    plain = made(3, sensor__edge_reach_m=None, sensor__edge_blur_m=None, sensor__tile_spread=None)
+    values = fit_sensor(plain, draws=2).values
+    assert abs(values["edge_reach_m"]) < 0.003
+    assert values["edge_blur_m"] < 0.005
+    assert values["tile_spread"] < 0.08
+
+
+def test_losses_and_turns_that_are_finished(found: Measured) -> None:
+    loss = fit_loss(found)
+    assert loss is not None
+    assert loss.value == pytest.approx(0.05, abs=0.006)
+    assert avoidance_beyond(found, BASE).value > 0.02
+    interrupted = made(3, sample__interrupts_avoidance=True)
+    assert avoidance_beyond(interrupted, BASE).value < 0.02
+
+
+def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:
+    rng = np.random.default_rng(6)
+    low, high = np.array(list(PRIOR.values())).T
+    tried = low + (high - low) * rng.random((4000, len(PRIOR)))
+    mixing = rng.standard_normal((len(PRIOR), len(SUMMARIES)))
+
+    def figures(parameters: Any) -> Any:
+        unit = (np.atleast_2d(parameters) - low) / (high - low)
+        return unit @ mixing + 0.05 * rng.standard_normal((len(unit), len(SUMMARIES)))
+
+    truth = low + 0.5 * (high - low)
+    draws, weights = posterior(tried, figures(tried), figures(np.tile(truth, (3, 1))), (low, high))
+    off = (weights @ draws - truth) / (high - low)
+    assert np.abs(off).max() < 0.12
+    elsewhere = low + 0.2 * (high - low)
+    draws, weights = posterior(tried, figures(tried), figures(np.tile(elsewhere, (3, 1))), (low, high))
+    assert np.abs((weights @ draws - truth) / (high - low)).max() > 0.2  # negative control
+
+
+def test_distances_of_edges() -> None:
+    floor = Floor.filling([[1, 0]])
+    distance, tile, other = edge_distance(floor, np.array([0.1, 0.6, 1.0]), np.array([0.5, 0.5, 0.5]))
+    assert distance == pytest.approx([-0.4, 0.1, 0.5])
+    assert tile.tolist() == [0, 1, 1]
+    assert other.tolist() == [1, 0, 0]
+    alone = edge_distance(Floor.filling([[1]]), np.array([0.3]), np.array([0.3]))
+    assert alone[0].tolist() == [-np.inf]
+    assert alone[2].tolist() == [-1]
+
+
+def test_sessions_taken_apart_keep_their_numbers(found: Measured) -> None:
+    assert found.only([2, 5]).sessions == [2, 5]
+    readings = readings_of(found.only([2]).samples, 1.33)
+    assert (
+        readings["false positive, 0 to 10 mm from an edge"]
+        > readings["false positive, 60 to 100 mm from an edge"]
+    )
+    assert pl.Series(found.samples["run"].unique().sort()).to_list() == list(range(8))
+
+
+def test_nothing_to_fit() -> None:
+    with pytest.raises(InputError, match="nothing to fit"):
+        measured([])
