@@ -13,6 +13,7 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.lab.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.scenario import Scenario
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
 FLOOR = ["--floor", str(SHIPPED / "floor.txt")]
@@ -152,3 +153,48 @@ def test_figures(kept, capsys):
     assert main(["calibrate", "figures", str(kept), str(kept), "--at", "1.55", "--json"]) == 0
     assert told(capsys)["rms_threshold"] == 1.55
     assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2
+
+
+def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
+    out = tmp_path / "mine.toml"
+    command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120"]
+    assert main([*command, "--out", str(out), "--json"]) == 0
+    about = told(capsys)
+    made = Scenario.read(out)
+    assert made.sensor.rms_threshold == Scenario().sensor.rms_threshold  # what robots are told is the base's
+    assert made.run.t_end_s == 120.0
+    for name, value in about["fields"].items():
+        section, field = name.split(".")
+        found = getattr(getattr(made, section), field)
+        assert (list(found) if isinstance(found, tuple) else found) == value
+    assert {one["name"] for one in about["figures"]} >= {"veer_rad_s", "sensor.edge_reach_m", "threshold_mm"}
+    assert about["motion_runs"] == 240
+    assert main(["run", "--scenario", str(out), "--out", str(tmp_path / "run")]) == 0
+
+
+def test_folds_judge_on_what_was_held_out(kept, capsys):
+    command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120", "--folds"]
+    assert main([*command, "--against", str(kept), "--json"]) == 0
+    about = told(capsys)
+    assert [one["session"] for one in about["folds"]] == [0, 1]
+    for fold in about["folds"]:
+        assert len(fold["scores"]) == 6
+        assert all(0 < one["fitted"] <= 1 for one in fold["scores"])
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "mean over 2" in said
+    assert "What the model lacks" in said
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--candidates", "12"], "from 200"),
+        (["--out", "mine.txt"], ".toml"),
+        (["--base", "papr"], "paper"),
+        (["--set", "walk.nothing=3"], "no such field"),
+    ],
+)
+def test_a_fit_refuses(kept, capsys, more, words):
+    assert main(["calibrate", "fit", str(kept), *more]) == 2
+    assert words in capsys.readouterr().err

@@ -27,7 +27,7 @@ from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 
 Floats = NDArray[np.float64]
-SIMULATED: Final = 12
+SIMULATED: Final = 40
 EDGES_M: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1)
 _SEED: Final = 34
 
