@@ -26,8 +26,7 @@ LACKS: Final = (
     "Speed that changes slowly within a robot: its wandering is new at every sample.",
     "Veer that wanders within a robot (3.8 deg/s in the study's recordings, with 2.8 between robots).",
     "A dead time before a turn: a lower turn gain stands for it at the end of turns.",
-    "Robots nearer to walls than their sensors should let them: after a turn the real ones drive a little before they "
-    "look again (predictive check: places within 50 mm of a wall).",
+    "Robots nearer to walls than ideal sensors let them: none comes within 25 mm of one (predictive check).",
     "Cones of the distance sensors: rays are lines without noise; their angle was fitted in place of a width.",
     "Samples between two kinds of tile that read neither: near an edge a sample is of one kind or the other.",
     "Packets lost in bursts: each is lost by itself.",
