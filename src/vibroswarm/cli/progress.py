@@ -80,7 +80,7 @@ def study_progress(what: str, workers: int | None = None) -> Iterator[Callable[[
 
         def tell(told: Told) -> None:
             passed_s = time.monotonic() - began_s
-            rate = f"{told.done / passed_s:,.0f} a second" if passed_s > 0.5 else ""
+            rate = f"{told.done / passed_s:,.0f} a second" if told.done and passed_s > 0 else ""
             failed = f"{told.failed} batches failed" if told.failed else ""
             bars.update(task, total=told.wanted, completed=told.done, rate=rate, failed=failed)
 
