@@ -52,7 +52,7 @@ def add_parser(commands: Any) -> None:
     how.add_argument("--out", metavar="DIR", type=Path, help="keep runs, tables and pictures here")
     how.add_argument("--style", metavar="NAME", default="column", help=f"of pictures: {', '.join(STYLES)}")
     add_running_options(parser)
-    parser.set_defaults(run=run, parser=parser, no_confirm=True)
+    parser.set_defaults(run=run, parser=parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -133,6 +133,3 @@ def _say(need: pl.DataFrame, error: float, t_end_s: float) -> None:
         "Missed: no right consensus by then; undecided counts. In brackets the upper limit (95 %, Wilson over runs), "
         "which has to lie below the wanted error."
     )
-
-
-__all__ = ["add_parser", "run"]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.study.outcome import Outcome
@@ -226,9 +225,5 @@ def _say_where(arguments: argparse.Namespace) -> None:
         print("Nothing was kept; --out DIR keeps runs, numbers, pictures and a report.")
         return
     print(f"Kept in {arguments.out}: summary.csv, comparisons.csv, the runs (shards).")
-    with suppress(OSError):
-        if not arguments.no_pictures:
-            print(f"See it: open {(arguments.out / 'report.html').resolve()} in a browser.")
-
-
-__all__ = ["RunError", "add_outcome_options", "add_running_options", "do_study", "say_outcome", "say_plan"]
+    if not arguments.no_pictures:
+        print(f"See it: open {(arguments.out / 'report.html').resolve()} in a browser.")

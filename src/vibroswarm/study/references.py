@@ -75,12 +75,12 @@ def references_of(
     """The references of the selected cells; none for more than ``MOST_CELLS`` cells or too few runs."""
     if len(result.selected) > MOST_CELLS:
         return []
-    found, shared = [], sum(1 for _ in _again(result, 0))
+    found = []
     for done, (cell, made) in enumerate(_again(result, runs)):
         if made is not None:
             found.append(_references(cell, made))
         if tell is not None:
-            tell((done + 1) / shared)
+            tell((done + 1) / len(result.selected))
     return sorted(found, key=lambda one: one.cell.number)
 
 
@@ -118,6 +118,3 @@ def _references(cell: Cell, made: Result) -> References:
 def reference_table(references: list[References]) -> pl.DataFrame:
     """One row a cell."""
     return pl.DataFrame([one.as_row() for one in references], infer_schema_length=None)
-
-
-__all__ = ["References", "reference_table", "references_of"]

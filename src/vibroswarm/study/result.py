@@ -129,16 +129,19 @@ class StudyResult:
 
         Only a cell at a time is read when the frame is collected cell by cell.
         """
-        chosen = cells or self.selected
-        frames = []
+        return self._scan("robots", cells).sort("cell", "run", "robot")
+
+    def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
+        """The rows of a table of the store, of these cells or of all that are selected."""
+        chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
             mine = [cell.number for cell in group.cells if cell.number in chosen]
-            frame = self.store.scan(group.number, self.runs_of(mine[0])) if mine else None
+            frame = self.store.scan(group.number, self.runs_of(mine[0]), table) if mine else None
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(mine)))
         if not frames:
             raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
-        return pl.concat(frames).sort("cell", "run", "robot")
+        return pl.concat(frames)
 
     def robots(self, *cells: int) -> pl.DataFrame:
         """The table of robots, with ``cell`` and the varied fields."""
@@ -160,16 +163,9 @@ class StudyResult:
         """The table of samples, where the study keeps it."""
         if "samples" not in self.study.keep:
             raise InputError(
-                'keeps no samples; say keep = ["samples"], or make them again with results()', field="keep"
+                'keeps no samples; say keep = ["samples"], or make them again with result()', field="keep"
             )
-        chosen = cells or self.selected
-        frames = []
-        for group in self.plan.groups:
-            mine = [cell.number for cell in group.cells if cell.number in chosen]
-            frame = self.store.scan(group.number, self.runs_of(mine[0]), "samples") if mine else None
-            if frame is not None:
-                frames.append(frame.filter(pl.col("cell").is_in(mine)))
-        return self._with_varied(pl.concat(frames).select(list(SAMPLES)).collect())
+        return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
         """Runs of a cell made again from the seed, with all their samples."""
