@@ -72,21 +72,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; gives the exit code."""
-    top = parser()
-    arguments, unknown = top.parse_known_args(argv)
-    if unknown:
-        of_command = getattr(arguments, "parser", top)
-        of_command.error(f"unrecognized arguments: {' '.join(unknown)}")
-    if arguments.version:
-        from importlib.metadata import version
-
-        print(f"vibroswarm {version('vibroswarm')}")
-        return 0
-    if arguments.command is None:
-        top.print_help()
-        return 0
     try:
-        code = int(arguments.run(arguments))
+        code = _command(argv)
         sys.stdout.flush()
         return code
     except InputError as error:
@@ -100,6 +87,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, such as `head`, has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+
+
+def _command(argv: Sequence[str] | None) -> int:
+    top = parser()
+    arguments, unknown = top.parse_known_args(argv)
+    if unknown:
+        of_command = getattr(arguments, "parser", top)
+        of_command.error(f"unrecognized arguments: {' '.join(unknown)}")
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"vibroswarm {version('vibroswarm')}")
+        return 0
+    if arguments.command is None:
+        top.print_help()
+        return 0
+    return int(arguments.run(arguments))
 
 
 def _failed(message: str, code: int) -> int:
