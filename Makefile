@@ -1,18 +1,24 @@
-# Two commands do all the set-up on a fresh machine that has Python 3.11 or later (with venv) and make:
+# These commands do all the set-up on a fresh machine that has Python 3.11 or later (with venv) and make:
 #   make demo   runs one inspection and says where its page is
 #   make test   passes the tests
+#   make docs   builds the documentation site and says where it is
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
+SITE ?= out/site
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test docs lint bench clean
 
 demo: $(VENV)/run.done
 	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 7 --out "$(OUT)" --force
 
 test: $(VENV)/dev.done
 	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+docs: $(VENV)/docs.done
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs "$(SITE)"
+	@echo "Open $(abspath $(SITE))/index.html in a browser."
 
 lint: $(VENV)/dev.done
 	$(BIN)/ruff check .
@@ -35,6 +41,10 @@ $(VENV)/run.done: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	touch $@
 
+$(VENV)/docs.done: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	touch $@ $(VENV)/run.done
+
 $(VENV)/dev.done: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
-	touch $@ $(VENV)/run.done
+	touch $@ $(VENV)/run.done $(VENV)/docs.done

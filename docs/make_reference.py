@@ -11,6 +11,7 @@ from vibroswarm import fields
 from vibroswarm.presets import describe, preset_names
 from vibroswarm.scenario import Scenario
 
+TARGET = Path(__file__).with_name("scenario.md")
 HEAD = """\
 # The scenario
 
@@ -84,4 +85,4 @@ def reference() -> str:
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("scenario.md").write_text(reference(), encoding="utf-8")
+    TARGET.write_text(reference(), encoding="utf-8")

@@ -63,9 +63,12 @@ def test_the_public_names_are_there():
         vibroswarm.nothing  # noqa: B018
 
 
-def test_the_scenario_reference_is_that_of_the_sources():
-    made = runpy.run_path(str(ROOT / "docs" / "make_reference.py"))["reference"]()
-    assert (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8") == made
+@pytest.mark.parametrize("name", ["make_reference", "make_commands"])
+def test_what_is_made_from_the_sources_is_up_to_date(name):
+    made = runpy.run_path(str(ROOT / "docs" / f"{name}.py"))
+    assert made["TARGET"].read_text(encoding="utf-8") == made["reference"](), (
+        f"python docs/{name}.py makes it again"
+    )
 
 
 def test_links_between_documents_lead_somewhere():

@@ -28,7 +28,7 @@ from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
 
 Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
-"""(robots, runs) of each cell: one scenario's runs; its fill ratio and number of robots are in the tables."""
+"""Tables of robots and of runs of each cell, one scenario's runs; fill ratio and number of robots stand in them."""
 
 HORIZONS: Final = 6
 """Even parts of t_end at which misses are told where no horizons are given."""

@@ -21,7 +21,10 @@ _SPEC = "a pattern (diagonal:0.48), random:0.48, or a file (text, CSV, coordinat
 def add_parser(commands: Any) -> None:
     """Register the command and its four parts."""
     parser = commands.add_parser(
-        "floors", help="list, show, measure and make floors", description=__doc__, allow_abbrev=False
+        "floors",
+        help="list, show, measure and make floors",
+        description="List, show, measure and make floors.",
+        allow_abbrev=False,
     )
     parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
     _add_list(parts)

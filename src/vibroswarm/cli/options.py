@@ -10,7 +10,11 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> argparse._ArgumentG
     """The options from which ``scenarios.scenario_from`` makes a scenario; gives their group."""
     what: argparse._ArgumentGroup = parser.add_argument_group("what is simulated")
     base = what.add_mutually_exclusive_group()
-    base.add_argument("--preset", metavar="NAME", help="paper (default), paper-empirical or text")
+    base.add_argument(
+        "--preset",
+        metavar="NAME",
+        help="paper (default), paper-empirical, text, calibrated, optimised-cost or optimised-error",
+    )
     base.add_argument(
         "--scenario", metavar="FILE", type=Path, help="a scenario in TOML, such as a result holds"
     )

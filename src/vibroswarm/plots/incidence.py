@@ -38,9 +38,9 @@ def draw_incidence(
     """Share of runs that had decided rightly (upwards) and wrongly (downwards) by each time, as steps.
 
     Args:
-        frame: one row a time: ``time_s``, ``right, wrong`` (shares so far, 0 to 1), where known ``right_low,
-            right_high, wrong_low, wrong_high``, and where there are several ``series`` (text). A time has the
-            share that holds from then on.
+        frame: one row a time: ``time_s``, ``right, wrong`` (shares so far, 0 to 1), where known their limits
+            ``right_low, right_high, wrong_low, wrong_high``, and where there are several ``series`` (text). A
+            time has the share that holds from then on.
         runs: how many, for the caption.
         unit: what is counted, "run" or "robot".
         interval: what low and high are.

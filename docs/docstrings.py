@@ -1,0 +1,74 @@
+"""Turn the docstrings of the sources, plain text with Markdown tables, into what Sphinx reads (reStructuredText)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+CODE = re.compile(r"(``.*?``)")
+BOLD = re.compile(r"(\*\*[^*]+\*\*)")
+MARKUP = re.compile(r"(?<!\\)([*|`]|_(?!\w))")
+BULLET = re.compile(r"\s*[*-] ")
+
+
+def process(app: Any, kind: str, name: str, what: Any, options: Any, lines: list[str]) -> None:
+    """Hook of autodoc: change the lines of one docstring in place."""
+    lines[:] = list(converted(lines))
+
+
+def converted(lines: list[str]) -> Iterator[str]:
+    """The lines with tables and code as Sphinx wants them, and nothing else that it would take for markup."""
+    k = 0
+    depth = 0  # how far the paragraph before was indented
+    while k < len(lines):
+        line = lines[k]
+        if line.lstrip().startswith("| "):
+            end = next((i for i in range(k, len(lines)) if not lines[i].lstrip().startswith("|")), len(lines))
+            yield from table(lines[k:end])
+            k = end
+        elif k and not lines[k - 1].strip() and indent(line) > depth:
+            end = next(
+                (i for i in range(k, len(lines)) if lines[i].strip() and indent(lines[i]) <= depth),
+                len(lines),
+            )
+            yield from (" " * depth + "::", "", *lines[k:end], "")
+            k = end
+        else:
+            if line.strip():
+                if indent(line) < depth:
+                    yield ""
+                depth = indent(line)
+            yield plain(line)
+            k += 1
+
+
+def indent(line: str) -> int:
+    """By how much a line is indented; a line without text not at all."""
+    return len(line) - len(line.lstrip())
+
+
+def table(lines: list[str]) -> Iterator[str]:
+    """A Markdown table, its second row the rule, as a list-table."""
+    rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
+    yield from ("", ".. list-table::", "   :header-rows: 1", "")
+    for row in [rows[0], *rows[2:]]:
+        for k, cell in enumerate(row):
+            yield f"   {'* -' if k == 0 else '  -'} {plain(cell)}"
+    yield ""
+
+
+def plain(line: str) -> str:
+    """The line with stars, bars, underscores and single backticks as the characters that they are."""
+    if line in ("-", "*", "+"):
+        return "\\" + line  # alone it would begin a list
+    bullet = BULLET.match(line)
+    if bullet:
+        return bullet.group() + plain(line[bullet.end() :])
+    parts = []
+    for part in CODE.split(line):
+        pieces = [part] if CODE.fullmatch(part) else BOLD.split(part)
+        for piece in pieces:
+            marked = CODE.fullmatch(piece) or BOLD.fullmatch(piece)
+            parts.append(piece if marked else MARKUP.sub(r"\\\1", piece))
+    return "".join(parts)

@@ -1,0 +1,171 @@
+"""The documentation site: built without a warning, whole, with all public names, and usable from disk."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+import vibroswarm
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+def build(target: Path) -> None:
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    done = subprocess.run(
+        [*command, "-d", str(target.with_name("doctrees")), str(DOCS), str(target)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The site, built once: the first worker that asks builds it, others wait for it."""
+    if os.environ.get("CI") != "true" and importlib.util.find_spec("sphinx") is None:
+        pytest.skip("Sphinx is not installed: pip install 'vibroswarm[docs]'")
+    shared = tmp_path_factory.getbasetemp()
+    folder = (shared if worker_id == "master" else shared.parent) / "site"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        deadline = time.monotonic() + 300
+        while not (folder / "done").exists():
+            assert time.monotonic() < deadline, "another worker did not build the site"
+            time.sleep(0.2)
+    else:
+        try:
+            build(folder / "html")
+        finally:
+            (folder / "done").touch()
+    assert (folder / "html" / "index.html").is_file(), "the site could not be built"
+    return folder / "html"
+
+
+class Asked(HTMLParser):
+    """What a page loads by itself, and where it links to; its anchors."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.links: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = {name: value or "" for name, value in attrs}
+        self.anchors |= {found[name] for name in ("id", "name") if name in found}
+        if tag == "a" and "href" in found:
+            self.links.append(found["href"])
+        elif tag == "link" and found.get("rel") not in ("index", "search", "next", "prev", "canonical"):
+            self.loads.append(found["href"])
+        elif "src" in found:
+            self.loads.append(found["src"])
+
+
+def pages(site: Path) -> list[Path]:
+    return sorted(site.rglob("*.html"))
+
+
+def dead(site: Path) -> Iterator[str]:
+    """Links within the site that lead nowhere."""
+    known: dict[Path, Asked] = {page.resolve(): Asked(page) for page in pages(site)}
+    for page, asked in known.items():
+        for link in [*asked.links, *asked.loads]:
+            if re.match(r"[a-z]+:", link):
+                continue
+            path, _, anchor = link.partition("#")
+            target = page if not path else (page.parent / path.partition("?")[0]).resolve()
+            there = target.is_file() and (
+                not anchor or target not in known or anchor in known[target].anchors
+            )
+            if not there:
+                yield f"{page.relative_to(site.resolve())} -> {link}"
+
+
+def test_every_document_is_in_the_site(site):
+    made = {path.relative_to(site).with_suffix(".md") for path in pages(site)}
+    written = {path.relative_to(DOCS) for path in DOCS.rglob("*.md")}
+    assert written <= made
+    assert len(written) >= 15
+
+
+def test_links_of_the_site_lead_somewhere(site, tmp_path):
+    assert list(dead(site)) == []
+    (tmp_path / "a.html").write_text(
+        '<a href="b.html">b</a><a href="#there" id="there"></a><a href="#not"></a>'
+    )
+    assert list(dead(tmp_path)) == ["a.html -> b.html", "a.html -> #not"]
+
+
+def test_the_site_asks_no_other_host_for_anything(site):
+    for page in pages(site):
+        outside = [load for load in Asked(page).loads if re.match(r"([a-z]+:)?//", load)]
+        assert outside == [], page
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"(url\(|@import)\s*[\"']?(https?:)?//", sheet.read_text(encoding="utf-8")), (
+            sheet
+        )
+
+
+def inventory(site: Path) -> set[str]:
+    """Names of all Python objects that the site documents."""
+    data = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    lines = zlib.decompress(data).decode().splitlines()
+    return {line.split(" ")[0] for line in lines if " py:" in line}
+
+
+def rooms() -> list[str]:
+    return ["vibroswarm", *(f"vibroswarm.{name}" for name in ("floors", "optimize", "plots"))]
+
+
+def names_in_documents() -> set[tuple[str, str]]:
+    """What documents and examples import from vibroswarm: (module, name)."""
+    found = set()
+    files = [ROOT / "README.md", *DOCS.glob("*.md"), *(ROOT / "examples").rglob("*.py")]
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        for module, names in re.findall(
+            r"^ *from (vibroswarm[\w.]*) import ([\w, ]+)", text, flags=re.MULTILINE
+        ):
+            found |= {(module, name.strip()) for name in names.split(",")}
+    return found
+
+
+def documented(module: str, name: str, known: set[str]) -> bool:
+    found = getattr(importlib.import_module(module), name)
+    home = getattr(found, "__module__", module)
+    return bool({f"{module}.{name}", f"{home}.{name}", f"vibroswarm.{name}"} & known)
+
+
+def test_every_public_name_is_in_the_reference(site):
+    known = inventory(site)
+    assert "vibroswarm.Floor.fill_ratio" in known
+    public = {(room, name) for room in rooms() for name in importlib.import_module(room).__all__}
+    public |= names_in_documents()
+    assert len(public) >= 70
+    missing = [f"{module}.{name}" for module, name in sorted(public) if not documented(module, name, known)]
+    assert missing == []
+    assert not documented("vibroswarm.draws", "uniform", known)
+
+
+def test_every_module_of_the_reference_is_one(site):
+    modules = re.findall(r"automodule:: (\S+)", "\n".join(p.read_text() for p in (DOCS / "api").glob("*.md")))
+    for module in modules:
+        assert importlib.import_module(module).__doc__, module
