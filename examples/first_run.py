@@ -1,0 +1,33 @@
+"""A first run in Python: simulate an inspection, say the verdict, keep tables and the page that plays it back.
+
+python examples/first_run.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from vibroswarm import preset, simulate, verdict, write_run_page
+
+
+def main(folder: Path) -> None:
+    """One run of the paper's setting with soft feedback, kept in ``folder``."""
+    scenario = preset("paper").with_values({"strategy.name": "soft"})
+    result = simulate(scenario, seed=2, segments=True)
+    found = verdict(result)
+    print(f"consensus: {found.consensus}, after {found.consensus_time_s} s")
+    for robot in found.robots:
+        print(
+            f"robot {robot.robot}: decision {robot.decision}, estimate of the fill ratio {robot.estimate:.3f}"
+        )
+
+    last = result.inference.group_by("robot", maintain_order=True).last()
+    print(last.select("robot", "sample", "alpha", "beta", "belief"))
+    result.write(folder)
+    write_run_page(result, folder / "run.html")
+    print(f"kept in {folder}; open {folder / 'run.html'} in a browser")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "out/first-run"))

@@ -1,0 +1,39 @@
+"""A recording of robots, and what each strategy would have decided on these very observations.
+
+python examples/replay_recording.py [DRAWS]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from vibroswarm import Floor, preset
+from vibroswarm.floors import read_tiles
+from vibroswarm.lab.readers import read_log
+from vibroswarm.lab.recording import recording_of
+from vibroswarm.lab.replay import as_logged, lab_replay, told
+from vibroswarm.lab.threshold import find_thresholds
+
+
+def main(draws: int) -> None:
+    """The small recordings of ``examples/lab``, which are simulated and stand for yours."""
+    lab = Path(__file__).with_name("lab")
+    logs = [read_log(lab / f"session-{number}.csv") for number in (1, 2)]
+    recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt")), preset("paper"))
+    for session in as_logged(recording):
+        print(f"session {session.session}, as it ran: {session.consensus}, {session.undecided:.0%} undecided")
+
+    ran = recording.scenario
+    for strategy in ("none", "positive", "soft"):
+        replayed = lab_replay(recording, ran.with_values({"strategy.name": strategy}), draws=draws)
+        for session in told(recording, replayed):
+            print(f"session {session.session}, {strategy}: {session.decision_time_s:.1f} s on average")
+
+    for found in find_thresholds(recording):
+        print(f"threshold by {found.rule}: {found.value:.2f} [{found.low:.2f}, {found.high:.2f}]")
+        print(f"  {found.decidable.says}")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 50)

@@ -1,0 +1,94 @@
+"""Every example runs, with few runs, and says what it is meant to show."""
+
+from __future__ import annotations
+
+import runpy
+import shutil
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm import Result, Study
+from vibroswarm.cli import main
+from vibroswarm.optimize import Search
+from vibroswarm.study.plan import plan_of
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = ("fill_ratios", "first_run", "own_cost", "own_floor", "replay_recording")
+
+
+@pytest.fixture
+def run_example(tmp_path, monkeypatch, capsys):
+    """Runs a script of a copy of the folder, as from the command line; gives what it says."""
+    folder = shutil.copytree(EXAMPLES, tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+
+    def run(name: str, *arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments])
+        capsys.readouterr()
+        runpy.run_path(str(folder / f"{name}.py"), run_name="__main__")
+        return str(capsys.readouterr().out)
+
+    return run
+
+
+def test_every_script_is_tested():
+    assert tuple(sorted(path.stem for path in EXAMPLES.glob("*.py"))) == SCRIPTS
+
+
+def test_first_run(run_example):
+    told = run_example("first_run", "kept")
+    assert "consensus: right, after 891.48 s" in told
+    assert Result.read("kept").seed == 2
+    assert Path("kept/run.html").stat().st_size > 50_000
+
+
+def test_the_figure_of_fill_ratios(run_example, capsys):
+    command = ["sweep", "examples/fill_ratios.toml", "--out", "study", "--runs", "20"]
+    assert main([*command, "--no-pictures", "--no-confirm"]) == 0
+    told = run_example("fill_ratios", "study", "figure")
+    assert "over 20 runs each" in told
+    numbers = pl.read_csv("figure/decision-time.csv")
+    assert sorted(set(numbers["x"])) == [0.44, 0.48, 0.52, 0.56]
+    assert (numbers["low"] < numbers["high"]).all()
+    for name in ("decision-time", "right"):
+        assert Path(f"figure/{name}.pdf").read_bytes().startswith(b"%PDF")
+        assert "<svg" in Path(f"figure/{name}.svg").read_text(encoding="utf-8")
+
+
+def test_own_floor(run_example):
+    told = run_example("own_floor", "20")
+    assert "patchy: Moran index 0.70" in told
+    assert "spread: Moran index -0.30" in told
+    assert told.count("it can be decided") == 2
+    assert "inside 1 m x 1 m 0.240 vibrates" in told
+
+
+def test_own_cost(run_example):
+    told = run_example("own_cost", "200")
+    assert "believed:" in told
+    assert "on 100 fresh runs" in told
+
+
+def test_replay_recording(run_example):
+    told = run_example("replay_recording", "3")
+    assert "session 2, as it ran: {'right': 1.0}" in told
+    assert told.count("s on average") == 6
+    assert "threshold by equal error: 1.26" in told
+
+
+def test_the_files_are_what_they_say():
+    study = Study.read(EXAMPLES / "fill_ratios.toml")
+    assert len(study.cells) == 12
+    assert len(plan_of(study).groups) == 1
+    assert Search.read(EXAMPLES / "search.toml").objectives[0].name == "expected_time_to_right"
+    assert len(Search.read(EXAMPLES / "own_cost.toml").space.names) == 3
+
+
+def test_the_search_runs(run_example, capsys):
+    command = ["optimize", "examples/search.toml", "--budget", "200", "--fresh", "20", "--no-pictures"]
+    assert main([*command, "--out", "search"]) == 0
+    assert "the search believed" in capsys.readouterr().out
+    assert main(["run", "--scenario", "search/best.toml", "--json"]) == 0
