@@ -69,30 +69,44 @@ class Scenario(Section):
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Scenario:
-        """A scenario from nested mappings (as TOML gives them); what is missing is as in preset ``paper``."""
+        """A scenario from nested mappings (as TOML gives them); what is missing is as in preset ``paper``.
+
+        Args:
+            values: section to field to value.
+        Raises:
+            InputError: an unknown field, or a value that is wrong.
+        """
         try:
             return cls.model_validate(dict(values))
         except ValidationError as error:
             raise _explain(error) from None
 
     @classmethod
-    def from_toml(cls, text: str, *, name: str = "scenario", folder: Path | None = None) -> Scenario:
+    def from_toml(cls, text: str, *, name: str = "scenario", folder: str | Path | None = None) -> Scenario:
         """A scenario from TOML text; ``preset = "text"`` at its head makes that preset the base.
 
-        With a ``folder``, ``floor.source`` may also name a floor file beside the scenario; its tiles are
-        taken into the scenario (``floor.rows`` and ``floor.columns`` are those of a coordinate list).
+        Args:
+            text: TOML. name: what errors call it.
+            folder: ``floor.source`` may also name a floor file in this folder; its tiles are taken into the
+                scenario (``floor.rows`` and ``floor.columns`` are those of a coordinate list).
+        Raises:
+            InputError: not TOML, or a field, a value or a floor that is wrong.
         """
         try:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
             raise InputError(f"is not TOML: {error}", field=name) from None
         if folder is not None:
-            _take_in_floor(values, folder)
+            _take_in_floor(values, Path(folder))
         return cls.from_base(values)
 
     @classmethod
     def from_base(cls, values: Mapping[str, Any]) -> Scenario:
-        """As ``from_values``; with ``preset = "text"`` among the values, that preset is the base."""
+        """As ``from_values``; with ``preset = "text"`` among the ``values``, that preset is the base.
+
+        Raises:
+            InputError: an unknown preset or field, or a value that is wrong.
+        """
         values = dict(values)
         base = values.pop("preset", None)
         if base is None:
@@ -111,7 +125,11 @@ class Scenario(Section):
 
     @classmethod
     def read(cls, path: str | Path) -> Scenario:
-        """A scenario from a TOML file."""
+        """A scenario from the TOML file ``path``; a floor file that it names lies beside it.
+
+        Raises:
+            InputError: it cannot be read, or something in it is wrong.
+        """
         path = Path(path)
         text = read_text(path, "a scenario")
         return cls.from_toml(text, name=str(path), folder=path.parent)
@@ -123,7 +141,13 @@ class Scenario(Section):
         return tomli_w.dumps(self.model_dump(mode="python", exclude_none=True))
 
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
-        """A copy with some fields replaced, addressed by dotted name: ``{"walk.leg_min_ms": 500}``."""
+        """A copy with some fields replaced.
+
+        Args:
+            values: by dotted name: ``{"walk.leg_min_ms": 500}``.
+        Raises:
+            InputError: an unknown field (the nearest is named), or a value that is wrong.
+        """
         data = self.model_dump(exclude_none=True)
         for name, value in values.items():
             section, _, field = name.partition(".")

@@ -164,6 +164,19 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert len(json.loads(said)["needed"]) == 4
 
 
+def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["detect", "--fills", "0.01,0.1", "--tiles", "10x10", "--runs", "5"]
+    assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
+    told = capsys.readouterr().out
+    assert (
+        "Warning: fill ratio 0.01: 15.1% of the samples read as vibrating, but less than 3.0% vibrates"
+        in told
+    )
+    assert "Warning: fill ratio 0.1" not in told
+    assert main([*line, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == []
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [

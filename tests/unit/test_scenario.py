@@ -602,3 +602,9 @@ def test_extreme_values_are_refused_or_can_be_simulated(name: str, value: float)
 def test_extreme_whole_numbers_are_refused_or_can_be_simulated(name: str, value: int) -> None:
     result = simulated({name: value})
     assert result is None or result.inference["belief"].is_between(0, 1).all()
+
+
+def test_the_folder_of_a_floor_file_may_be_a_text(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("110\n000\n")
+    scenario = Scenario.from_toml('[floor]\nsource = "mine.txt"\n', folder=str(tmp_path))
+    assert scenario.floor.tiles == ("110", "000")

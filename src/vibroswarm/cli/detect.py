@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from vibroswarm.study.result import StudyResult
+    from vibroswarm.study.spec import Study
 
 EPILOG = """\
 examples:
@@ -84,10 +85,14 @@ def run(arguments: argparse.Namespace) -> int:
     curve, need = detection_curve(cells, t_end_s), needed(cells, t_end_s, error)
     if arguments.out is not None:
         _keep(result, curve, need, error, arguments)
+    warnings = _warnings(study)
     if arguments.json:
-        print(json.dumps({"needed": need.to_dicts(), "curve": curve.to_dicts()}, indent=2, allow_nan=False))
+        told = {"needed": need.to_dicts(), "curve": curve.to_dicts(), "warnings": warnings}
+        print(json.dumps(told, indent=2, allow_nan=False))
     else:
         _say(need, error, t_end_s)
+        for warning in warnings:
+            print(f"Warning: {warning}")
     sys.stdout.flush()
     return 0
 
@@ -102,6 +107,18 @@ def _fill(text: str) -> float:
             f"'{text}' is no fill ratio; give numbers from 0 to 1, such as {FILLS}", field="--fills"
         )
     return fill
+
+
+def _warnings(study: Study) -> list[str]:
+    """Fill ratios that no number of robots, and no waiting, will tell."""
+    from vibroswarm.analysis.decidability import decidability
+
+    found = [decidability(cell.scenario) for cell in study.cells]
+    return list(
+        dict.fromkeys(
+            f"fill ratio {one.fill_ratio:g}: {one.says}" for one in found if one.verdict != "decidable"
+        )
+    )
 
 
 def _keep(

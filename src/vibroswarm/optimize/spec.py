@@ -103,6 +103,7 @@ class Search:
     Args:
         study: the scenario and the cases (its cells), the seed and the source of motion; its runs do not matter.
         space: fields with bounds. objectives: one, or several for nsga2.
+        settings: method, budget and the rest. pso: what only that method has.
         start: presets by name, or values of the space's fields. Without: the paper's P0 in the paper's space.
     Raises:
         InputError: naming what is wrong, and what would be right.
@@ -133,8 +134,14 @@ class Search:
         _ = self.pso_settings, self.search_budget
 
     @classmethod
-    def from_toml(cls, text: str, *, name: str = "search", folder: Path | None = None) -> Search:
-        """A search from TOML text."""
+    def from_toml(cls, text: str, *, name: str = "search", folder: str | Path | None = None) -> Search:
+        """A search from TOML text.
+
+        Args:
+            text: TOML. name: what errors call it. folder: where files of floors that it names lie.
+        Raises:
+            InputError: not TOML, or naming what is wrong in it.
+        """
         try:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
@@ -162,7 +169,11 @@ class Search:
 
     @classmethod
     def read(cls, path: str | Path) -> Search:
-        """A search from a TOML file; floors that it names by file lie beside it."""
+        """A search from the TOML file ``path``; floors that it names by file lie beside it.
+
+        Raises:
+            InputError: it cannot be read, or something in it is wrong.
+        """
         path = Path(path)
         return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent)
 
@@ -189,7 +200,7 @@ class Search:
         return tomli_w.dumps(self.to_values())
 
     def with_settings(self, **changed: Any) -> Search:
-        """A copy with other search settings."""
+        """A copy with some of the ``SearchSettings`` ``changed``, by name."""
         return replace(self, settings=replace(self.settings, **changed))
 
     @property

@@ -140,13 +140,26 @@ class Study:
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
-        """A study of a scenario; a dot in a varied field is two underscores: ``strategy__name=["none", "soft"]``."""
+        """A study of a scenario.
+
+        Args:
+            scenario: what does not vary. runs: of each cell. seed: of all cells.
+            grid: varied fields, every combination; a dot is two underscores: ``strategy__name=["none", "soft"]``.
+        Raises:
+            InputError: an unknown field, or a value that is wrong.
+        """
         vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
         return cls(scenario, {"grid": vary} if vary else {}, runs, seed=seed)
 
     @classmethod
-    def from_toml(cls, text: str, *, name: str = "study", folder: Path | None = None) -> Study:
-        """A study from TOML text."""
+    def from_toml(cls, text: str, *, name: str = "study", folder: str | Path | None = None) -> Study:
+        """A study from TOML text.
+
+        Args:
+            text: TOML. name: what errors call it. folder: where files of floors that it names lie.
+        Raises:
+            InputError: not TOML, or naming what is wrong in it.
+        """
         try:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
@@ -155,9 +168,15 @@ class Study:
 
     @classmethod
     def from_values(
-        cls, values: Mapping[str, Any], *, name: str = "study", folder: Path | None = None
+        cls, values: Mapping[str, Any], *, name: str = "study", folder: str | Path | None = None
     ) -> Study:
-        """A study from what its TOML says."""
+        """A study from what its TOML says.
+
+        Args:
+            values: the tables and keys. name: what errors call it. folder: where files of floors that it names lie.
+        Raises:
+            InputError: naming what is wrong, and what would be right.
+        """
         for key in values:
             if key not in KEYS:
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
@@ -168,7 +187,7 @@ class Study:
             )
         base = values.get("scenario", {})
         if isinstance(base, str):
-            base = Scenario.read((folder or Path()) / base).model_dump(exclude_none=True)
+            base = Scenario.read(Path(folder or ".") / base).model_dump(exclude_none=True)
         elif not isinstance(base, Mapping):
             raise InputError(
                 "is a table, as in a scenario file, or the name of such a file", field="scenario"
@@ -196,12 +215,16 @@ class Study:
             keep=tuple(values.get("keep", ())),
             floors=_floors(values.get("floors", {})),
             name=values.get("name", ""),
-            folder=folder,
+            folder=None if folder is None else Path(folder),
         )
 
     @classmethod
     def read(cls, path: str | Path) -> Study:
-        """A study from a TOML file; floors that it names by file lie beside it."""
+        """A study from the TOML file ``path``; floors that it names by file lie beside it.
+
+        Raises:
+            InputError: it cannot be read, or something in it is wrong.
+        """
         path = Path(path)
         return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
 
@@ -229,7 +252,14 @@ class Study:
         return tuple(Cell(k, point, self._scenario(point)) for k, point in enumerate(self._points))
 
     def run(self, folder: str | Path | None = None, **how: Any) -> StudyResult:
-        """Run the study; keeps what is done in ``folder``, or in memory of this process. See ``study.result.run``."""
+        """Run the study, or go on with it.
+
+        Args:
+            folder: what is done is kept here; without, as long as the result lasts.
+            how: ``executor``, ``workers``, ``share``, ``mixed``, ``tell``, see ``study.result.run``.
+        Raises:
+            InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
+        """
         from vibroswarm.study.result import run
 
         return run(self, folder, **how)
