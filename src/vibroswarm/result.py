@@ -91,7 +91,14 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """All that is known of some runs of one scenario; the tables are polars frames (see ``TABLES``)."""
+    """All that is known of some runs of one scenario; the tables are polars frames (docs/results.md has the columns).
+
+    Args:
+        scenario, seed, source: what was simulated, from which seed, by which source of motion.
+        motion, ends: a row a sample, a row a robot. segments: the arcs of the paths, where they were kept.
+        observations, inference: a row a sample. robots: a row a robot. runs, floors: a row a run.
+        versions: of the software that made it.
+    """
 
     scenario: Scenario
     seed: int | None
@@ -117,7 +124,7 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def same_tables(self, other: Result) -> bool:
-        """Whether every table is equal, bit by bit, order and types included."""
+        """Whether every table is equal to that of ``other``, bit by bit, order and types included."""
         for name in TABLES:
             mine, theirs = getattr(self, name), getattr(other, name)
             if (mine is None) != (theirs is None):
@@ -130,7 +137,11 @@ class Result:
         return True
 
     def floor(self, run: int = 0) -> Floor:
-        """The floor of a run."""
+        """The floor of a run.
+
+        Raises:
+            InputError: there is no such ``run``.
+        """
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
             raise InputError(f"there is no run {run} in this result", field="run")
@@ -140,7 +151,14 @@ class Result:
         return Floor(tiles, *geometry, row["name"])  # type: ignore[arg-type]
 
     def write(self, path: str | Path, *, replace: bool = False) -> None:
-        """Write the result as a folder, whole or not at all."""
+        """Write the result as a folder, whole or not at all.
+
+        Args:
+            path: the folder. replace: whether a result that is there is replaced.
+        Raises:
+            InputError: something is there, or it cannot be written.
+            RunError: the disk is full or failed.
+        """
         with whole_folder(Path(path), replace=replace) as part:
             self.write_into(part)
 
@@ -167,7 +185,7 @@ class Result:
 
     @classmethod
     def read(cls, path: str | Path) -> Result:
-        """The result that ``write`` has written; equal to it.
+        """The result that ``write`` has written into the folder ``path``; equal to it.
 
         Raises:
             InputError: no result there, one of a newer format, or a damaged or missing table.

@@ -30,7 +30,12 @@ from vibroswarm.floors.floor import as_tiles
 
 @dataclass(frozen=True)
 class Difficulty:
-    """What ``measure`` found on a floor; ``moran_index`` and ``entropy`` are nan where they have no value."""
+    """What ``measure`` found on a floor; ``moran_index`` and ``entropy`` are nan where they have no value.
+
+    Args:
+        rows, columns: how many tiles there are. ones: how many of them vibrate. fill_ratio: which share.
+        moran_index, entropy: E_MI (Eq. 4) and E_e (Eq. 5). clusters: of vibrating tiles. largest_cluster: its tiles.
+    """
 
     rows: int
     columns: int

@@ -29,7 +29,7 @@ _OTHER_PICTURES: Final = ((b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"), (b"BM", "
 
 
 def parse_tiles(text: str) -> Size:
-    """Rows and columns from ``"5x5"``, as ``--tiles`` takes them.
+    """Rows and columns from a ``text`` such as ``"5x5"``, as ``--tiles`` takes them.
 
     Raises:
         InputError: not of this form, or not a possible size.
@@ -73,7 +73,7 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
     ``read_tiles`` gives the same tiles back.
 
     Args:
-        tiles: (rows, columns) of 0 and 1. replace: whether a file of this name may be replaced.
+        path: the file. tiles: (rows, columns) of 0 and 1. replace: whether a file of this name may be replaced.
     Raises:
         InputError: another suffix, the file exists, or its folder cannot be written.
         RunError: the disk is full or failed.

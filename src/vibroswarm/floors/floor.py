@@ -80,7 +80,7 @@ class Floor:
         return np.count_nonzero(self.tiles) / self.tiles.size
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
-        """Share of the tiled area inside an arena of this size that vibrates; f where no tile is cut."""
+        """Share of the tiled area inside an arena of ``width_m`` by ``height_m`` that vibrates; f where none is cut."""
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None:
             return self.fill_ratio
@@ -89,7 +89,7 @@ class Floor:
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
-        """The tiles stretched over a rectangle of ``width_m`` by ``height_m`` from the origin."""
+        """The tiles stretched over a rectangle of ``width_m`` by ``height_m`` from the origin, called ``name``."""
         grid = as_tiles(tiles)
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 

@@ -60,6 +60,8 @@ def resolve(
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
     """The tiles of a pattern or of a random floor; ``rows`` and ``columns`` are those of a random floor.
 
+    Args:
+        source: a pattern with its fill, or ``random:0.48``. seed, run: which random floor.
     Raises:
         InputError: no such pattern (names the nearest), or a fill ratio that the tiles cannot give.
     """

@@ -101,6 +101,9 @@ def compare_scenarios(
 ) -> Checked:
     """Score two scenarios on fresh runs, twice; the runs are none that a search with this seed was made on.
 
+    Args:
+        first, second: what is scored; names: what they are called. objective: without, the paper's cost.
+        runs: of each, in each block. executor, workers: see ``study.executors``. tell: called as runs come back.
     Raises:
         InputError: too few runs. RunError: runs failed.
     """

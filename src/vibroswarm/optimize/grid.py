@@ -49,13 +49,17 @@ class Grid:
 
     @classmethod
     def paper(cls, objective: Objective | None = None, runs: int = RUNS, seed: int = 1) -> Grid:
-        """The paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*."""
+        """The paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
+
+        Args:
+            objective: what the scores are of; without, the paper's cost. runs: of each node. seed: of all nodes.
+        """
         base = {"preset": "paper", "strategy": {"name": "soft"}}
         return cls(Study(base, {"grid": PAPER}, runs, seed=seed), objective or Objective())
 
     @classmethod
     def read(cls, path: str | Path) -> Grid:
-        """From a search's file, whose space gives lists, or ranges with steps.
+        """From the search's file ``path``, whose space gives lists, or ranges with steps.
 
         Raises:
             InputError: no space, or one of ranges without steps.
@@ -139,7 +143,11 @@ class Nodes:
 
 
 def scores_of(grid: Grid, result: StudyResult) -> Nodes:
-    """Score the cells of a study that has been run; estimates of the fill ratio are those at the end of the runs."""
+    """Score the cells of a study that has been run; estimates of the fill ratio are those at the end of the runs.
+
+    Args:
+        grid: its nodes are the cells. result: of ``grid.study``.
+    """
     found = []
     for cell in result.study.cells:
         robots, runs = result.tables(cell.number)

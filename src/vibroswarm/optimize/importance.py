@@ -23,7 +23,7 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     """Share of importance of each field, the largest first; they add up to 1.
 
     Args:
-        best_share: of the candidates, taken for the good ones.
+        found: a search that has been run. best_share: of the candidates, taken for the good ones.
     Raises:
         InputError: Optuna is not there, too few candidates, or a share outside (0, 1).
     """

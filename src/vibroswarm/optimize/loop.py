@@ -29,7 +29,12 @@ Tell = Callable[[Told], None]
 
 @dataclass(frozen=True)
 class Found:
-    """What a search believes; what is true is another matter, see ``truth``."""
+    """What a search believes; what is true is another matter, see ``truth``.
+
+    Args:
+        search: what was searched. archive: all candidates with their runs. best, front: see below.
+        history, race: the iterations of the method, and of the race of the finalists.
+    """
 
     search: Search
     archive: Archive

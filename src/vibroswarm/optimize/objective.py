@@ -90,7 +90,11 @@ class Objective:
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Objective:
-        """From a table with ``cost``, ``statistic``, ``over`` and the cost's parameters."""
+        """From a table, the ``block``, with ``cost``, ``statistic``, ``over`` and the cost's parameters.
+
+        Raises:
+            InputError: no such cost, statistic or parameter.
+        """
         values = dict(block)
         named = {"name": values.pop("cost", "authors_code")}
         named |= {key: values.pop(key) for key in ("statistic", "over") if key in values}
@@ -117,7 +121,7 @@ class Objective:
         return "s" if self.name in (*AIMS, "decision_time") else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
-        """The figures of each run, (runs, columns).
+        """The figures of each run of ``outcomes``, (runs, columns).
 
         Raises:
             InputError: a user's cost gives no number.
@@ -135,14 +139,18 @@ class Objective:
         )
 
     def score(self, rows: Rows) -> float:
-        """The score of a candidate; infinite without runs."""
+        """The score of a candidate with the figures ``rows`` (runs, cases, columns); infinite without runs."""
         if rows.shape[0] == 0:
             return math.inf
         by_case = [self._of_case(rows[:, case]) for case in range(rows.shape[1])]
         return max(by_case) if self.over == "worst" else float(np.mean(by_case))
 
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
-        """The score with its limits: t for a mean, order statistics for a quantile, else bootstrap over runs."""
+        """The score with its limits: t for a mean, order statistics for a quantile, else bootstrap over runs.
+
+        Args:
+            rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
+        """
         quantile = self._quantile()
         if rows.shape[1] == 1 and self.name not in AIMS and rows.shape[0] > 1:
             if quantile is not None:
@@ -152,7 +160,7 @@ class Objective:
         return bootstrap(self.score, rows, level, seed)
 
     def estimate(self, rows: Rows) -> tuple[float, float]:
-        """The score and its standard error; freed of its bias for few runs where it is smooth (mean + sd).
+        """The score of ``rows`` and its standard error; freed of its bias for few runs where it is smooth (mean + sd).
 
         A price that sets in at a limit, a quantile and a worst case have corners, where the correction would go wild.
         """

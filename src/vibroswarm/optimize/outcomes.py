@@ -7,6 +7,7 @@
 | estimate | f = alpha / (alpha + beta), the posterior mean at the last own sample before ``end_s`` | (runs, robots) |
 | end_s | when the run ended for the cost, see below | (runs,) |
 | fill_ratio | f* | (runs,) |
+| tiles, t_end_s | how many tiles the floor has; T_end | - |
 | truth | 1 where f* lies above the boundary, 0 below, nan on it | (runs,) |
 
 The study's search ended a run when all had decided, which it looked at every 20 s, or at T_end, and took the estimate
@@ -84,6 +85,8 @@ def outcomes_of(
 ) -> list[Outcomes]:
     """The outcomes of these runs of each scenario; those that move alike share their motion, and floors their samples.
 
+    Args:
+        scenarios: one or several. seed, runs, motion: as of ``simulate``.
     Raises:
         InputError: a scenario cannot be simulated.
     """

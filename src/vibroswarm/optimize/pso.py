@@ -41,6 +41,12 @@ NOISE: Final = ("rescore", "ocba", "fixed")
 class PsoSettings:
     """The swarm's settings; those of the paper but for ``noise``.
 
+    Args:
+        particles, iterations: how many. evaluations: runs of each particle in each iteration.
+        extra, extra_share: so many runs more for this share of the best.
+        inertia_first, inertia_last: omega, falling linearly. weight_personal, weight_global: omega_p, omega_g.
+        first_velocity, caution: see below.
+        noise: ``rescore``, ``ocba`` or ``fixed`` (the paper), see docs/optimizing.md.
     Raises:
         InputError: no particles, no iterations, a weight that is no number.
     """

@@ -28,7 +28,7 @@ from vibroswarm.scenario import Scenario
 
 
 def best_scenario(found: Found) -> Scenario:
-    """The search's first scenario with the winner's values."""
+    """The search's first scenario with the values of the winner of ``found``."""
     return found.search.cases[0].scenario.with_values(found.values)
 
 
@@ -114,7 +114,7 @@ def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
 
 
 def write_report(found: Found, truth: Truth | None, folder: str | Path, style: str | None = "column") -> None:
-    """Keep all of it in ``folder``; pictures in a style of ``plots``, None: none.
+    """Keep what was ``found`` and the ``truth`` of it in ``folder``; pictures in a style of ``plots``, None: none.
 
     Raises:
         RunError: it cannot be written.

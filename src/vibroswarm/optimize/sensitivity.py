@@ -78,7 +78,8 @@ def sobol_indices(
     """Sobol indices of the mean cost over the space of a search.
 
     Args:
-        budget: runs. replicates: of each point.
+        search: its space, scenario and first objective count. budget: runs. replicates: of each point.
+        executor, workers: see ``study.executors``. tell: called as runs come back.
     Raises:
         InputError: SALib is not there, or the budget is too small. RunError: a run failed.
     """

@@ -109,13 +109,13 @@ class Dimension:
 
 @dataclass(frozen=True)
 class Space:
-    """The fields of a search, in order."""
+    """The fields of a search, in order: its ``dimensions``."""
 
     dimensions: tuple[Dimension, ...]
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """From a table of fields, as TOML gives it.
+        """From a table of fields, the ``block``, as TOML gives it.
 
         Raises:
             InputError: an unknown field, no field, wrong bounds.

@@ -55,7 +55,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the search believed and what is true."""
+    """What the search ``believed`` of its ``winner`` and what is true."""
 
     believed: float
     winner: Scored
@@ -113,7 +113,9 @@ def truth_of(
     """Score the winner, the starts of the search and ``others`` on fresh runs.
 
     Args:
-        runs: fresh runs of each; without, as the search says. others: further values of the space's fields, by name.
+        found: the search. runs: fresh runs of each; without, as the search says.
+        others: further values of the space's fields, by name.
+        executor, workers: see ``study.executors``. tell: called as runs come back.
     """
     search = found.search
     count = search.settings.fresh if runs is None else runs

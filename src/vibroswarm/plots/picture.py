@@ -35,7 +35,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Picture:
-    """What a ``draw_*`` function gives."""
+    """What a ``draw_*`` function gives: the ``figure`` of matplotlib, in one ``style``, with words and numbers."""
 
     figure: Figure
     numbers: pl.DataFrame
@@ -45,7 +45,7 @@ class Picture:
     style: str = "column"
 
     def write(self, path: Path | str, formats: Sequence[str] = FORMATS) -> list[Path]:
-        """``write_picture`` of this one."""
+        """Write it as ``path.svg``, ``.pdf`` and ``.png`` (``formats``), with its numbers: see ``write_picture``."""
         return write_picture(
             self.figure, self.numbers, path, formats, dots_per_inch=style_named(self.style).dots_per_inch
         )
@@ -81,6 +81,10 @@ def write_picture(
 
     The same figure gives the same bytes: no dates, no names of programs, no random ids. Text stays text in SVG
     and TrueType in PDF. Suffixes are put behind the name as it is, which may hold a point.
+
+    Args:
+        figure, numbers: what is drawn. path_without_suffix: where. formats: ``svg``, ``pdf``, ``png``.
+        dots_per_inch: of PNG, and of images within the others.
 
     Returns:
         The files written, the CSV last.

@@ -37,8 +37,8 @@ def draw_violins(
 ) -> Picture:
     """One violin for each cell and series; its area is the share of runs decided.
 
-    The undecided stand as a bar in the band behind ``t_end``, as high as their share of the row. Arguments and
-    frame are those of ``draw_boxes``.
+    The undecided stand as a bar in the band behind ``t_end``, as high as their share of the row. The arguments
+    ``frame``, ``label``, ``t_end``, ``missing``, ``title`` and ``style`` are those of ``draw_boxes``.
 
     Returns:
         Picture; its numbers have ``cell, series, runs, undecided, median, q25, q75`` (null: later than t_end)

@@ -80,7 +80,11 @@ class StudyResult:
         return frame.select("cell").hstack(self._varied_columns()).hstack(frame.drop("cell"))
 
     def cell(self, number: int) -> Cell:
-        """A cell by its number."""
+        """A cell by its number.
+
+        Raises:
+            InputError: there is none of this ``number``.
+        """
         if number not in self.selected:
             raise InputError(f"there is no cell {number} here", field="cell")
         return self.study.cells[number]
@@ -90,6 +94,11 @@ class StudyResult:
 
         The last part of a name is enough where no other varied field has it: ``where(name="soft")``. A list stands for
         any of its values.
+
+        Args:
+            values: what the varied fields shall be.
+        Raises:
+            InputError: a field is not varied, or no cell has the value.
         """
         chosen = self.selected
         for key, wanted in values.items():
@@ -127,7 +136,8 @@ class StudyResult:
     def rows(self, *cells: int) -> pl.LazyFrame:
         """One row a cell, run and robot, with the columns of the run beside the robot's; sorted by these.
 
-        Only a cell at a time is read when the frame is collected cell by cell.
+        Of the ``cells`` with these numbers; without numbers, of all. Only a cell at a time is read when the frame
+        is collected cell by cell.
         """
         return self._scan("robots", cells).sort("cell", "run", "robot")
 
@@ -144,11 +154,11 @@ class StudyResult:
         return pl.concat(frames)
 
     def robots(self, *cells: int) -> pl.DataFrame:
-        """The table of robots, with ``cell`` and the varied fields."""
+        """The table of robots of these ``cells`` (without numbers, of all), with ``cell`` and the varied fields."""
         return self._with_varied(self.rows(*cells).select("cell", *ROBOTS).collect())
 
     def runs(self, *cells: int) -> pl.DataFrame:
-        """The table of runs, with ``cell`` and the varied fields."""
+        """The table of runs of these ``cells`` (without numbers, of all), with ``cell`` and the varied fields."""
         extra = [name for name in _schema(self.rows(*cells)) if name not in ("cell", *ROBOTS, *RUNS)]
         rows = self.rows(*cells).filter(pl.col("robot") == 0)
         return self._with_varied(rows.select("cell", *RUNS, *extra).collect())
@@ -160,7 +170,11 @@ class StudyResult:
         return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
 
     def samples(self, *cells: int) -> pl.DataFrame:
-        """The table of samples, where the study keeps it."""
+        """The table of samples of these ``cells`` (without numbers, of all).
+
+        Raises:
+            InputError: the study does not keep it.
+        """
         if "samples" not in self.study.keep:
             raise InputError(
                 'keeps no samples; say keep = ["samples"], or make them again with result()', field="keep"
@@ -168,13 +182,21 @@ class StudyResult:
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
-        """Runs of a cell made again from the seed, with all their samples."""
+        """Runs of a cell made again from the seed, with all their samples.
+
+        Args:
+            cell: its number. runs: one, or several. segments: also keep the table from which poses can be had.
+        """
         return simulate(
             self.cell(cell).scenario, self.study.seed, runs, motion=self.study.motion, segments=segments
         )
 
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:
-        """The table ``robots``, ``runs``, ``cells`` or ``samples`` as a pandas frame."""
+        """The table ``robots``, ``runs``, ``cells`` or ``samples`` as a pandas frame.
+
+        Raises:
+            InputError: pandas is not there, or no such table.
+        """
         try:
             import pandas  # noqa: F401
         except ImportError:
