@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +21,8 @@ from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.report import candidate_table
 from vibroswarm.optimize.spec import Search
 
-LIBRARIES = ("tpe", "cmaes", "nsga2")
+LIBRARIES = ("tpe", "cmaes", "nsga2", "gp")
+NEEDS = {"tpe": "optuna", "nsga2": "optuna", "gp": "torch", "cmaes": "cmaes"}
 SMALL = """
 seed = 3
 [scenario]
@@ -41,10 +43,19 @@ evaluations = 2
 """
 
 
+def need(name: str) -> None:
+    """Skip where the library of a method is not there."""
+    if name in NEEDS:
+        pytest.importorskip(
+            NEEDS[name],
+            reason=f"method {name} needs {NEEDS[name]} (extra {'gp' if name == 'gp' else 'optimize'})",
+        )
+
+
 def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Method:
     if name in ("random", "sobol"):
         return {"random": Random, "sobol": Sobol}[name](archive, 1, budget, 1, starts)
-    pytest.importorskip("cmaes" if name == "cmaes" else "optuna")
+    need(name)
     from vibroswarm.optimize.libraries import Cmaes, OfOptuna
 
     if name == "cmaes":
@@ -53,12 +64,13 @@ def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Method:
 
 
 @pytest.mark.parametrize(
-    ("name", "near"), [("random", 0.02), ("sobol", 0.02), ("tpe", 0.002), ("cmaes", 1e-5)]
+    ("name", "near"), [("random", 0.02), ("sobol", 0.02), ("tpe", 0.002), ("cmaes", 1e-5), ("gp", 1e-3)]
 )
 def test_the_optimum_of_a_bowl_is_found(functions: ModuleType, name: str, near: float) -> None:
     archive = functions.archive_for()
-    method = made(name, archive, 300)
-    assert functions.drive(method, functions.sphere) == 300
+    budget = 60 if name == "gp" else 300  # it takes its time, and needs few
+    method = made(name, archive, budget)
+    assert functions.drive(method, functions.sphere) == budget
     assert functions.sphere(archive[method.best()].point) < near
     assert method.history[-1].best == pytest.approx(functions.sphere(archive[method.best()].point))
 
@@ -88,10 +100,9 @@ def test_a_front_is_found(functions: ModuleType) -> None:
     assert all(a[0] <= b[0] and a[1] >= b[1] for a, b in pairwise(scores))
 
 
-@pytest.mark.parametrize("name", ["random", "sobol", "tpe", "cmaes", "nsga2"])
+@pytest.mark.parametrize("name", ["random", "sobol", *LIBRARIES])
 def test_every_method_keeps_its_account_and_resumes(tmp_path: Path, name: str) -> None:
-    if name not in ("random", "sobol"):
-        pytest.importorskip("cmaes" if name == "cmaes" else "optuna")
+    need(name)
     text = SMALL.replace("[search]", f'[search]\nmethod = "{name}"')
     search = Search.from_toml(text)
     if name == "nsga2":
@@ -141,6 +152,24 @@ def test_methods_that_cannot_be(tmp_path: Path) -> None:
     one = "\n".join(line for line in one.splitlines() if "min_obs" not in line and "strategy" not in line)
     with pytest.raises(InputError, match="at least two"):
         run_search(Search.from_toml(one))
+
+
+@pytest.mark.parametrize(
+    ("method", "module", "extra"),
+    [("tpe", "optuna", "optimize"), ("cmaes", "cmaes", "optimize"), ("nsga2", "optuna", "optimize"),
+     ("gp", "torch", "gp"), ("random", "optuna", "optimize")],
+)  # fmt: skip
+def test_a_library_that_is_not_there_is_told_before_a_folder_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, module: str, extra: str
+) -> None:
+    if method == "gp":
+        need("tpe")
+    monkeypatch.setitem(sys.modules, module, None)
+    search = Search.from_toml(SMALL.replace("[search]", f'[search]\nmethod = "{method}"'))
+    search = search.with_settings(dashboard=True if method == "random" else None)
+    with pytest.raises(InputError, match=rf"pip install 'vibroswarm\[{extra}\]'"):
+        run_search(search, tmp_path / "s")
+    assert not (tmp_path / "s").exists()
 
 
 def test_what_told_good_candidates_from_the_rest() -> None:

@@ -115,7 +115,8 @@ def heard_at_end(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
 
     A robot that walks last walked at the tick before the end; one that stands, before its stop began.
     """
-    standing_since_s = ends["stop_start_s"].fill_null(ends["end_s"]).to_numpy()
+    stop_start_s, end_s = ends["stop_start_s"].to_numpy(), ends["end_s"].to_numpy()
+    standing_since_s = np.where(np.isnan(stop_start_s), end_s, stop_start_s)
     return np.rint(standing_since_s * (1000.0 / tick_ms)).astype(np.int64) - 2
 
 

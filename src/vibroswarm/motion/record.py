@@ -256,7 +256,9 @@ def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
 
 def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
     """The table of ends."""
-    frame = pl.DataFrame(
+    stopping = rows["stop_tick"] >= 0
+    stop_start_s = np.where(stopping, seconds(rows["stop_tick"], tick_ms), np.nan)
+    return pl.DataFrame(
         {
             "run": rows["run"].copy(),
             "robot": rows["robot"].copy(),
@@ -264,12 +266,10 @@ def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
             "x_m": rows["x_m"].copy(),
             "y_m": rows["y_m"].copy(),
             "heading_rad": rows["heading_rad"].copy(),
-            "stop_start_s": seconds(rows["stop_tick"], tick_ms),
+            "stop_start_s": pl.Series(stop_start_s, nan_to_null=True),
         },
         schema=ENDS,
     )
-    walking = pl.Series(rows["stop_tick"] < 0)
-    return frame.with_columns(stop_start_s=pl.when(walking).then(None).otherwise("stop_start_s"))
 
 
 def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:

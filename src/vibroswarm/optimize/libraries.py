@@ -30,7 +30,7 @@ POPULATION: Final = 24
 """Of nsga2."""
 
 
-def optuna() -> Any:
+def optuna(wanted_by: str = "search.method") -> Any:
     """The library, quiet.
 
     Raises:
@@ -39,7 +39,7 @@ def optuna() -> Any:
     try:
         import optuna as library
     except ImportError:
-        raise InputError("needs Optuna: pip install 'vibroswarm[optimize]'", field="search.method") from None
+        raise InputError("needs Optuna: pip install 'vibroswarm[optimize]'", field=wanted_by) from None
     library.logging.set_verbosity(library.logging.ERROR)
     return library
 

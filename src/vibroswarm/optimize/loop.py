@@ -17,7 +17,7 @@ from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import Evaluator, do_pieces
 from vibroswarm.optimize.journal import Journal, Step
 from vibroswarm.optimize.method import Ask, Iteration, Method, Told
-from vibroswarm.optimize.methods import method_of
+from vibroswarm.optimize.methods import check_libraries, method_of
 from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
@@ -78,9 +78,10 @@ def run_search(
         folder: where its journal is kept; without, nothing is. executor, workers: see ``study.executors``.
         mixed: also go on where other versions began. tell: called as runs come back.
     Raises:
-        InputError: another search is there, or a cost gives no number.
+        InputError: another search is there, a library is not, or a cost gives no number.
         RunError: every run of the first step failed, or the workers are gone; what was done is kept.
     """
+    check_libraries(search)
     journal = None if folder is None else Journal(folder, search, mixed=mixed)
     with workers_for(executor, workers) as hands:
         return _Loop(search, journal, hands, tell).run()

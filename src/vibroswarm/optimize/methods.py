@@ -28,3 +28,16 @@ def method_of(search: Search, archive: Archive) -> Method:
     if name == "cmaes":
         return Cmaes(archive, seed, budget, evaluations, starts)
     return OfOptuna(archive, seed, budget, evaluations, starts, name)
+
+
+def check_libraries(search: Search) -> None:
+    """Tell what is missing before a folder is made.
+
+    Raises:
+        InputError: the method or Optuna's storage needs a library that is not there, or the method other fields.
+    """
+    method_of(search, Archive(search.space, search.objectives))
+    if search.has_dashboard:
+        from vibroswarm.optimize.libraries import optuna
+
+        optuna("search.dashboard")

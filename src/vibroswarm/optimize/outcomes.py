@@ -110,8 +110,10 @@ def outcomes_of(
                      for floor in floors.values()}  # fmt: skip
             fills = np.array([known[id(floors[run])] for run in runs])
             tiles = floors[runs[0]].tiles.size
-        inference, _ = infer(scenario, seed, moved, seen)
-        found.append(_outcomes(scenario, np.array(runs), moved.samples["time_s"], inference, fills, tiles))
+        inference, robots = infer(scenario, seed, moved, seen)
+        found.append(
+            _outcomes(scenario, np.array(runs), moved.samples["time_s"], inference, robots, fills, tiles)
+        )
     return found
 
 
@@ -123,6 +125,7 @@ def from_result(result: Result) -> Outcomes:
         result.runs["run"].to_numpy().astype(np.int64),
         result.motion["time_s"],
         result.inference,
+        result.robots,
         result.runs["fill_ratio"].to_numpy(),
         floor.tiles.size,
     )
@@ -158,32 +161,22 @@ def _outcomes(
     runs: NDArray[np.int64],
     time_s: pl.Series,
     inference: pl.DataFrame,
+    robots: pl.DataFrame,
     fills: Array,
     tiles: int,
 ) -> Outcomes:
-    """From the samples of the runs, sorted by run and time."""
-    robots, t_end_s = scenario.swarm.robots, scenario.run.t_end_s
-    run, robot = inference["run"].to_numpy(), inference["robot"].to_numpy().astype(np.int64)
-    who = np.searchsorted(runs, run) * robots + robot
-    order = np.argsort(who, kind="stable")
-    who, times = who[order], time_s.to_numpy()[order]
-    decided = inference["decision"].to_numpy().astype(np.int64)[order]
-    decision, decision_time = _decisions(who, times, decided, runs.size * robots)
-    decision, decision_time = decision.reshape(-1, robots), decision_time.reshape(-1, robots)
+    """From the samples of the runs, by run and time, and what became of their robots, by run and robot."""
+    t_end_s, shape = scenario.run.t_end_s, (runs.size, scenario.swarm.robots)
+    decision = robots["decision"].to_numpy().astype(np.int64).reshape(shape)
+    decision_time = robots["decision_time_s"].to_numpy().reshape(shape)
     end_s = np.full(runs.size, t_end_s)
     all_there = (decision != -1).all(axis=1)
     end_s[all_there] = np.minimum(np.ceil(decision_time[all_there].max(axis=1) / POLL_S) * POLL_S, t_end_s)
-    alpha, beta = (inference[name].to_numpy().astype(np.float64)[order] for name in ("alpha", "beta"))
-    prior = scenario.decision.prior_alpha / (scenario.decision.prior_alpha + scenario.decision.prior_beta)
-    estimate = np.full(runs.size * robots, prior)
-    before_end = times <= end_s[who // robots]
-    at = np.flatnonzero(before_end)
-    estimate[who[at]] = alpha[at] / (alpha[at] + beta[at])  # of several, the last is kept
     return Outcomes(
         run=runs,
         decision=decision,
         decision_time_s=decision_time,
-        estimate=estimate.reshape(-1, robots),
+        estimate=_estimates(scenario, runs, end_s, time_s.to_numpy(), inference),
         end_s=end_s,
         fill_ratio=fills,
         truth=_truths(scenario, fills),
@@ -192,16 +185,17 @@ def _outcomes(
     )
 
 
-def _decisions(
-    who: NDArray[np.int64], times: Array, decided: NDArray[np.int64], count: int
-) -> tuple[NDArray[np.int64], Array]:
-    """The last decision of each robot and when it came to stand; rows sorted by robot, then time."""
-    decision, time_s = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
-    if not who.size:
-        return decision, time_s
-    first = np.r_[True, who[1:] != who[:-1]]
-    before = np.r_[-1, decided[:-1]]
-    before[first] = -1
-    turned = np.flatnonzero((decided != before) & (decided != -1))
-    decision[who[turned]], time_s[who[turned]] = decided[turned], times[turned]
-    return decision, time_s
+def _estimates(
+    scenario: Scenario, runs: NDArray[np.int64], end_s: Array, times_s: Array, inference: pl.DataFrame
+) -> Array:
+    """The posterior mean of each robot at its last sample up to the end of its run, (runs, robots)."""
+    robots, decision = scenario.swarm.robots, scenario.decision
+    run = np.searchsorted(runs, inference["run"].to_numpy())
+    at = np.flatnonzero(times_s <= end_s[run])
+    who = run[at] * robots + inference["robot"].to_numpy()[at]
+    alpha, beta = (inference[name].to_numpy()[at].astype(np.float64) for name in ("alpha", "beta"))
+    estimate = np.full(
+        runs.size * robots, decision.prior_alpha / (decision.prior_alpha + decision.prior_beta)
+    )
+    estimate[who] = alpha / (alpha + beta)  # of a robot's samples the last is kept
+    return estimate.reshape(-1, robots)
