@@ -39,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
         lab,
         merge,
         optimize,
+        reproduce,
         run,
         scenario,
         show,
@@ -60,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     detect.add_parser(commands)
     tradeoff.add_parser(commands)
     optimize.add_parser(commands)
+    reproduce.add_parser(commands)
     merge.add_parser(commands)
     show.add_parser(commands)
     lab.add_parser(commands)

@@ -1,0 +1,136 @@
+"""``vibroswarm reproduce``: the paper's figures and tables, and a verdict on each of its claims."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from vibroswarm.paper.item import Item, Settings
+    from vibroswarm.paper.reproduce import Reproduction
+
+EPILOG = """\
+examples:
+  vibroswarm reproduce --out out/paper                          all of it; again: what is there is taken
+  vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
+  vibroswarm reproduce --out out/paper --archive paper.zip      to be confirmed elsewhere
+  vibroswarm reproduce --from paper.zip --check
+"""
+RECORDINGS = "VIBROSWARM_RUGBOT"
+
+
+def add_parser(commands: Any) -> None:
+    """Make the command known."""
+    parser = commands.add_parser(
+        "reproduce",
+        help="the paper's figures and tables anew, with a verdict on each claim",
+        description="Compute every figure and table of the paper, and say which of its claims hold.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="keep report, figures, tables and runs here")
+    parser.add_argument("--only", metavar="NAME", nargs="+", help="only these items; 'list' names them")
+    parser.add_argument("--runs", metavar="N", default="1000", help="runs a cell (default 1000)")
+    parser.add_argument("--seed", metavar="S", default="1", help="of all cells (default 1)")
+    parser.add_argument("--columns", metavar="A,B", help="only these presets: paper, text, calibrated")
+    parser.add_argument("--workers", metavar="N", help="threads (default: all processors)")
+    parser.add_argument(
+        "--recordings", metavar="DIR", type=Path,
+        help=f"the study's recordings, for the calibration (default: {RECORDINGS} of the environment)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--control", metavar="NAME",
+        help="a negative control, in which the verdicts must turn: labels (swapped) or threshold (1.55)",
+    )  # fmt: skip
+    parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
+    parser.set_defaults(run=run, parser=parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute what is missing, write the report, say the verdicts."""
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.paper.items import all_items
+    from vibroswarm.paper.report import REPORT, write_all
+    from vibroswarm.paper.reproduce import reproduce
+
+    if arguments.only == ["list"]:
+        for item in all_items():
+            print(f"{item.name:<16} {item.title}")
+        return 0
+    if arguments.out is None:
+        raise InputError("is needed: where shall it be kept?", field="--out")
+    items, settings = _items(arguments), settings_of(arguments)
+    with progress_bar("reproducing") as tell:
+        made = reproduce(settings, arguments.out, items, lambda what, share: tell(share))
+    with progress_bar("drawing") as tell:
+        write_all(made, arguments.out, tell, pictures=not arguments.no_pictures)
+    _say(made)
+    print(f"Kept in {arguments.out}; open {(arguments.out / REPORT).resolve()} in a browser.")
+    return 0
+
+
+def _items(arguments: argparse.Namespace) -> tuple[Item, ...]:
+    from vibroswarm.paper.items import items_named
+
+    return items_named(arguments.only)
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """What the options ask for."""
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.paper.columns import COLUMNS, CONTROLS
+    from vibroswarm.paper.item import Settings
+    from vibroswarm.study.spec import MOST_RUNS
+
+    columns = COLUMNS if arguments.columns is None else tuple(arguments.columns.split(","))
+    for column in columns:
+        if column not in COLUMNS:
+            raise InputError(f"there is no column '{column}'{nearest(column, COLUMNS)}", field="--columns")
+    if arguments.control is not None and arguments.control not in CONTROLS:
+        raise InputError(
+            f"there is no control '{arguments.control}' ({', '.join(CONTROLS)})", field="--control"
+        )
+    runs = whole_number(arguments.runs, "--runs")
+    if not 2 <= runs <= MOST_RUNS:
+        raise InputError(f"{runs} is wrong; give a whole number from 2", field="--runs")
+    recordings = arguments.recordings
+    if recordings is None and os.environ.get(RECORDINGS):
+        recordings = Path(os.environ[RECORDINGS])
+    return Settings(
+        runs=runs,
+        seed=whole_number(arguments.seed, "--seed"),
+        columns=tuple(column for column in COLUMNS if column in columns),
+        control=arguments.control,
+        recordings=recordings,
+        workers=None if arguments.workers is None else whole_number(arguments.workers, "--workers"),
+    )
+
+
+def _say(made: Reproduction) -> None:
+    from vibroswarm.paper.claims import VERDICTS
+    from vibroswarm.paper.report import claims_table
+
+    decided = made.decided
+    for one in made.made:
+        if one.skipped:
+            print(f"{one.item.name}: skipped. {one.skipped}")
+    table = claims_table(decided)
+    columns = [
+        column
+        for column in made.settings.columns
+        if table.height and table[column].null_count() < table.height
+    ]
+    for row in table.to_dicts():
+        print(f"{row['claim']:<26}" + "".join(f"{column}: {row[column] or '-':<40}" for column in columns))
+    for column in columns:
+        counted = Counter(one.verdict for one in decided if one.column == column)
+        print(
+            f"{column}: "
+            + ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS if counted[verdict])
+        )

@@ -1,0 +1,56 @@
+"""The items of the paper, each a module of its own, and their registry."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.paper.item import Item
+
+
+@cache
+def all_items() -> tuple[Item, ...]:
+    """All items, in the paper's order."""
+    from vibroswarm.paper.items import (
+        difficulty,
+        example_run,
+        feedback_grid,
+        fill_ratios,
+        headline,
+        patterns,
+        readings,
+        side_claims,
+        swarm_sizes,
+    )
+
+    modules = (
+        difficulty,
+        feedback_grid,
+        fill_ratios,
+        swarm_sizes,
+        patterns,
+        example_run,
+        readings,
+        side_claims,
+        headline,
+    )
+    return tuple(module.ITEM for module in modules)
+
+
+def items_named(names: list[str] | None) -> tuple[Item, ...]:
+    """The items of these names, in the paper's order; all without.
+
+    Raises:
+        InputError: there is no such item.
+    """
+    known = {item.name: item for item in all_items()}
+    if names is None:
+        return all_items()
+    wanted = [name.replace("_", "-") for name in names]
+    for name in wanted:
+        if name not in known:
+            raise InputError(
+                f"there is no item '{name}'{nearest(name, known)} (there are {', '.join(known)})",
+                field="--only",
+            )
+    return tuple(item for item in all_items() if item.name in wanted)

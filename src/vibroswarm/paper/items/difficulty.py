@@ -1,0 +1,80 @@
+"""Item 1: the table of difficulty of the five patterns."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.floors.difficulty import entropy, moran_index
+from vibroswarm.floors.patterns import pattern
+from vibroswarm.page.report import Column
+from vibroswarm.paper.item import CLAIMS, Item, Shown, Tables, Work
+from vibroswarm.paper.measure import exact, frame
+from vibroswarm.paper.published import published
+
+PATTERNS: Final = {
+    "diagonal": "diagonal",
+    "stripe": "stripe",
+    "block_diagonal": "block-diagonal",
+    "alternating": "alternating",
+    "random": "random-fixed",
+}
+"""The paper's five by its names, and by ours."""
+FILLS: Final = ("0.48", "0.46")
+
+
+def _table() -> pl.DataFrame:
+    ones = pattern(f"diagonal:{FILLS[0]}").sum()
+    rows = []
+    for fill in FILLS:
+        for theirs, ours in PATTERNS.items():
+            name = f"{ours}:{fill}"
+            used = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
+            true = pattern(name)
+            for measure, as_paper, right in (
+                ("Moran index", moran_index(used), moran_index(true)),
+                ("entropy", entropy(used, int(ones)), entropy(true)),
+            ):
+                key = "moran" if measure == "Moran index" else "entropy"
+                printed = float(published("patterns_10x10")[f"{key}_{fill}"][theirs])
+                rows.append((name, measure, printed, as_paper, right, printed - right))
+    names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
+    return pl.DataFrame(rows, schema=names, orient="row")
+
+
+def compute(work: Work) -> Tables:
+    """The 20 numbers, exactly."""
+    table = _table()
+    measured = [
+        exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
+        for row in table.to_dicts()
+    ]
+    return {"difficulty": table, CLAIMS: frame(measured)}
+
+
+ITEM: Final = Item(
+    number=1,
+    name="difficulty",
+    title="Difficulty of the five patterns",
+    about=(
+        "The paper's table of Moran indices and entropies. Printed, as the paper came by it (48 vibrating "
+        "tiles in all entropies, and an alternating floor of 48 in the place of 46), and right for the fill "
+        "ratio named.",
+    ),
+    compute=compute,
+    shown=(
+        Shown(
+            "difficulty",
+            "Printed and computed; nothing here is uncertain.",
+            {
+                "pattern": Column("pattern"),
+                "measure": Column("measure"),
+                "printed": Column("printed"),
+                "as the paper computed": Column("as the paper computed"),
+                "right": Column("right"),
+                "printed less right": Column("printed less right", digits=2),
+            },
+        ),
+    ),
+)

@@ -1,0 +1,120 @@
+"""Item 9: an example run of seven robots, and how near such swarms come to the fill ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.page.report import Column
+from vibroswarm.paper.cells import Cell
+from vibroswarm.paper.columns import STRATEGIES
+from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
+from vibroswarm.paper.measure import frame, mean
+from vibroswarm.plots.picture import Picture as Plotted
+from vibroswarm.plots.run import run_figure
+from vibroswarm.plots.style import settings as drawn_with
+from vibroswarm.result import Result
+from vibroswarm.simulation import simulate
+
+ROBOTS: Final = 7
+FILL: Final = 0.48
+TILE: Final = 1 / 25
+
+
+def cells(settings: Settings) -> Cells:
+    """column, strategy: seven robots."""
+    return {
+        (column, strategy): settings.cell(
+            column, {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS, "strategy.name": strategy}
+        )
+        for column in settings.columns
+        for strategy in STRATEGIES
+    }
+
+
+def _cell(settings: Settings) -> Cell:
+    return settings.cell(settings.columns[0], {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS})
+
+
+@cache
+def _example(text: str, seed: int) -> Result:
+    from vibroswarm.scenario import Scenario
+
+    return simulate(Scenario.from_toml(text), seed, 1, segments=True)
+
+
+def example(settings: Settings) -> Result:
+    """Run 0 of the first column, with its paths."""
+    return _example(_cell(settings).scenario.to_toml(), settings.seed)
+
+
+def compute(work: Work) -> Tables:
+    """The run's samples and paths; estimates; claims."""
+    result = example(work.settings)
+    assert result.segments is not None
+    samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
+        result.observations.select("tile", "energy", "observation")
+    )
+    rows, measured = [], []
+    for column in work.settings.columns:
+        for strategy in STRATEGIES:
+            cell = work.cells[column, strategy]
+            estimate = work.values((column, strategy), "estimate")
+            error = abs(estimate - FILL)
+            measured.append(mean("estimate", column, strategy, error, less=TILE))
+            figures = (float(estimate.mean()), float(error.mean()), float(estimate.std()))
+            command = cell.command(work.came.runs, work.came.seed)
+            rows.append((column, strategy, error.size, *figures, command))
+    names = ["column", "strategy", "runs", "estimate", "error", "spread", "command"]
+    return {
+        "samples": samples,
+        "paths": result.segments,
+        "estimates": pl.DataFrame(rows, schema=names, orient="row"),
+        CLAIMS: frame(measured),
+    }
+
+
+def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Paths and samples."""
+    yield Picture("example-run", "Paths and samples of seven robots", lambda: _draw(tables, settings))
+
+
+def _draw(tables: Tables, settings: Settings) -> Drawn:
+    result = example(settings)
+    with drawn_with():
+        figure = run_figure(result)
+    caption = (
+        f"Seven robots, run 0 of seed {settings.seed}: paths, {tables['samples'].height:,} samples, and the "
+        f"tiles that vibrate. "
+        f"Alone: `vibroswarm run --robots {ROBOTS} --seed {settings.seed}`"
+    )
+    return Plotted(figure, tables["samples"], caption)
+
+
+ITEM: Final = Item(
+    number=9,
+    name="example-run",
+    title="An example run of seven robots",
+    about=(
+        "The paths of seven robots and where they sampled, as the paper shows for a real experiment. Beside "
+        "it, over many such runs, how near the swarm's mean estimate comes to the fill ratio.",
+    ),
+    cells=cells,
+    compute=compute,
+    pictures=pictures,
+    shown=(
+        Shown(
+            "estimates",
+            "The mean over robots of alpha / (alpha + beta) at the end of a run; the fill ratio is 0.48, a "
+            "tile is 0.04.",
+            {
+                "column": Column("column"), "strategy": Column("strategy"), "runs": Column("runs"),
+                "estimate": Column("mean estimate"), "error": Column("mean error (absolute)"),
+                "spread": Column("standard deviation over runs"),
+            },
+        ),
+    ),
+)  # fmt: skip

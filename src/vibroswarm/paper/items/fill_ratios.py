@@ -1,0 +1,88 @@
+"""Item 5: decision time and accuracy over the fill ratios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from vibroswarm.paper.columns import STRATEGIES, fills
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
+from vibroswarm.paper.measure import Row, frame, mean, share_saved
+from vibroswarm.paper.published import published
+from vibroswarm.paper.show import both_forms, two_forms
+
+NEAR: Final = ((0.48, 0.44), (0.52, 0.56))
+"""Fill ratios near one half, and the farther one on the same side."""
+
+
+def cells(settings: Settings) -> Cells:
+    """column, fill ratio, strategy."""
+    return {
+        (column, fill, strategy): settings.cell(
+            column, {"floor.source": f"random:{fill}", "strategy.name": strategy}
+        )
+        for column in settings.columns
+        for fill in fills()
+        for strategy in STRATEGIES
+    }
+
+
+def compute(work: Work) -> Tables:
+    """Cells and claims."""
+    measured = [row for column in work.settings.columns for row in _measured(work, column)]
+    return {"cells": work.rows(("column", "fill ratio", "strategy")), CLAIMS: frame(measured)}
+
+
+def _measured(work: Work, column: str) -> Iterator[Row]:
+    time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
+    for strategy in STRATEGIES:
+        for near, far in NEAR:
+            pair, words = (
+                ((column, near, strategy), (column, far, strategy)),
+                f"{near} less {far}, {strategy}",
+            )
+            yield mean("fill-time", column, words, work.difference(time, *pair))
+            yield mean("fill-belief", column, words, work.difference(belief, *pair))
+    for fill in fills():
+        none, positive, soft = ((column, fill, strategy) for strategy in STRATEGIES)
+        words = f"fill ratio {fill}"
+        yield mean("soft-faster-than-none", column, words, work.difference(time, soft, none))
+        yield mean("soft-faster-than-positive", column, words, work.difference(time, soft, positive))
+        yield mean("soft-belief", column, words, work.difference(belief, soft, none))
+        yield mean("soft-wrong", column, words, work.difference(wrong, soft, none))
+    printed = published("simulation.claim_speed_up_soft_vs_none")
+    for near, far in NEAR:
+        none, _, soft = ((column, near, strategy) for strategy in STRATEGIES)
+        yield share_saved(
+            "soft-gain", column, f"fill ratio {near}", work.values(soft, time), work.values(none, time),
+            less=printed["percent"] / 100,
+        )  # fmt: skip
+        there = work.difference(time, (column, far, "none"), (column, far, "soft"))
+        saved = work.difference(time, none, soft)
+        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - there)
+    for strategy in ("none", "soft"):
+        values = work.values((column, NEAR[0][0], strategy), time)
+        yield mean("printed-times", column, strategy, values, less=printed[f"{strategy}_s"])
+
+
+def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Both forms, column by column."""
+    yield from both_forms(
+        "fill-ratios", tables["cells"], settings.columns, "fill ratio", "fill ratio", "strategy"
+    )
+
+
+ITEM: Final = Item(
+    number=5,
+    name="fill-ratios",
+    title="Fill ratios",
+    about=(
+        "Five robots with P* on floors of 5 x 5 tiles, a fresh one each run, at four fill ratios, with the "
+        "three strategies. All strategies and fill ratios share their motion, so comparisons are paired run "
+        "by run.",
+    ),
+    cells=cells,
+    compute=compute,
+    pictures=pictures,
+    shown=two_forms("cells", ("column", "fill ratio", "strategy")),
+)

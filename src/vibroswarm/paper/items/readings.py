@@ -1,0 +1,128 @@
+"""Item 10: what each choice that the text leaves open, or gets wrong, changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.observation.reading import error_rates
+from vibroswarm.page.report import Column
+from vibroswarm.paper.columns import STRATEGIES, swapped_labels
+from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
+from vibroswarm.paper.measure import Row, exact, frame, mean
+from vibroswarm.plots import draw_forest
+
+READINGS: Final[dict[str, dict[str, Any]]] = {
+    "theta_E 1.55, as in Algorithm 2": {"sensor.rms_threshold": 1.55},
+    "theta_E 1.40, as in some recordings": {"sensor.rms_threshold": 1.40},
+    "labels of the energies as printed": {},
+    "timer always on, as printed": {"sample.timer": "always"},
+    "timer held in a turn, not reset": {"sample.timer": "hold_in_turn"},
+    "timer frozen in avoidance too": {"sample.timer": "frozen_in_avoidance"},
+    "legs not clipped": {"walk.leg_min_ms": 0.0, "walk.leg_max_ms": 1e9},
+    "speed drawn once a robot": {"robot.speed_redraw": "robot"},
+    "avoidance finished before a sample": {"sample.interrupts_avoidance": False},
+    "O_c counts received only": {"decision.gate": "received"},
+    "O_c counts own only": {"decision.gate": "own"},
+    "O_c counts the current sample": {"decision.gate_counts_current": True},
+    "decisions may be revised": {"decision.revise": True},
+    "O_c = 0": {"decision.min_observations": 0},
+    "sensor without error": {
+        "sensor.vibrating_location": 10.0, "sensor.still_location": -20.0, "sensor.rms_threshold": 0.0,
+    },
+    "2 % of packets lost": {"network.loss": 0.02},
+}  # fmt: skip
+BASE: Final = "as the simulations ran"
+COLUMN: Final = "paper"
+LABELS: Final = "labels of the energies as printed"
+
+
+def cells(settings: Settings) -> Cells:
+    """reading, strategy."""
+    found: Cells = {}
+    for reading in (BASE, *READINGS):
+        for strategy in STRATEGIES:
+            found[reading, strategy] = settings.cell(COLUMN, _values(settings, reading, strategy))
+    return found
+
+
+def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
+    values = {"floor.source": "random:0.48", "strategy.name": strategy}
+    if reading == LABELS:
+        return values | swapped_labels(settings.scenario(COLUMN))
+    return values | READINGS.get(reading, {})
+
+
+def compute(work: Work) -> Tables:
+    """Cells, differences from the base, claims."""
+    rows = []
+    pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
+    table = work.rows(("reading", "strategy"), pairs)
+    for reading, strategy in pairs:
+        row: dict[str, Any] = {"reading": reading, "strategy": strategy}
+        for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share"):
+            found = mean_interval(work.difference(name, (reading, strategy), (BASE, strategy)))
+            for end, value in zip(("", "_low", "_high"), found[:3], strict=True):
+                row[f"{name}_change{end}"] = value
+        rows.append(row)
+    changes = pl.DataFrame(rows, infer_schema_length=None)
+    return {"cells": table, "changes": changes, CLAIMS: frame(list(_measured(work)))}
+
+
+def _measured(work: Work) -> Iterator[Row]:
+    for strategy in STRATEGIES:
+        values = work.values((LABELS, strategy), "belief_in_truth")
+        yield mean("labels-printed", COLUMN, strategy, values, less=0.5)
+    sensor = work.settings.scenario(COLUMN, {"sensor.rms_threshold": 1.55}).sensor
+    false_positive, false_negative = error_rates(sensor)
+    yield exact("threshold-printed", COLUMN, "1.55", false_positive - false_negative)
+
+
+def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Time and belief of each reading less those of the base, without feedback."""
+    part = tables["changes"].filter((pl.col("strategy") == "none") & (pl.col("reading") != BASE))
+    for name, label in (
+        ("decision_time_s", "change of decision time (s)"),
+        ("belief_in_truth", "change of belief in the truth"),
+    ):
+        yield Picture(f"readings-{name.replace('_', '-')}", label, lambda n=name, w=label: _draw(part, n, w))  # type: ignore[misc]
+
+
+def _draw(part: pl.DataFrame, name: str, label: str) -> Drawn:
+    changed = f"{name}_change"
+    made = part.select(comparison="reading", difference=changed, low=f"{changed}_low", high=f"{changed}_high")
+    return draw_forest(made, label=label, interval="95 % interval over runs, paired")
+
+
+_CHANGE: Final = {
+    "reading": Column("reading"),
+    "strategy": Column("strategy"),
+    **{
+        f"{name}_change{end}": Column(
+            title if not end else {"_low": "from", "_high": "to"}[end], unit, percent=percent
+        )
+        for name, title, unit, percent in (
+            ("decision_time_s", "change of time", "s", False),
+            ("belief_in_truth", "of belief in the truth", "", False),
+            ("wrong_share", "of robots wrong", "", True),
+            ("undecided_share", "of robots undecided", "", True),
+        )
+        for end in ("", "_low", "_high")
+    },
+}
+ITEM: Final = Item(
+    number=10,
+    name="readings",
+    title="What the text leaves open",
+    about=(
+        "Each open or mistaken place of the text, read the other way, one at a time; preset `paper`, five "
+        "robots, P*, fill ratio 0.48. Differences are paired run by run against the simulations as they ran.",
+    ),
+    cells=cells,
+    compute=compute,
+    pictures=pictures,
+    shown=(Shown("changes", "What each reading changes, with 95 % intervals over runs.", _CHANGE),),
+)

@@ -1,0 +1,146 @@
+"""Item 11: density in the corners, the spread of the strategies, and the single floor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.motion.contract import source
+from vibroswarm.page.report import Column
+from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills
+from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
+from vibroswarm.paper.measure import Row, frame, log_spread, mean
+from vibroswarm.paper.published import published
+from vibroswarm.paper.real_floor import REAL_FLOOR, real_floor
+from vibroswarm.paper.show import two_forms
+from vibroswarm.plots import draw_density
+
+MOST_RUNS: Final = 200
+"""Runs whose samples are looked at one by one."""
+BINS: Final = 20
+TILES: Final = 25
+TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
+"""Of the sample timer; the last does not count avoidance."""
+
+
+def cells(settings: Settings) -> Cells:
+    """column, floor, strategy."""
+    found: Cells = {}
+    for column in settings.columns:
+        for strategy in STRATEGIES:
+            for fill in fills():
+                values: dict[str, Any] = {"floor.source": f"random:{fill}", "strategy.name": strategy}
+                found[column, f"random:{fill}", strategy] = settings.cell(column, values)
+            values = {**real_floor(), "strategy.name": strategy}
+            found[column, REAL_FLOOR, strategy] = settings.cell(column, values)
+    return found
+
+
+def compute(work: Work) -> Tables:
+    """Cells, corner densities, where samples fell, claims."""
+    columns = work.settings.columns
+    placed = {(column, timer): _placed(work, column, timer) for column in columns for timer in TIMERS}
+    corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
+    rows = [
+        {"column": column, "timer": timer, "density": found.estimate, "low": found.low, "high": found.high,
+         "runs": found.n}
+        for (column, timer), values in corners.items()
+        for found in [mean_interval(values)]
+    ]  # fmt: skip
+    density = pl.concat([_counts(key[0], key[1], x, y) for key, (_, x, y) in placed.items()])
+    measured = [row for column in columns for row in _measured(work, column, corners)]
+    floors = (f"random:{published('parameters.pso.fill_ratio')}", REAL_FLOOR)
+    shown = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
+    return {
+        "corners": pl.DataFrame(rows),
+        "places": density,
+        "cells": work.rows(("column", "floor", "strategy"), shown),
+        CLAIMS: frame(measured),
+    }
+
+
+def _placed(work: Work, column: str, timer: str) -> tuple[Any, Any, Any]:
+    """Run and place of all samples of some runs of P0."""
+    values = {} if timer == TIMERS[0] else {"sample.timer": timer}
+    scenario = work.settings.scenario(column, values, with_=EMPIRICAL)
+    runs = list(range(min(work.settings.runs, MOST_RUNS)))
+    samples = source("event").batch(scenario, work.settings.seed, runs, False).samples
+    return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
+
+
+def _corners(x: Any, y: Any, run: Any) -> Any:
+    """Share of a run's samples in the four corner tiles over 4 / 25, (runs,)."""
+    rim = [(place < 0.2) | (place >= 0.8) for place in (x, y)]
+    corner = rim[0] & rim[1]
+    return np.bincount(run, corner) / np.bincount(run) * TILES / 4
+
+
+def _counts(column: str, timer: str, x: Any, y: Any) -> pl.DataFrame:
+    counts, _, _ = np.histogram2d(x, y, BINS, ((0.0, 1.0), (0.0, 1.0)))
+    middle = (np.arange(BINS) + 0.5) / BINS
+    across, up = np.meshgrid(middle, middle, indexing="ij")
+    return pl.DataFrame(
+        {"x_m": across.ravel(), "y_m": up.ravel(), "count": counts.ravel().astype(np.int64)}
+    ).select(pl.lit(column).alias("column"), pl.lit(timer).alias("timer"), "x_m", "y_m", "count")
+
+
+def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> Iterator[Row]:
+    time = "decision_time_s"
+    ran, frozen = corners[column, TIMERS[0]], corners[column, TIMERS[2]]
+    yield mean("corners", column, "P0", ran, less=1.0)
+    yield mean("corners-timer", column, "P0", ran - frozen)
+    for fill in fills():
+        none = work.values((column, f"random:{fill}", "none"), time)
+        for strategy in ("positive", "soft"):
+            values = work.values((column, f"random:{fill}", strategy), time)
+            yield log_spread("spread-alike", column, f"{strategy} to none, fill ratio {fill}", values, none)
+    for strategy in STRATEGIES:
+        pair = (column, REAL_FLOOR, strategy), (column, "random:0.48", strategy)
+        yield mean("single-floor", column, strategy, work.difference(time, *pair))
+
+
+def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Where samples fell, with the timer as it ran and without avoidance."""
+    for column in settings.columns:
+        for timer in (TIMERS[0], TIMERS[2]):
+            chosen = (pl.col("column") == column) & (pl.col("timer") == timer)
+            part = tables["places"].filter(chosen).select("x_m", "y_m", "count")
+            name = f"side-claims-{column}-density-{timer.replace(' ', '-').replace('_', '-')}"
+            yield Picture(name, f"{column}: density of samples, timer {timer}", partial(_draw, part))
+
+
+def _draw(part: pl.DataFrame) -> Drawn:
+    return draw_density(part, bins=BINS, highest=2.0)
+
+
+ITEM: Final = Item(
+    number=11,
+    name="side-claims",
+    title="Said in passing",
+    about=(
+        "Three claims that the paper makes in passing: samples are denser in the corners because the sample "
+        "timer counts avoidance; all strategies spread alike; and real swarms differ from simulated ones "
+        "because they ran on one floor. Density is 1 where sampling is even; it is of P0, with which the "
+        "recordings were made, "
+        f"and of up to {MOST_RUNS} runs.",
+    ),
+    cells=cells,
+    compute=compute,
+    pictures=pictures,
+    shown=(
+        Shown(
+            "corners",
+            "Density of samples in the corner tiles, 95 % intervals over runs.",
+            {
+                "column": Column("column"), "timer": Column("timer"), "density": Column("density"),
+                "low": Column("from"), "high": Column("to"), "runs": Column("runs"),
+            },
+        ),
+        *two_forms("cells", ("column", "floor", "strategy")),
+    ),
+)  # fmt: skip

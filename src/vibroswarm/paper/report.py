@@ -1,0 +1,215 @@
+"""The report of the reproduction: one page, with figures as SVG and PDF, and tables and numbers as CSV beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.files import whole_folder
+from vibroswarm.page.report import Column, Report, ReportPicture, ReportTable, Section, write_report
+from vibroswarm.paper.claims import VERDICTS, Decided, all_claims
+from vibroswarm.paper.columns import COLUMNS, CONTROLS
+from vibroswarm.paper.item import CLAIMS, Settings
+from vibroswarm.paper.reproduce import Made, Reproduction
+from vibroswarm.plots import write_picture
+from vibroswarm.simulation import versions
+
+REPORT: Final = "report.html"
+FIGURES, TABLES = "figures", "tables"
+MARKER: Final = "index.csv"
+Tell = Callable[[float], None]
+
+
+def write_all(
+    made: Reproduction, folder: Path, tell: Tell = lambda share: None, *, pictures: bool = True
+) -> None:
+    """Write ``figures/``, ``tables/`` and ``report.html`` into ``folder``, each whole."""
+    decided = made.decided
+    _write_tables(made, decided, folder / TABLES)
+    drawn = _write_figures(made, folder / FIGURES, tell) if pictures else {}
+    write_report(folder / REPORT, report_of(made, decided, drawn))
+
+
+def command_of(settings: Settings, item: str | None = None) -> str:
+    """The command that gives one item alone, or all."""
+    words = ["vibroswarm reproduce"]
+    words += [f"--only {item}"] if item else []
+    words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
+    words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
+    words += [f"--control {settings.control}"] if settings.control else []
+    words += ["--recordings DIR"] if settings.recordings and item in (None, "calibration") else []
+    return " ".join([*words, "--out DIR"])
+
+
+def claims_table(decided: Sequence[Decided], items: Iterable[str] | None = None) -> pl.DataFrame:
+    """One row a claim, a verdict a column; "-" where it is not asked or was not measured."""
+    wanted = None if items is None else set(items)
+    rows = []
+    for claim in all_claims():
+        mine = [one for one in decided if one.claim is claim]
+        if not mine or (wanted is not None and claim.item not in wanted):
+            continue
+        row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "says": claim.statement}
+        row |= {"measured": claim.measured, "holds if": claim.words}
+        for column in COLUMNS:
+            found = [one for one in mine if one.column == column]
+            row[column] = _verdict_words(found[0]) if found else None
+        rows.append(row)
+    names = ("item", "claim", "says", "measured", "holds if", *COLUMNS)
+    return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.String))
+
+
+def _verdict_words(one: Decided) -> str:
+    states = one.cells["holds"].to_list()
+    if one.verdict == "reproduced" or len(states) == 1:
+        return one.verdict
+    parts = [(states.count("holds"), "hold"), (states.count("fails"), "fail"), (states.count("open"), "open")]
+    return f"{one.verdict} ({', '.join(f'{count} {word}' for count, word in parts if count)})"
+
+
+def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
+    """One row a claim, column and value, with the interval by which it was decided."""
+    frames = [
+        one.cells.select(
+            pl.lit(one.claim.id).alias("claim"), pl.lit(one.column).alias("column"), "cell", "estimate", "low", "high",
+            pl.lit(one.level).alias("level"), pl.lit(one.claim.words).alias("holds if"), "n", "holds",
+        )
+        for one in decided
+    ]  # fmt: skip
+    return pl.concat(frames) if frames else pl.DataFrame()
+
+
+def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole_folder(folder, replace=True, marker=MARKER) as part:
+        rows = []
+        named = [
+            (f"{one.item.name}-{name}" if name != one.item.name else name, one, frame)
+            for one in made.made
+            for name, frame in one.tables.items()
+            if name != CLAIMS
+        ]
+        for name, one, frame in named:
+            (part / f"{name}.csv").write_bytes(frame.write_csv().encode())
+            rows.append((name, one.item.title, command_of(made.settings, one.item.name)))
+        for name, frame in (("claims", claims_table(decided)), ("claims-measured", cells_table(decided))):
+            (part / f"{name}.csv").write_bytes(frame.write_csv().encode())
+            rows.append((name, "Verdicts", command_of(made.settings)))
+        index = pl.DataFrame(rows, schema=["name", "title", "command"], orient="row")
+        (part / MARKER).write_bytes(index.write_csv().encode())
+
+
+def _write_figures(
+    made: Reproduction, folder: Path, tell: Tell
+) -> dict[str, list[tuple[str, ReportPicture]]]:
+    """Draw all, write SVG, PDF and CSV, and give what the page shows, by item."""
+    found: dict[str, list[tuple[str, ReportPicture]]] = {}
+    todo = [
+        (one, picture)
+        for one in made.made
+        if one.tables
+        for picture in one.item.pictures(one.tables, made.settings)
+    ]
+    with whole_folder(folder, replace=True, marker=MARKER) as part:
+        rows = []
+        for done, (one, picture) in enumerate(todo):
+            drawn = picture.draw()
+            write_picture(drawn.figure, drawn.numbers, part / picture.name, ("svg", "pdf"))
+            shown = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
+            found.setdefault(one.item.name, []).append((picture.title, shown))
+            rows.append(
+                (picture.name, picture.title, drawn.caption, command_of(made.settings, one.item.name))
+            )
+            tell((done + 1) / len(todo))
+        index = pl.DataFrame(
+            rows, schema=dict.fromkeys(("name", "title", "caption", "command"), pl.String), orient="row"
+        )
+        (part / MARKER).write_bytes(index.write_csv().encode())
+    return found
+
+
+def report_of(
+    made: Reproduction, decided: Sequence[Decided], pictures: dict[str, list[tuple[str, ReportPicture]]]
+) -> Report:
+    """The page."""
+    settings = made.settings
+    sections = [_verdicts(decided, settings)]
+    sections += [_item(one, decided, pictures.get(one.item.name, []), settings) for one in made.made]
+    warnings = [f"{one.item.title}: skipped. {one.skipped}" for one in made.made if one.skipped]
+    if settings.control:
+        warnings.insert(0, f"This is a negative control, not the reproduction: {CONTROLS[settings.control]}.")
+    return Report(
+        title="The paper, reproduced",
+        lead=(
+            f"{settings.runs:,} runs a cell, seed {settings.seed}. " + _counts(decided),
+            "Every number here was computed but those called printed or published, which are the paper's. "
+            "Below each table stands the command that gives it alone; rows of cells have their own command "
+            "in the CSV.",
+        ),
+        warnings=tuple(warnings),
+        sections=tuple(sections),
+        details={"command": command_of(settings), "seed": str(settings.seed), **versions()},
+    )
+
+
+def _counts(decided: Sequence[Decided]) -> str:
+    words = []
+    for column in COLUMNS:
+        mine = [one.verdict for one in decided if one.column == column]
+        if mine:
+            counted = ", ".join(f"{mine.count(v)} {v}" for v in VERDICTS if v in mine)
+            words.append(f"Preset `{column}`: of {len(mine)} claims {counted}.")
+    return " ".join(words)
+
+
+def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
+    table = claims_table(decided).drop("measured")
+    return Section(
+        "Verdicts",
+        text=(
+            "A claim is reproduced if the whole interval of each of its values lies within what was set "
+            "beforehand; not reproduced if none holds and at least one lies wholly outside; in part if some "
+            "hold. Otherwise it cannot be told. "
+            "Intervals are corrected for the number of claims of a column (Holm).",
+        ),
+        parts=(ReportTable(table, {}, f"Alone: `{command_of(settings)}`", "claims"),),
+        sections=(
+            Section(
+                "What was measured for each claim",
+                parts=(ReportTable(cells_table(decided), _CELLS, "", "claims-measured", rows_up_to=1000),),
+                folded=True,
+            ),
+        ),
+    )
+
+
+_CELLS: Final = {"level": Column("level", digits=6), "low": Column("from"), "high": Column("to")}
+
+
+def _item(
+    one: Made, decided: Sequence[Decided], pictures: Sequence[tuple[str, ReportPicture]], settings: Settings
+) -> Section:
+    title = f"{one.item.number}. {one.item.title}"
+    if one.skipped:
+        return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
+    alone = f"Alone: `{command_of(settings, one.item.name)}`"
+    parts: list[ReportTable | ReportPicture] = []
+    verdicts = claims_table(decided, [one.item.name])
+    if not verdicts.is_empty():
+        parts.append(
+            ReportTable(verdicts.drop("item", "claim"), {}, f"Claims. {alone}", f"{one.item.name}-claims")
+        )
+    for place, shown in enumerate(one.item.shown):
+        frame = one.tables[shown.table]
+        names = [name for name in shown.columns if name in frame.columns]
+        if frame.is_empty():
+            continue
+        caption = f"{shown.caption} {alone}"
+        if "command" in frame.columns:
+            caption += f" First row alone: `{frame['command'][0]}`"
+        parts.append(ReportTable(frame.select(names), shown.columns, caption, f"{one.item.name}-{place + 1}"))
+    below = tuple(Section(heading, parts=(picture,)) for heading, picture in pictures)
+    return Section(title, one.item.about, tuple(parts), below)

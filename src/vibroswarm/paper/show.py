@@ -1,0 +1,130 @@
+"""How the tables of cells are shown and drawn, in both forms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.page.report import Column
+from vibroswarm.paper.item import Drawn, Picture, Shown
+from vibroswarm.plots import draw_error_bars
+
+TIME, BELIEF = "decision time (s)", "belief in the truth"
+
+PAPERS_FORM: Final = {
+    "decision_time_s": Column("mean decision time", "s"),
+    "decision_time_s_bar": Column("its bar", "s", digits=2),
+    "belief_in_truth": Column("mean belief in the truth (the paper's accuracy)"),
+    "belief_in_truth_bar": Column("its bar", digits=2),
+}
+PROPER_FORM: Final = {
+    "decision_time_s": Column("restricted mean time", "s"),
+    "decision_time_s_low": Column("from", "s"),
+    "decision_time_s_high": Column("to", "s"),
+    "robots_right": Column("robots right", percent=True),
+    "robots_right_low": Column("from", percent=True),
+    "robots_right_high": Column("to", percent=True),
+    "robots_wrong": Column("wrong", percent=True),
+    "robots_wrong_low": Column("from", percent=True),
+    "robots_wrong_high": Column("to", percent=True),
+    "robots_undecided": Column("undecided", percent=True),
+    "robots_undecided_low": Column("from", percent=True),
+    "robots_undecided_high": Column("to", percent=True),
+}
+WALK_FORM: Final = {
+    f"{name}{end}": Column(title if not end else {"_low": "from", "_high": "to"}[end], unit)
+    for name, title, unit in (
+        ("avoid_per_sample_s", "avoidance per sample", "s"),
+        ("distance_m", "distance between samples", "m"),
+    )
+    for end in ("", "_low", "_high")
+}
+PAPERS_CAPTION: Final = (
+    "As the paper defines it: times of undecided robots are those of the end, accuracy is the belief in the "
+    "truth, and a bar is the standard deviation over robots over the root of the number of runs."
+)
+PROPER_CAPTION: Final = (
+    "As it should be: the run is the unit, 95 % intervals over runs, and what became of the robots; undecided "
+    "ones are not left out."
+)
+
+
+def two_forms(table: str, keys: Sequence[str], walk: bool = False) -> tuple[Shown, ...]:
+    """A table of cells shown in the paper's form and in the proper one."""
+    heads = {key: Column(key) for key in keys} | {"runs": Column("runs")}
+    more = WALK_FORM if walk else {}
+    return (
+        Shown(table, PAPERS_CAPTION, heads | PAPERS_FORM),
+        Shown(table, PROPER_CAPTION, heads | PROPER_FORM | more),
+    )
+
+
+def bars(frame: pl.DataFrame, name: str) -> pl.DataFrame:
+    """The columns of a figure with the paper's bars, as ``estimate``, ``low`` and ``high``."""
+    return frame.with_columns(
+        estimate=pl.col(name),
+        low=pl.col(name) - pl.col(f"{name}_bar"),
+        high=pl.col(name) + pl.col(f"{name}_bar"),
+    )
+
+
+def limits(frame: pl.DataFrame, name: str) -> pl.DataFrame:
+    """The columns of a figure with its interval, as ``estimate``, ``low`` and ``high``."""
+    return frame.with_columns(
+        estimate=pl.col(name), low=pl.col(f"{name}_low"), high=pl.col(f"{name}_high")
+    ).with_columns(low=pl.min_horizontal("low", "estimate"), high=pl.max_horizontal("high", "estimate"))
+
+
+FIGURES: Final = (
+    ("decision_time_s", TIME, "papers", "time, as the paper defines it"),
+    ("belief_in_truth", BELIEF, "papers", "accuracy, as the paper defines it"),
+    ("decision_time_s", TIME, "proper", "time, with intervals over runs"),
+    ("robots_right", "robots right", "proper", "robots that decide rightly"),
+    ("robots_wrong", "robots wrong", "proper", "robots that decide wrongly"),
+    ("robots_undecided", "robots undecided", "proper", "robots that never decide"),
+)
+"""What both forms draw: figure, label, form, title."""
+WALK_FIGURES: Final = (
+    ("avoid_per_sample_s", "avoidance per sample (s)", "proper", "avoidance per sample"),
+    ("distance_m", "distance between samples (m)", "proper", "distance between samples"),
+)
+
+
+def both_forms(
+    name: str,
+    whole: pl.DataFrame,
+    columns: Sequence[str],
+    x: str,
+    x_label: str,
+    series: str,
+    figures: Sequence[tuple[str, str, str, str]] = FIGURES,
+) -> Iterator[Picture]:
+    """Figures over ``x``, column by column: as the paper draws them, and with intervals over runs."""
+    for column in columns:
+        part = whole.filter(pl.col("column") == column)
+        if part.is_empty():
+            continue
+        for figure, label, form, title in figures:
+            short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
+            draw = partial(_draw, part, figure, label, form, x, x_label, series)
+            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw)
+
+
+def _draw(part: pl.DataFrame, figure: str, label: str, form: str, x: str, x_label: str, series: str) -> Drawn:
+    made = bars(part, figure) if form == "papers" else limits(part, figure)
+    frame = made.select(
+        "estimate", "low", "high", "runs", x=pl.col(x), series=pl.col(series).cast(pl.String)
+    ).sort("x", maintain_order=True)
+    interval = PAPERS_BAR if form == "papers" else "95 % interval"
+    percent = figure.startswith("robots")
+    order = {
+        name: place for place, name in enumerate(part[series].cast(pl.String).unique(maintain_order=True))
+    }
+    frame = frame.sort(pl.col("series").replace_strict(order, return_dtype=pl.Int64), "x")
+    return draw_error_bars(frame, x_label=x_label, label=label, interval=interval, percent=percent)
+
+
+PAPERS_BAR: Final = "the paper's bar (sd over robots / root of runs)"
