@@ -28,7 +28,7 @@ def _decided(rows: Sequence[dict[str, Any]], claims: Sequence[Claim] = (WITHIN, 
 def test_the_file_names_every_item_but_those_without_a_claim_and_no_other() -> None:
     items = {item.name for item in all_items()}
     named = {claim.item for claim in all_claims()}
-    assert items <= named
+    assert named == items
     assert len({claim.id for claim in all_claims()}) == len(all_claims())
 
 

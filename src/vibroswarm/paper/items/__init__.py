@@ -12,23 +12,29 @@ from vibroswarm.paper.item import Item
 def all_items() -> tuple[Item, ...]:
     """All items, in the paper's order."""
     from vibroswarm.paper.items import (
+        calibration,
         difficulty,
         example_run,
+        experiments,
         feedback_grid,
         fill_ratios,
         headline,
         patterns,
         readings,
+        search,
         side_claims,
         swarm_sizes,
     )
 
     modules = (
         difficulty,
+        calibration,
+        search,
         feedback_grid,
         fill_ratios,
         swarm_sizes,
         patterns,
+        experiments,
         example_run,
         readings,
         side_claims,
