@@ -12,6 +12,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, several
 from vibroswarm.optimize.outcomes import Outcomes, from_result, from_tables, outcomes_of
+from vibroswarm.optimize.truth import scored_of
 
 NAN = math.nan
 
@@ -91,6 +92,27 @@ def test_time_at_an_error_pays_for_what_exceeds_the_limits() -> None:
     undecided = made([[0] * 8 + [-1] * 2], [[500.0] * 8 + [NAN] * 2], [[0.5] * 10])  # 20 %: 10 % too many
     expected = (8 * 500 + 2 * 1200) / 10 + 1200 * 1.0
     assert objective.score(objective.figures(undecided)[:, None, :]) == pytest.approx(expected)
+
+
+def test_how_near_the_limits_are_is_said() -> None:
+    """Of 800 robots a share is wrong; none is undecided, or every second one."""
+    objective = Objective("time_at_error", parameters={"max_error": 0.05})
+    for wrong, undecided, told in (
+        (0, 0, ("within the limit of 5 %", "within the limit of 10 %")),
+        (5, 0, ("beyond the limit of 5 % by 20.0 points", "within")),
+        (1, 0, ("not told from the limit of 5 %", "within")),
+        (0, 200, ("within", "beyond the limit of 10 % by 40.0 points")),
+    ):
+        decisions = np.zeros((400, 2), dtype=np.int64)
+        decisions[np.arange(400) % 20 < wrong, :] = 1
+        decisions[:undecided] = -1
+        decisions[undecided : 2 * undecided] = 0
+        found = made(decisions.tolist(), [[500.0] * 2] * 400, [[0.5] * 2] * 400)
+        rows = objective.figures(found)[:, None, :]
+        near = scored_of("made", {}, objective, rows, np.arange(400)).near
+        assert near["robot_error"].startswith(told[0])
+        assert near["robots_undecided"].startswith(told[1])
+    assert scored_of("made", {}, Objective(), rows, np.arange(400)).near == {}
 
 
 def test_no_decision_is_right_on_the_boundary() -> None:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+import vibroswarm
 from vibroswarm.cli import main
 
 SMALL = """
@@ -100,6 +106,40 @@ def test_ctrl_c_leaves_a_search_to_go_on_with(
     stopped = json.loads(capsys.readouterr().out)
     assert main(["optimize", search, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == stopped
+
+
+def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
+    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    options = ["optimize", search, "--budget", "900", "--no-pictures", "--out"]
+    assert main([*options, str(whole)]) == 0
+    command = [*options, str(out)]
+    for executor in ("threads", "processes"):
+        assert killed([*command, "--executor", executor, "--workers", "2"], out) == -signal.SIGKILL
+    assert 0 < lines(out) < lines(whole)
+    assert main(command) == 0
+    capsys.readouterr()
+    for name in ("result.json", "best.toml", "history.csv", "candidates.csv", "journal.jsonl"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
+
+
+def killed(command: list[str], out: Path) -> int:
+    """Begin the search, or go on with it, and kill it when it has written something; gives its exit code."""
+    env = {**os.environ, "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vibroswarm", *command], env=env, stderr=subprocess.DEVNULL
+    )
+    before = lines(out)
+    while process.poll() is None and lines(out) == before:
+        time.sleep(0.001)
+    process.kill()
+    return process.wait()
+
+
+def lines(out: Path) -> int:
+    journal = out / "journal.jsonl"
+    return journal.read_bytes().count(b"\n") if journal.is_file() else 0
 
 
 def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,6 +39,12 @@ def test_parameters_are_drawn_by_field() -> None:
     assert picture.numbers.columns == ["iteration", "series", "share"]
 
 
+def test_iterations_are_whole_numbers() -> None:
+    for picture in (draw_search(SCORES), draw_parameters(SHARES)):
+        picture.figure.draw_without_rendering()
+        assert all(float(tick).is_integer() for tick in picture.figure.axes[0].get_xticks())
+
+
 def test_frames_that_are_wrong() -> None:
     with pytest.raises(InputError, match="outside 0 to 1"):
         draw_parameters(SHARES.with_columns(share=pl.col("share") * 2))

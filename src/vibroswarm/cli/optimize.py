@@ -267,6 +267,11 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     print(
         "Shares of the variance over the space: by the field alone, and with its interactions; 95 % bootstrap."
     )
+    if vague := [one.name for one in found.fields if not one.total_low > 0]:
+        print(
+            f"Not told from no effect by these runs: {', '.join(vague)}. Four times the --budget makes the intervals "
+            "half as wide."
+        )
     return 0
 
 
@@ -314,7 +319,8 @@ def _say_parts(scored: Scored) -> None:
         scored.parts[k] for k in ("decision_time_s", "robot_error", "robots_undecided")
     )
     print(f"  decision time {number(time_s, 0)} s")
-    print(f"  wrong of those who decide {percent(wrong)}, undecided {percent(undecided)}")
+    print(f"  wrong of those who decide {percent(wrong)}: {scored.near['robot_error']}")
+    print(f"  undecided {percent(undecided)}: {scored.near['robots_undecided']}")
     if scored.cases:
         print("  (each in the case where it is worst)")
 

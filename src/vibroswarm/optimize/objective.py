@@ -116,6 +116,16 @@ class Objective:
         return f"{self.name}, {self.statistic}"
 
     @property
+    def limits(self) -> dict[str, float]:
+        """Of ``time_at_error``: the shares of wrong (of those who decide) and undecided robots that cost nothing."""
+        if self.name != "time_at_error":
+            return {}
+        return {
+            "robot_error": self.parameters.get("max_error", 0.05),
+            "robots_undecided": self.parameters.get("max_undecided", 0.10),
+        }
+
+    @property
     def unit(self) -> str:
         """Of the score."""
         return "s" if self.name in (*AIMS, "decision_time") else ""
@@ -200,8 +210,7 @@ class Objective:
 
     def _time_at_error(self, rows: Array) -> float:
         time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
-        max_error = self.parameters.get("max_error", 0.05)
-        max_undecided = self.parameters.get("max_undecided", 0.10)
+        max_error, max_undecided = self.limits.values()
         error, undecided = wrong / max(decided, 1.0), 1.0 - decided / robots
         excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
         return float(time_s / rows.shape[0] + rows[0, 4] * excess)

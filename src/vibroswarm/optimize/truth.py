@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,13 @@ class Scored:
     """The score in each case by itself, where there are several."""
     parts: Mapping[str, Interval] | None = None
     """What the score is made of: errors and undecided of ``time_at_error``, in the worst case of each."""
+    limits: Mapping[str, float] = field(default_factory=dict)
+    """Of these parts, what is allowed."""
+
+    @property
+    def near(self) -> dict[str, str]:
+        """How near the limits are, in words, by part: a limit may be out of reach."""
+        return {name: _beyond((self.parts or {})[name], limit) for name, limit in self.limits.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -49,6 +56,7 @@ class Scored:
             "score": self.score.as_dict(),
             "cases": [case.as_dict() for case in self.cases],
             "parts": {k: v.as_dict() for k, v in (self.parts or {}).items()},
+            "limits": {k: {"limit": v, "says": self.near[k]} for k, v in self.limits.items()},
             "runs_failed": self.failed,
         }
 
@@ -167,7 +175,8 @@ def scored_of(
     cases = tuple(objective.interval(rows[:, k : k + 1]) for k in range(rows.shape[1]))
     whole = cases[0] if len(cases) == 1 else objective.interval(rows)
     parts = _parts(rows) if objective.name == "time_at_error" else None
-    return Scored(name, values, whole, rows, runs, failed, cases if len(cases) > 1 else (), parts)
+    several = cases if len(cases) > 1 else ()
+    return Scored(name, values, whole, rows, runs, failed, several, parts, objective.limits)
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
@@ -180,6 +189,14 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
         return objective.score(rows[:, :, :width]) - objective.score(rows[:, :, width:])
 
     return bootstrap(difference, both)
+
+
+def _beyond(share: Interval, limit: float) -> str:
+    if share.low > limit:
+        return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
+    if share.high <= limit:
+        return f"within the limit of {100 * limit:g} %"
+    return f"not told from the limit of {100 * limit:g} %"
 
 
 def _parts(rows: Rows) -> dict[str, Interval]:

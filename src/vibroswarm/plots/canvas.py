@@ -82,6 +82,11 @@ def few_ticks(axis: Any, style: Style) -> None:
     axis.set_major_locator(MaxNLocator(4 if style.width_in < 5 else 7, steps=[1, 2, 2.5, 3, 4, 5, 10]))
 
 
+def whole_ticks(axis: Any) -> None:
+    """Whole numbers only along an axis of counts."""
+    axis.get_major_locator().set_params(integer=True)
+
+
 def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     """Fewer numbers along x where, with all else in place, they would run into each other."""
     from matplotlib.ticker import MaxNLocator

@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.canvas import legend_below, plain_axes
+from vibroswarm.plots.canvas import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.frames import check_once, tidy, with_series
 from vibroswarm.plots.palette import LINE, SERIES, look
@@ -66,6 +66,7 @@ def draw_search(
     if true is not None:
         handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
     axes.set_ylim(bottom=0)
+    whole_ticks(axes.xaxis)
     legend_below(figure, sizes, handles, names)
     caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."
     if true is not None:
@@ -109,6 +110,7 @@ def draw_parameters(
             markevery=max(part.height // 8, 1),
         )  # fmt: skip
     axes.set_ylim(-0.02, 1.02)
+    whole_ticks(axes.xaxis)
     if len(series) > 1:
         legend_below(figure, sizes, [series_handle(sizes, k) for k in range(len(series))], series)
     caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
