@@ -110,6 +110,23 @@ class _StudyLines:
         )
 
 
+@contextmanager
+def reproduce_progress(items: int) -> Iterator[Callable[[str, float], None]]:
+    """Give a function to be told what of the paper is being done, and the share done of all."""
+    say_compiling()
+    if not sys.stderr.isatty():
+        lines = _Lines(f"reproducing {items} items")
+        yield lambda what, share: lines(share)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description:<20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task("reproducing", total=1.0)
+        yield lambda what, share: bars.update(task, description=what, completed=share)
+
+
 class SearchLines:
     """Plain lines on how far a search is."""
 

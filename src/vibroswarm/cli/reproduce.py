@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, RunError, nearest
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Item, Settings
@@ -48,13 +48,22 @@ def add_parser(commands: Any) -> None:
         "--control", metavar="NAME",
         help="a negative control, in which the verdicts must turn: labels (swapped) or threshold (1.55)",
     )  # fmt: skip
+    parser.add_argument(
+        "--archive", metavar="ZIP", type=Path, help="also write scenarios, seeds, versions and results here"
+    )
+    parser.add_argument("--from", metavar="ZIP", type=Path, dest="archived", help="an archive, for --check")
+    parser.add_argument(
+        "--check", metavar="N", nargs="?", const="8",
+        help="compute N cells of the archive again (default 8) and say whether it is confirmed",
+    )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
     parser.set_defaults(run=run, parser=parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute what is missing, write the report, say the verdicts."""
-    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.progress import progress_bar, reproduce_progress
+    from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items
     from vibroswarm.paper.report import REPORT, write_all
     from vibroswarm.paper.reproduce import reproduce
@@ -63,15 +72,44 @@ def run(arguments: argparse.Namespace) -> int:
         for item in all_items():
             print(f"{item.name:<16} {item.title}")
         return 0
+    if (arguments.archived is None) != (arguments.check is None):
+        raise InputError("--from names an archive, and --check checks it: say both", field="--from")
+    if arguments.archived is not None:
+        return check(arguments)
     if arguments.out is None:
         raise InputError("is needed: where shall it be kept?", field="--out")
     items, settings = _items(arguments), settings_of(arguments)
-    with progress_bar("reproducing") as tell:
-        made = reproduce(settings, arguments.out, items, lambda what, share: tell(share))
-    with progress_bar("drawing") as tell:
-        write_all(made, arguments.out, tell, pictures=not arguments.no_pictures)
+    with reproduce_progress(len(items)) as tell:
+        made = reproduce(settings, arguments.out, items, tell, again=arguments.archive is not None)
+    with progress_bar("drawing") as draws:
+        write_all(made, arguments.out, draws, pictures=not arguments.no_pictures)
+    if arguments.archive is not None:
+        write_archive(made, arguments.archive)
     _say(made)
     print(f"Kept in {arguments.out}; open {(arguments.out / REPORT).resolve()} in a browser.")
+    return 0
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Confirm an archive, or say what differs."""
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.paper.confirm import confirm
+
+    count = whole_number(arguments.check, "--check")
+    if count < 1:
+        raise InputError(f"{count} is too few; at least 1", field="--check")
+    workers = None if arguments.workers is None else whole_number(arguments.workers, "--workers")
+    with progress_bar("checking") as tell:
+        found = confirm(arguments.archived, count, workers, tell)
+    for command in found.checked:
+        print(f"computed again: {command}")
+    reason = f", since versions differ ({found.why})" if found.why else ", with the same versions"
+    if found.wrong:
+        for words in found.wrong:
+            print(f"DIFFERS: {words}")
+        raise RunError(f"the archive is not confirmed; it was compared {found.how}{reason}")
+    print(f"Confirmed {found.how}{reason}: {len(found.checked)} cells computed again.")
     return 0
 
 

@@ -26,6 +26,9 @@ Range = tuple[int, int]
 
 OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
+MANY_CELLS: Final = 20
+CELL_S: Final = 0.1
+"""Of the first blocks of a group of more cells than that, s a cell: each costs some 2 ms a block, beside its runs."""
 LARGEST_BLOCK_S: Final = 10.0
 MOST_ROWS: Final = 100_000
 """Rows of a block; a worker holds some 1 kB a row while it makes them."""
@@ -65,8 +68,8 @@ class Group:
     @cached_property
     def block(self) -> int:
         """Runs in the first blocks."""
-        size = 10
-        while 2 * size * self.run_s <= FIRST_BLOCK_S:
+        size, many = 10, len(self.cells) > MANY_CELLS
+        while 2 * size * self.run_s <= (CELL_S * len(self.cells) if many else FIRST_BLOCK_S):
             size *= 2
         while size > 1 and size * self.rows > MOST_ROWS:
             size //= 2

@@ -1,0 +1,220 @@
+"""An archive is confirmed: a sample of its cells is computed again, and the rest is held against itself."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.errors import InputError
+from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
+from vibroswarm.paper.cells import FIRST_RUNS, Came, Cell, run_cells
+from vibroswarm.paper.claims import MEASURED, decide
+from vibroswarm.paper.columns import COLUMNS
+from vibroswarm.paper.report import claims_table
+from vibroswarm.paper.zipped import Zipped
+from vibroswarm.result import ROBOTS
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import versions
+
+SAMPLE: Final = 8
+LARGEST: Final = {"robots": 100, "t_end_s": 10_000.0, "runs": 100_000}
+"""An archive from elsewhere may not keep this machine busy for ever."""
+_WHOLE: Final = ("decision", "samples", "sent", "received", "alpha", "beta")
+_NEAR: Final = 1e-6
+TEXTS: Final = {"key", "column", "scenario", "motion", "digest", "command"}
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """What was found."""
+
+    how: str
+    """bit by bit, or event by event."""
+    why: str
+    """Which versions differ, in words; empty where none."""
+    checked: tuple[str, ...]
+    """Commands of the cells that were computed again."""
+    wrong: tuple[str, ...]
+    """What differs, in words."""
+
+
+def confirm(
+    path: Path,
+    count: int = SAMPLE,
+    workers: int | None = None,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Confirmed:
+    """Check an archive.
+
+    Args:
+        count: cells that are computed again, chosen by the archive's own hash; all where there are no more.
+    Raises:
+        InputError: it is no archive, or damaged.
+    """
+    with Zipped(path) as archive:
+        head = _head(archive)
+        wrong = _hashes(archive, head)
+        cells = _frame(archive, "cells.csv", dict.fromkeys(TEXTS, pl.String))
+        wrong += _tables(archive, cells)
+        wrong += _verdicts(archive)
+        chosen = _chosen(cells, count, json.dumps(head["sha256"], sort_keys=True))
+        made = {str(row["key"]): _cell(archive, row, head) for row in chosen}
+        robots = _frame(archive, "robots.csv", {"key": pl.String, **ROBOTS})
+    differing = _differing(head["versions"])
+    runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])
+    with TemporaryDirectory() as folder:
+        came = run_cells(made.values(), runs, seed, Path(folder), workers, tell)
+    for row in chosen:
+        here = robots.filter(pl.col("key") == row["key"]).drop("key")
+        wrong += _against(row, here, made[row["key"]], came, exact=not differing)
+    return Confirmed(
+        how="event by event" if differing else "bit by bit",
+        why=", ".join(differing),
+        checked=tuple(cell.command(runs, seed) for cell in made.values()),
+        wrong=tuple(wrong),
+    )
+
+
+def _head(archive: Zipped) -> dict[str, Any]:
+    try:
+        head: dict[str, Any] = json.loads(archive.read(HEAD))
+        assert isinstance(head["format"], int)
+        assert all(isinstance(head[name], dict) for name in ("settings", "versions", "sha256"))
+        runs, seed = head["settings"]["runs"], head["settings"]["seed"]
+        assert isinstance(runs, int)
+        assert isinstance(seed, int)
+    except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
+        raise InputError(
+            f"is no archive of a reproduction: '{HEAD}' is not as it should be", field=str(archive.path)
+        ) from None
+    if head["format"] > FORMAT:
+        raise InputError(f"is of format {head['format']}; update vibroswarm", field=str(archive.path))
+    return head
+
+
+def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
+    wrong = []
+    told = head["sha256"]
+    for name in sorted({*archive.names, *told} - {HEAD}):
+        if name not in archive.names:
+            wrong.append(f"{name} is missing")
+        elif hashlib.sha256(archive.read(name)).hexdigest() != told.get(name):
+            wrong.append(f"{name} is not the file that was archived")
+    return wrong
+
+
+def _frame(archive: Zipped, name: str, schema: dict[str, Any] | None = None) -> pl.DataFrame:
+    try:
+        return pl.read_csv(
+            io.BytesIO(archive.read(name)), schema_overrides=schema or {}, infer_schema_length=None
+        )
+    except pl.exceptions.PolarsError as error:
+        raise InputError(
+            f"'{name}' is no table ({str(error).splitlines()[0]})", field=str(archive.path)
+        ) from None
+
+
+def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
+    """Rows of items' tables that speak of a cell must say what the cell's own row says."""
+    known = {tuple(row) for row in cells.select("scenario", *FIGURES[:2]).rows()}
+    wrong = []
+    for name in archive.names:
+        if not name.startswith("tables/"):
+            continue
+        table = _frame(archive, name, {"scenario": pl.String})
+        if {"scenario", *FIGURES[:2]} <= set(table.columns):
+            odd = [row for row in table.select("scenario", *FIGURES[:2]).rows() if tuple(row) not in known]
+            wrong += [f"{name} has {len(odd)} rows that no cell has"] if odd else []
+    return wrong
+
+
+def _verdicts(archive: Zipped) -> list[str]:
+    """Verdicts must follow from what was measured."""
+    if "measured.csv" not in archive.names:
+        return []
+    measured = _frame(archive, "measured.csv", MEASURED)
+    told = _frame(archive, "claims.csv", dict.fromkeys(("item", "claim", *COLUMNS), pl.String))
+    try:
+        here = claims_table(decide(measured.select(list(MEASURED))))
+    except InputError as error:
+        return [f"measured.csv: {error}"]
+    columns = ["claim", *COLUMNS]
+    same = here.select(columns).sort("claim").equals(told.select(columns).sort("claim"))
+    return [] if same else ["claims.csv: the verdicts do not follow from measured.csv"]
+
+
+def _chosen(cells: pl.DataFrame, count: int, text: str) -> list[dict[str, Any]]:
+    seed = int(hashlib.sha256(text.encode()).hexdigest()[:12], 16)
+    order = generator(seed, "archive").permutation(cells.height)[:count]
+    return [cells.row(int(place), named=True) for place in sorted(order)]
+
+
+def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
+    name = f"scenarios/{row['scenario']}.toml"
+    scenario = Scenario.from_toml(archive.read(name).decode("utf-8", "replace"), name=name)
+    sizes = {"robots": scenario.swarm.robots, "t_end_s": scenario.run.t_end_s, "runs": int(row["runs"])}
+    for what, value in sizes.items():
+        if value > LARGEST[what]:
+            raise InputError(f"{value} is more than is computed again here", field=f"{name} ({what})")
+    wanted = int(head["settings"]["runs"])
+    column = row["column"] if row["column"] in COLUMNS else COLUMNS[0]
+    runs = None if int(row["runs"]) == wanted else int(row["runs"])
+    cell = Cell(column, scenario, int(row["block"]), str(row["motion"]), runs)
+    if cell.scenario.hash != row["scenario"]:
+        raise InputError("is not the scenario of that name", field=name)
+    return cell
+
+
+def _differing(theirs: dict[str, str]) -> list[str]:
+    mine = versions()
+    return [
+        f"{name} {theirs.get(name)} there, {value} here"
+        for name, value in mine.items()
+        if theirs.get(name) != value
+    ]
+
+
+def _against(row: dict[str, Any], robots: pl.DataFrame, cell: Cell, came: Came, *, exact: bool) -> list[str]:
+    """What differs between the archived cell and the one computed here."""
+    found, words = came[cell], f"cell {row['key']}"
+    figures = [name for name in FIGURES if not _same(row[name], found.row[name], exact)]
+    wrong = [f"{words}: {', '.join(figures)} came out otherwise"] if figures else []
+    if exact and row["digest"] != found.digest:
+        wrong.append(f"{words}: its robots came out otherwise")
+    runs = _runs_that_differ(robots, found.first, cell.scenario.tick_s / 2, exact)
+    if runs is None:
+        wrong.append(f"{words}: the robots of its first {FIRST_RUNS} runs are not there")
+    elif runs:
+        wrong.append(f"{words}: runs {', '.join(map(str, runs))} came out otherwise")
+    return wrong
+
+
+def _same(there: Any, here: Any, exact: bool) -> bool:
+    if there is None or here is None:
+        return there is here
+    return bool(there == here) if exact else bool(abs(there - here) <= _NEAR * max(1.0, abs(here)))
+
+
+def _runs_that_differ(
+    there: pl.DataFrame, here: pl.DataFrame, tick_s: float, exact: bool
+) -> list[int] | None:
+    """Numbers of the runs whose robots differ: in anything, or in events beyond rounding; None: other robots."""
+    if not there.select("run", "robot").equals(here.select("run", "robot")):
+        return None
+    differs = np.zeros(here.height, dtype=np.bool_)
+    for name in here.columns:
+        one, other = there[name].cast(pl.Float64), here[name].cast(pl.Float64)
+        a, b = (column.fill_null(np.nan).to_numpy() for column in (one, other))
+        tolerance = 0.0 if exact or name in _WHOLE else tick_s if name == "decision_time_s" else _NEAR
+        differs |= ~np.isclose(a, b, rtol=0.0, atol=tolerance, equal_nan=True)
+    return sorted({int(run) for run in here["run"].to_numpy()[differs]})
