@@ -121,6 +121,7 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
         )  # fmt: skip
         axes.set_title(panels[place], fontsize=sizes.small_pt)
         axes.locator_params(nbins=4)
+        axes.xaxis.set_tick_params(labelbottom=place + columns >= len(panels))
         axes.tick_params(labelsize=sizes.small_pt)
     figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
     figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)

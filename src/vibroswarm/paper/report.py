@@ -57,8 +57,10 @@ def claims_table(decided: Sequence[Decided], items: Iterable[str] | None = None)
         for column in COLUMNS:
             found = [one for one in mine if one.column == column]
             row[column] = _verdict_words(found[0]) if found else None
+            row[f"{column}: ours"] = _value_words(found[0].cells) if found else None
         rows.append(row)
-    names = ("item", "claim", "says", "measured", "holds if", *COLUMNS)
+    each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours"))
+    names = ("item", "claim", "says", "measured", "holds if", *each)
     return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.String))
 
 
@@ -68,6 +70,17 @@ def _verdict_words(one: Decided) -> str:
         return one.verdict
     parts = [(states.count("holds"), "hold"), (states.count("fails"), "fail"), (states.count("open"), "open")]
     return f"{one.verdict} ({', '.join(f'{count} {word}' for count, word in parts if count)})"
+
+
+def _value_words(cells: pl.DataFrame) -> str:
+    """The value with its interval, or the range of several."""
+    values = [float(value) for value in cells["estimate"].drop_nulls().drop_nans()]
+    if not values:
+        return "-"
+    if len(values) > 1:
+        return f"{min(values):.3g} to {max(values):.3g}"
+    estimate, low, high = cells.select("estimate", "low", "high").row(0)
+    return f"{estimate:.3g}" if low is None or low == high else f"{estimate:.3g} [{low:.3g}, {high:.3g}]"
 
 
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
@@ -166,7 +179,7 @@ def _counts(decided: Sequence[Decided]) -> str:
 
 
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
-    table = claims_table(decided).drop("measured")
+    table = claims_table(decided).select("item", "claim", "says", "holds if", *COLUMNS)
     return Section(
         "Verdicts",
         text=(
@@ -199,9 +212,10 @@ def _item(
     parts: list[ReportTable | ReportPicture] = []
     verdicts = claims_table(decided, [one.item.name])
     if not verdicts.is_empty():
-        parts.append(
-            ReportTable(verdicts.drop("item", "claim"), {}, f"Claims. {alone}", f"{one.item.name}-claims")
-        )
+        asked = [name for name in verdicts.columns if verdicts[name].null_count() < verdicts.height]
+        shown_claims = verdicts.select(asked).drop("item", "claim")
+        caption = f"Claims: ours is the value measured, or the range of several. {alone}"
+        parts.append(ReportTable(shown_claims, {}, caption, f"{one.item.name}-claims"))
     for place, shown in enumerate(one.item.shown):
         frame = one.tables[shown.table]
         names = [name for name in shown.columns if name in frame.columns]

@@ -15,6 +15,7 @@ from vibroswarm.plots import draw_error_bars
 TIME, BELIEF = "decision time (s)", "belief in the truth"
 
 PAPERS_FORM: Final = {
+    "printed_s": Column("printed", "s"),
     "decision_time_s": Column("mean decision time", "s"),
     "decision_time_s_bar": Column("its bar", "s", digits=2),
     "belief_in_truth": Column("mean belief in the truth (the paper's accuracy)"),

@@ -12,7 +12,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.compare import Comparison, compare
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
-from vibroswarm.calibrate.figures import figures_of
+from vibroswarm.calibrate.figures import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import null, similarity
 from vibroswarm.page.report import Column
 from vibroswarm.paper.columns import EMPIRICAL
@@ -38,6 +38,11 @@ NAMES: Final = {
 SESSIONS: Final = 3
 SETS: Final = 10
 """Sets of three simulated sessions, for an interval."""
+LABELS: Final = {
+    "avoidance": "avoidance time per sample (s)",
+    "vibrating": "energy on vibrating tiles (RMS)",
+    "still": "energy on still tiles (RMS)",
+}
 ROBOTS, SIMULATOR = "real robots", "authors' simulator"
 SHOWN_FIGURES: Final = (
     "start_speed_m_s", "drop", "between_m_s", "within_m_s", "spacing_s", "distance_m", "avoid_s", "density_corners",
@@ -190,8 +195,9 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
     for source, result in sources.items():
         for one in figures_of(result, threshold):
             if one.name in (*SHOWN_FIGURES, "false_positive", "false_negative") and one.interval is not None:
-                ends = [value if np.isfinite(value) else None for value in one.interval[:3]]
-                rows.append((source, one.name, *ends, one.interval.n))
+                words, times = FIGURES[one.name]
+                ends = [times * value if np.isfinite(value) else None for value in one.interval[:3]]
+                rows.append((source, words, *ends, one.interval.n))
     names = ["source", "figure", "mean", "low", "high", "sessions"]
     return pl.DataFrame(rows, schema=names, orient="row")
 
@@ -219,7 +225,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     histograms = tables["histograms"]
     for feature in ("avoidance", "vibrating", "still"):
         part = histograms.filter(pl.col("feature") == feature)
-        draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=WORDS[feature])
+        draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=LABELS[feature])
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw)
     for feature in ("places", "distances", "steps"):
         part = histograms.filter(pl.col("feature") == feature)
@@ -279,7 +285,7 @@ _SHOWN: Final = (
     ),
     Shown(
         "figures",
-        "Error rates at preset `paper`'s threshold, and how robots drive; SI units, 95 % intervals over "
+        "Error rates at preset `paper`'s threshold, and how robots drive; 95 % intervals over "
         "sessions.",
         {
             "source": Column("source"), "figure": Column("figure"), "mean": Column("mean"), "low": Column("from"),

@@ -206,7 +206,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         ("distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
     ):
         draw = partial(_draw_walk, tables["cells"], figure, label, numbers)
-        yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", label, draw)
+        title = label.rpartition(" (")[0].capitalize()
+        yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", title, draw)
 
 
 def _published(values: list[float], name: str = "published") -> pl.DataFrame:

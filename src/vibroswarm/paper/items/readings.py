@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, Final
 
 import polars as pl
@@ -88,7 +89,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         ("decision_time_s", "change of decision time (s)"),
         ("belief_in_truth", "change of belief in the truth"),
     ):
-        yield Picture(f"readings-{name.replace('_', '-')}", label, lambda n=name, w=label: _draw(part, n, w))  # type: ignore[misc]
+        title = label.partition(" (")[0].capitalize()
+        yield Picture(f"readings-{name.replace('_', '-')}", title, partial(_draw, part, name, label))
 
 
 def _draw(part: pl.DataFrame, name: str, label: str) -> Drawn:

@@ -128,7 +128,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     yield Picture(
         "search-scores",
         "Costs over the iterations",
-        lambda: draw_search(scores, own, label="cost (mean + sd of authors_code)", true=true),
+        lambda: draw_search(scores, own, label="cost (mean + sd)", true=true),
     )
     shares = [name for name in history.columns if name.endswith(", of its bounds")]
     means = history.select("iteration", *shares).unpivot(
