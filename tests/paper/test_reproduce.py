@@ -40,7 +40,7 @@ def test_the_command_leaves_report_tables_and_figures(folder: Path) -> None:
     assert "reproduce --only fill-ratios --runs 40 --seed 1 --columns paper,text" in page
     assert 'src="http' not in page
     index = pl.read_csv(folder / "figures" / "index.csv")
-    assert index.height == 12
+    assert index.height == 6 + 3
     for name in index["name"]:
         for kind in ("svg", "pdf", "csv"):
             assert (folder / "figures" / f"{name}.{kind}").stat().st_size > 100

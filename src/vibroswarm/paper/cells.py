@@ -10,6 +10,7 @@ import json
 import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -192,13 +193,13 @@ def run_cells(
             tell((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
 
         result = run(study, folder / study.hash, workers=workers, tell=told)
-        came |= _read(result, list(group.values()), how[2])
+        came |= _read(result, list(group.values()), how[2], workers)
         before += weight
         tell(before / sum(weights))
     return Came(seed, runs, came)
 
 
-def _read(result: StudyResult, cells: list[Cell], runs: int) -> dict[str, CellCame]:
+def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellCame]:
     """Sum up all cells of a study, some at a time: reading them one by one would read all of them each time."""
     found: dict[str, CellCame] = {}
     for group in result.plan.groups:
@@ -207,13 +208,16 @@ def _read(result: StudyResult, cells: list[Cell], runs: int) -> dict[str, CellCa
         for first in range(0, len(numbers), step):
             some = numbers[first : first + step]
             parts = result.rows(*some).collect().partition_by("cell", as_dict=True)
-            for number in some:
-                rows = parts[(number,)]
-                of_run = [name for name in rows.columns if name not in ROBOTS and name != "cell"]
-                runs_of = rows.filter(pl.col("robot") == 0).select("run", *of_run)
-                cell = cells[number]
-                found[cell.key] = summed_up(cell, rows.select(list(ROBOTS)), runs_of)
+            with ThreadPoolExecutor(workers) as pool:
+                came = pool.map(_sum_up, [cells[number] for number in some], [parts[(n,)] for n in some])
+                found |= {cells[number].key: one for number, one in zip(some, came, strict=True)}
     return found
+
+
+def _sum_up(cell: Cell, rows: pl.DataFrame) -> CellCame:
+    of_run = [name for name in rows.columns if name not in ROBOTS and name != "cell"]
+    runs = rows.filter(pl.col("robot") == 0).select("run", *of_run)
+    return summed_up(cell, rows.select(list(ROBOTS)), runs)
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:

@@ -85,11 +85,13 @@ class Drawn(Protocol):
 
 
 class Picture(NamedTuple):
-    """A picture to be drawn: its file's name, heading, form and how."""
+    """A picture to be drawn: its file's name, its heading, and how."""
 
     name: str
     title: str
     draw: Callable[[], Drawn]
+    aside: bool = False
+    """Whether it is shown folded, below the others."""
 
 
 class Shown(NamedTuple):

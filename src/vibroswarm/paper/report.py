@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import polars as pl
 
@@ -21,6 +21,14 @@ REPORT: Final = "report.html"
 FIGURES, TABLES = "figures", "tables"
 MARKER: Final = "index.csv"
 Tell = Callable[[float], None]
+
+
+class Drawn(NamedTuple):
+    """A picture of the page."""
+
+    title: str
+    picture: ReportPicture
+    aside: bool
 
 
 def write_all(
@@ -115,11 +123,9 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
         (part / MARKER).write_bytes(index.write_csv().encode())
 
 
-def _write_figures(
-    made: Reproduction, folder: Path, tell: Tell
-) -> dict[str, list[tuple[str, ReportPicture]]]:
+def _write_figures(made: Reproduction, folder: Path, tell: Tell) -> dict[str, list[Drawn]]:
     """Draw all, write SVG, PDF and CSV, and give what the page shows, by item."""
-    found: dict[str, list[tuple[str, ReportPicture]]] = {}
+    found: dict[str, list[Drawn]] = {}
     todo = [
         (one, picture)
         for one in made.made
@@ -132,7 +138,7 @@ def _write_figures(
             drawn = picture.draw()
             write_picture(drawn.figure, drawn.numbers, part / picture.name, ("svg", "pdf"))
             shown = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
-            found.setdefault(one.item.name, []).append((picture.title, shown))
+            found.setdefault(one.item.name, []).append(Drawn(picture.title, shown, picture.aside))
             rows.append(
                 (picture.name, picture.title, drawn.caption, command_of(made.settings, one.item.name))
             )
@@ -144,9 +150,7 @@ def _write_figures(
     return found
 
 
-def report_of(
-    made: Reproduction, decided: Sequence[Decided], pictures: dict[str, list[tuple[str, ReportPicture]]]
-) -> Report:
+def report_of(made: Reproduction, decided: Sequence[Decided], pictures: dict[str, list[Drawn]]) -> Report:
     """The page."""
     settings = made.settings
     sections = [_verdicts(decided, settings)]
@@ -202,9 +206,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
 _CELLS: Final = {"level": Column("level", digits=6), "low": Column("from"), "high": Column("to")}
 
 
-def _item(
-    one: Made, decided: Sequence[Decided], pictures: Sequence[tuple[str, ReportPicture]], settings: Settings
-) -> Section:
+def _item(one: Made, decided: Sequence[Decided], pictures: Sequence[Drawn], settings: Settings) -> Section:
     title = f"{one.item.number}. {one.item.title}"
     if one.skipped:
         return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
@@ -225,5 +227,8 @@ def _item(
         if "command" in frame.columns:
             caption += f" First row alone: `{frame['command'][0]}`"
         parts.append(ReportTable(frame.select(names), shown.columns, caption, f"{one.item.name}-{place + 1}"))
-    below = tuple(Section(heading, parts=(picture,)) for heading, picture in pictures)
-    return Section(title, one.item.about, tuple(parts), below)
+    below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.aside]
+    aside = tuple(Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if drawn.aside)
+    if aside:
+        below.append(Section("Pictures of the other presets", sections=aside, folded=True))
+    return Section(title, one.item.about, tuple(parts), tuple(below))

@@ -88,6 +88,8 @@ FIGURES: Final = (
     ("robots_undecided", "robots undecided", "proper", "robots that never decide"),
 )
 """What both forms draw: figure, label, form, title."""
+ALSO: Final = (FIGURES[0][3], FIGURES[1][3], FIGURES[4][3])
+"""Of these, what is drawn for the columns after the first."""
 WALK_FIGURES: Final = (
     ("avoid_per_sample_s", "avoidance per sample (s)", "proper", "avoidance per sample"),
     ("distance_m", "distance between samples (m)", "proper", "distance between samples"),
@@ -104,14 +106,16 @@ def both_forms(
     figures: Sequence[tuple[str, str, str, str]] = FIGURES,
 ) -> Iterator[Picture]:
     """Figures over ``x``, column by column: as the paper draws them, and with intervals over runs."""
-    for column in columns:
+    for place, column in enumerate(columns):
         part = whole.filter(pl.col("column") == column)
         if part.is_empty():
             continue
-        for figure, label, form, title in figures:
+        for figure, label, form, title in (
+            figures if place == 0 else [one for one in figures if one[3] in ALSO]
+        ):
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
             draw = partial(_draw, part, figure, label, form, x, x_label, series)
-            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw)
+            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, place > 0)
 
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str, x: str, x_label: str, series: str) -> Drawn:

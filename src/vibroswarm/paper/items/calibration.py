@@ -76,7 +76,7 @@ def compute(work: Work) -> Tables:
     measured = _of_authors(found[SIMULATOR])
     for column in settings.columns:
         measured += _of_column(settings, column, of_sets[column])
-    everything: dict[str, Result] = {ROBOTS: real, SIMULATOR: authors, **many}
+    everything: dict[str, Result] = {ROBOTS: real, **sources}
     return {
         "similarities": _similarities(found, of_sets),
         "distances": _distances(found),

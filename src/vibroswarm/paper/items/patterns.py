@@ -76,23 +76,21 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """A row a pattern, a mark a set of parameters and fill ratio; without feedback and with soft feedback."""
-    for column in settings.columns:
-        for strategy in STRATEGIES:
-            chosen = (pl.col("column") == column) & (pl.col("strategy") == strategy)
+    """As the paper draws it: a row a pattern, P0 and P* under each strategy, for each fill ratio."""
+    for place, column in enumerate(settings.columns):
+        for fill in FILLS:
+            chosen = (pl.col("column") == column) & (pl.col("fill ratio") == fill)
             part = tables["cells"].filter(chosen)
-            for figure, label, form, title in FIGURES[:2] + FIGURES[4:]:
+            for figure, label, form, title in FIGURES[:2] + (FIGURES[4:] if place == 0 else FIGURES[4:5]):
                 short = figure.removesuffix("_s").replace("_", "-")
-                yield Picture(
-                    f"patterns-{column}-{strategy}-{short}-{form}",
-                    f"{column}, {strategy}: {title}",
-                    partial(_draw, part, figure, label, form),
-                )
+                name = f"patterns-{column}-{fill}-{short}-{form}"
+                draw = partial(_draw, part, figure, label, form)
+                yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, place > 0)
 
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
     made = bars(part, figure) if form == "papers" else limits(part, figure)
-    series = pl.format("{}, {}", "parameters", "fill ratio")
+    series = pl.format("{}, {}", "parameters", "strategy")
     made = made.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
     return draw_error_bars(made, label=label, interval=interval, percent=figure.startswith("robots"))

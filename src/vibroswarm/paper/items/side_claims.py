@@ -111,7 +111,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             chosen = (pl.col("column") == column) & (pl.col("timer") == timer)
             part = tables["places"].filter(chosen).select("x_m", "y_m", "count")
             name = f"side-claims-{column}-density-{timer.replace(' ', '-').replace('_', '-')}"
-            yield Picture(name, f"{column}: density of samples, timer {timer}", partial(_draw, part))
+            title = f"{column}: density of samples, timer {timer.replace('_', ' ')}"
+            yield Picture(name, title, partial(_draw, part), column != settings.columns[0])
 
 
 def _draw(part: pl.DataFrame) -> Drawn:
