@@ -6,8 +6,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.floors.difficulty import entropy, moran_index
-from vibroswarm.floors.patterns import pattern
+from vibroswarm.floors.paper_table import paper_table
 from vibroswarm.page.report import Column
 from vibroswarm.paper.item import CLAIMS, Item, Shown, Tables, Work
 from vibroswarm.paper.measure import exact, frame
@@ -25,21 +24,14 @@ FILLS: Final = ("0.48", "0.46")
 
 
 def _table() -> pl.DataFrame:
-    ones = pattern(f"diagonal:{FILLS[0]}").sum()
+    theirs = {ours: name for name, ours in PATTERNS.items()}
     rows = []
-    for fill in FILLS:
-        for theirs, ours in PATTERNS.items():
-            name = f"{ours}:{fill}"
-            used = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
-            true = pattern(name)
-            for measure, as_paper, right in (
-                ("Moran index", moran_index(used), moran_index(true)),
-                ("entropy", entropy(used, int(ones)), entropy(true)),
-            ):
-                key = "moran" if measure == "Moran index" else "entropy"
-                printed = float(published("patterns_10x10")[f"{key}_{fill}"][theirs])
-                as_paper, right = round(as_paper, 12), round(right, 12)  # of the rounding of logarithms
-                rows.append((name, measure, printed, as_paper, right, printed - right))
+    for entry in paper_table():
+        kind, _, fill = entry.pattern.partition(":")
+        key = "moran" if entry.measure == "Moran index" else "entropy"
+        printed = float(published("patterns_10x10")[f"{key}_{fill}"][theirs[kind]])
+        as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)  # logarithms round
+        rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))
     names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
     return pl.DataFrame(rows, schema=names, orient="row")
 
