@@ -6,7 +6,6 @@ import json
 import os
 import re
 import resource
-import shlex
 import shutil
 import signal
 import subprocess
@@ -19,7 +18,8 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
-from vibroswarm.cli import main, parser
+from vibroswarm.cli import main
+from vibroswarm.presets import preset
 from vibroswarm.study import executors, runner
 from vibroswarm.study.result import StudyResult
 from vibroswarm.study.spec import FORMAT, Study
@@ -84,6 +84,27 @@ def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
     assert a.study.hash == b.study.hash
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
     assert sweep(study, "--out", tmp_path / "e") == 0
+
+
+def test_evaluate_varies_presets(capsys):
+    line = [
+        "evaluate",
+        "--vary",
+        "preset=paper,text,calibrated",
+        "--robots",
+        "3",
+        "--runs",
+        "2",
+        "--no-confirm",
+        "--json",
+    ]
+    assert main([*line, "--set", "run.t_end_s=50"]) == 0
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    for cell, name in zip(cells, ("paper", "text", "calibrated"), strict=True):
+        wanted = preset(name).with_values({"swarm.robots": 3, "run.t_end_s": 50})
+        assert cell["scenario_hash"] == wanted.hash
+    assert main([*line, "--preset", "text"]) == 2
+    assert "--preset: says what --vary preset varies" in capsys.readouterr().err
 
 
 def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
@@ -415,33 +436,3 @@ def test_a_dask_worker_of_another_version_is_refused(study, tmp_path, dask_clust
     assert "has other versions than this process (code " in told
     assert "Traceback" not in told
     assert not (tmp_path / "a").exists()
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-def test_the_commands_of_the_documents_are_understood():
-    for name in ("studies.md", "cluster.md"):
-        blocks = re.findall(r"```sh\n(.*?)```", (DOCS / name).read_text(encoding="utf-8"), flags=re.DOTALL)
-        lines = [line.split(" #")[0].strip() for block in blocks for line in block.splitlines()]
-        commands = [shlex.split(line)[1:] for line in lines if line.startswith("vibroswarm ")]
-        assert len(commands) >= 3
-        for command in commands:
-            assert parser().parse_args(command).command in ("evaluate", "sweep", "merge", "show")
-
-
-def test_the_study_of_the_documents_is_one(tmp_path):
-    text = (DOCS / "studies.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    (tmp_path / "my floor.txt").write_text("01\n10\n")
-    (tmp_path / "study.toml").write_text(example)
-    assert len(Study.read(tmp_path / "study.toml").cells) == 2 * 4 * 2
-
-
-def test_the_python_of_the_documents_runs(tmp_path, monkeypatch):
-    text = (DOCS / "studies.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    (tmp_path / "study.toml").write_text(TEXT)
-    monkeypatch.chdir(tmp_path)
-    exec(compile(example.replace("runs=200", "runs=20"), "studies.md", "exec"), {})  # noqa: S102  (our own document)
-    assert StudyResult.open(tmp_path / "out" / "study").runs().height == 80

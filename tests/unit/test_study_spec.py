@@ -193,3 +193,11 @@ def test_a_study_file_that_is_none(tmp_path: Path) -> None:
 def test_nothing_but_a_study_or_an_input_error_comes_of_any_text(text):
     with suppress(InputError):
         assert Study.from_toml(text).cells
+
+
+def test_a_varied_preset_is_not_hidden_by_the_base() -> None:
+    study = Study({"swarm": {"robots": 8}}, {"grid": {"preset": ["paper", "text"]}}, runs=1)
+    for cell, name in zip(study.cells, ("paper", "text"), strict=True):
+        assert cell.scenario == preset(name).with_values({"swarm.robots": 8})
+    with pytest.raises(InputError, match="a whole scenario leaves a preset nothing to say"):
+        Study.of(preset("paper"), preset=["paper", "text"])

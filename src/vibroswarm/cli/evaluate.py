@@ -91,7 +91,7 @@ def study_from(arguments: argparse.Namespace) -> Study:
             "goes with --until", field="--figure" if arguments.figure is not None else "--max-runs"
         )
     return Study(
-        base=base.model_dump(exclude_none=True),
+        base=_base_of_presets(arguments) if "preset" in vary else base.model_dump(exclude_none=True),
         vary={"grid": vary} if vary else {},
         runs=None if until is not None else whole_number(arguments.runs or "100", "--runs"),
         until=until,
@@ -100,6 +100,22 @@ def study_from(arguments: argparse.Namespace) -> Study:
         keep=("samples",) if arguments.keep_samples else (),
         folder=Path(),
     )
+
+
+def _base_of_presets(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Where presets are varied: only the fields that the options say, which go before those of each preset."""
+    from vibroswarm.cli.scenarios import values_from
+    from vibroswarm.presets import preset
+
+    for option in ("preset", "scenario"):
+        if getattr(arguments, option) is not None:
+            raise InputError("says what --vary preset varies; leave one of them out", field=f"--{option}")
+    base: dict[str, Any] = {}
+    for name, value in values_from(arguments, preset("paper")).items():
+        section, _, field = name.partition(".")
+        if value is not None:
+            base.setdefault(section, {})[field] = value
+    return base
 
 
 def _varied(options: list[str]) -> dict[str, list[Any]]:

@@ -21,6 +21,11 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
         InputError: naming the option, its value and what would be right.
     """
     base = Scenario.read(arguments.scenario) if arguments.scenario else preset(arguments.preset or "paper")
+    return base.with_values(values_from(arguments, base))
+
+
+def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
+    """What the options say beside the base, by dotted names."""
     values: dict[str, Any] = {}
     if arguments.floor is not None or arguments.tiles is not None:
         values |= _floor_values(base, arguments.floor, arguments.tiles)
@@ -41,8 +46,7 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
             "sensor.vibrating_energies": vibrating,
             "sensor.still_energies": still,
         }
-    values |= dict(parse_setting(text) for text in arguments.settings)
-    return base.with_values(values)
+    return values | dict(parse_setting(text) for text in arguments.settings)
 
 
 def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:

@@ -136,6 +136,13 @@ class Study:
         for table in self.keep:
             if table not in KEEP:
                 raise InputError(f"there is no table '{table}' to keep{nearest(table, KEEP)}", field="keep")
+        if any(PRESET in point for point in self._points) and set(Scenario.model_fields) <= set(
+            self._sections
+        ):
+            raise InputError(
+                "a whole scenario leaves a preset nothing to say; give only what shall be the same in all cells",
+                field=PRESET,
+            )
         _ = self.cells
 
     @classmethod
