@@ -95,6 +95,7 @@ def draw(paths: list[Path], picture: Path | None) -> None:
 def main() -> None:
     options = argparse.ArgumentParser(description="Methods of search on the simulation itself.")
     options.add_argument("--seeds", type=int, default=20)
+    options.add_argument("--first", type=int, default=1, help="seed to begin with")
     options.add_argument("--budgets", default="1500,5000")
     options.add_argument("--methods", nargs="+", default=list(METHODS[:-1]))
     options.add_argument("--fresh", type=int, default=1000)
@@ -108,7 +109,7 @@ def main() -> None:
         return
     rows = pl.read_csv(given.out).to_dicts() if given.out.is_file() else []
     done = {(row["method"], row["budget"], row["seed"]) for row in rows}
-    for seed in range(1, given.seeds + 1):
+    for seed in range(given.first, given.first + given.seeds):
         for budget in (int(text) for text in given.budgets.split(",")):
             for method in given.methods:
                 if (method, budget, seed) in done:

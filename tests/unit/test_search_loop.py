@@ -288,7 +288,7 @@ def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
         ("final = 60", "method = 'psi'", "did you mean 'pso'"),
         ("final = 60", "finale = 60", "did you mean 'final'"),
         ("[pso]", "[psu]", "psu"),
-        ("[pso]", "[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[pso]", "nsga2"),
+        ("[pso]", "method = 'pso'\n[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[pso]", "nsga2"),
         ("[space]", "[grid]\n'sample.sample_interval_ms' = [1.0, 2.0]\n[space]", "varied by the cases too"),
         ('preset = "paper"', 'preset = "paper"\n[scenario.floor]\nsource = "random:0.5"\nrows = 10\ncolumns = 10',
          "boundary"),

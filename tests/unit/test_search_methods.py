@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -10,15 +11,17 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.archive import Archive, unbeaten
 from vibroswarm.optimize.batches import Random, Sobol
-from vibroswarm.optimize.loop import run_search
+from vibroswarm.optimize.fronts import front_of
+from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.method import Method
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.report import candidate_table
+from vibroswarm.optimize.report import candidate_table, write_report
 from vibroswarm.optimize.spec import Search
 
 LIBRARIES = ("tpe", "cmaes", "nsga2", "gp")
@@ -121,10 +124,49 @@ def test_every_method_keeps_its_account_and_resumes(tmp_path: Path, name: str) -
         assert candidate_table(again).equals(candidate_table(whole))
         assert (again.best, again.front) == (whole.best, whole.front)
     if name == "nsga2":
-        assert whole.front
         assert not whole.race
+        assert_front_is_scored_again(whole, tmp_path / "report")
     else:
         assert whole.race[-1].runs == whole.runs
+
+
+def assert_front_is_scored_again(found: Found, folder: Path) -> None:
+    front = front_of(found)
+    assert front.runs == 2000 // len(found.front)
+    assert [member.key for member in front.members] == list(found.front)
+    for member in front.members:
+        assert member.believed == tuple(found.archive.scores(member.key))
+        assert all(score.low < score.estimate < score.high for score in member.true)
+        assert all(score.n == front.runs for score in member.true)
+    true = [[score.estimate for score in member.true] for member in front.members]
+    assert [member.stays for member in front.members] == unbeaten(true)
+    assert front.too_little[0] == pytest.approx(
+        np.median([1 - m.believed[0] / m.true[0].estimate for m in front.members])
+    )
+    write_report(found, None, folder, "column", front)
+    assert pl.read_csv(folder / "front.csv")["key"].to_list() == list(found.front)
+    assert (folder / "true-front.svg").is_file()
+    assert json.loads((folder / "result.json").read_text())["front"]["says"] == front.words
+
+
+def test_what_none_beats() -> None:
+    assert unbeaten([[1.0, 3.0], [2.0, 2.0], [3.0, 1.0], [2.0, 3.0], [1.0, 3.0]]) == [
+        True,
+        True,
+        True,
+        False,
+        True,
+    ]
+
+
+def test_several_objectives_take_the_method_for_them() -> None:
+    two = SMALL + '[[objective]]\ncost = "printed"\n[[objective]]\ncost = "intended"\n'
+    assert Search.from_toml(two).settings.method == "nsga2"
+    pso = two.replace("[search]", '[search]\nmethod = "pso"')
+    assert Search.from_toml(pso, method="nsga2").settings.method == "nsga2"
+    for text, method in ((pso, None), (two, "pso")):
+        with pytest.raises(InputError, match="several objectives need the method nsga2"):
+            Search.from_toml(text, method=method)
 
 
 def test_a_search_is_visible_in_optunas_storage(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import Checked
+    from vibroswarm.optimize.fronts import Front
     from vibroswarm.optimize.grid import Nodes
     from vibroswarm.optimize.loop import Found, Tell
     from vibroswarm.optimize.spec import Search
@@ -113,13 +114,14 @@ def search_from(arguments: argparse.Namespace) -> Search:
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
 
-    search = Search() if arguments.search is None else Search.read(arguments.search)
+    method = arguments.method
+    search = Search() if arguments.search is None else Search.read(arguments.search, method=method)
     changed: dict[str, Any] = {}
     for name in ("budget", "fresh"):
         if getattr(arguments, name) is not None:
             changed[name] = whole_number(getattr(arguments, name), f"--{name}")
-    if arguments.method is not None:
-        changed["method"] = arguments.method
+    if method is not None:
+        changed["method"] = method
     pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
     study = search.study
     if arguments.seed is not None:
@@ -133,6 +135,7 @@ def search_from(arguments: argparse.Namespace) -> Search:
 
 def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.optimize.fronts import fresh_runs, front_of
     from vibroswarm.optimize.loop import run_search
     from vibroswarm.optimize.report import as_dict, write_report
     from vibroswarm.optimize.truth import truth_of
@@ -141,8 +144,9 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     workers = _workers(arguments)
     say_compiling()
     runs = search.search_runs + search.final_runs
-    print(f"{search.settings.method}: {search.space.size} fields, {search.objectives[0].words}, {runs:,} runs, seed "
-          f"{search.seed}", file=sys.stderr, flush=True)  # fmt: skip
+    aims = " and ".join(objective.words for objective in search.objectives)
+    about = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
+    print(f"{search.settings.method}: {about}", file=sys.stderr, flush=True)
     with search_progress() as tell:
         found = run_search(
             search,
@@ -153,6 +157,14 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
             tell=tell,
         )
     truth: Truth | None = None
+    front: Front | None = None
+    if found.front:
+        wanted = fresh_runs(found) * len(found.front)
+        with study_progress("scoring on fresh runs", workers) as told:
+            front = front_of(
+                found, executor=arguments.executor, workers=workers,
+                tell=lambda done: told(Told(done, wanted, 0)),
+            )  # fmt: skip
     if len(search.objectives) == 1:
         wanted = search.settings.fresh * (1 + len(search.starts))
         with study_progress("scoring on fresh runs", workers) as told:
@@ -161,11 +173,11 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
                 tell=lambda done: told(Told(done, wanted, 0)),
             )  # fmt: skip
     if arguments.out is not None:
-        write_report(found, truth, arguments.out, None if arguments.no_pictures else arguments.style)
+        write_report(found, truth, arguments.out, None if arguments.no_pictures else arguments.style, front)
     if arguments.json:
-        print(json.dumps(as_dict(found, truth), indent=2, allow_nan=False))
+        print(json.dumps(as_dict(found, truth, front), indent=2, allow_nan=False))
         return 0
-    _say(found, truth)
+    _say(found, truth, front)
     if arguments.out is None:
         print("Nothing was kept; --out DIR keeps the search, and goes on with it.")
     else:
@@ -281,7 +293,7 @@ def _workers(arguments: argparse.Namespace) -> int | None:
     return None if arguments.workers is None else whole_number(arguments.workers, "--workers")
 
 
-def _say(found: Found, truth: Truth | None) -> None:
+def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
     """What was found, in words."""
     from vibroswarm.cli.tables import number
 
@@ -289,16 +301,14 @@ def _say(found: Found, truth: Truth | None) -> None:
     print(f"{len(archive):,} candidates in {found.runs:,} runs; {_failures(archive.failed)}")
     for why in sorted({c.why for c in archive.candidates if c.why})[:3]:
         print(f"  failed: {why}")
+    if front is not None:
+        _say_front(front)
     if truth is None:
-        print(f"{len(found.front)} candidates are beaten by none in all objectives:")
-        for key in found.front:
-            scores = ", ".join(f"{score:.4g}" for score in archive.scores(key))
-            print(f"  {scores}: {_values(archive[key].values)}")
         return
-    unit = found.search.objectives[0].unit
+    unit = f" {found.search.objectives[0].unit}".rstrip()
     print(f"Best: {_values(found.values)}")
-    print(f"  the search believed  {truth.believed:.4g} {unit}")
-    print(f"  true, on fresh runs  {number(truth.winner.score, 2)} {unit} ({truth.winner.score.n:,} runs)")
+    print(f"  the search believed  {truth.believed:.4g}{unit}")
+    print(f"  true, on fresh runs  {number(truth.winner.score, 2)}{unit} ({truth.winner.score.n:,} runs)")
     print(f"  {truth.words}")
     for scored in (truth.winner, *truth.others):
         if scored.failed:
@@ -306,8 +316,23 @@ def _say(found: Found, truth: Truth | None) -> None:
     _say_parts(truth.winner)
     for other, paired in zip(truth.others, truth.against, strict=True):
         print(
-            f"{other.name}: {number(other.score, 2)} {unit}; the winner less this {number(paired, 2, sign=True)}"
+            f"{other.name}: {number(other.score, 2)}{unit}; the winner less this {number(paired, 2, sign=True)}"
         )
+
+
+def _say_front(front: Front) -> None:
+    from vibroswarm.cli.tables import number
+
+    print(f"{len(front.members)} candidates are beaten by none in all of {' and '.join(front.names)}:")
+    for member in front.members:
+        scores = "; ".join(
+            f"believed {believed:.4g}, true {number(true, 2)}{f' {unit}'.rstrip()}"
+            for believed, true, unit in zip(member.believed, member.true, front.units, strict=True)
+        )
+        print(f"  {'  ' if member.stays else '- '}{scores}: {_values(member.values)}")
+        if member.failed:
+            print(f"    {member.failed:,} of its fresh runs FAILED and are in no figure")
+    print(f"  {front.words}" + (" -: beaten there." if not all(m.stays for m in front.members) else ""))
 
 
 def _say_parts(scored: Scored) -> None:
@@ -368,9 +393,10 @@ def _say_check(found: Checked) -> None:
     from vibroswarm.cli.tables import number
 
     print(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
+    unit = f" {found.objective.unit}".rstrip()
     for scored in (found.first, found.second):
         failed = f" ({scored.failed:,} runs FAILED)" if scored.failed else ""
-        print(f"  {scored.name}: {number(scored.score, 2)} {found.objective.unit}{failed}")
+        print(f"  {scored.name}: {number(scored.score, 2)}{unit}{failed}")
         _say_parts(scored)
     print(f"  difference: {number(found.difference, 2, sign=True)}; again on other seeds "
           f"{number(found.again, 2, sign=True)}")  # fmt: skip

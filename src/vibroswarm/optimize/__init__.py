@@ -11,6 +11,7 @@ from vibroswarm.lazy import lazy_names
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import compare_scenarios
+    from vibroswarm.optimize.fronts import Front, front_of
     from vibroswarm.optimize.grid import Grid, scores_of
     from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Found",
+    "Front",
     "Grid",
     "Objective",
     "Outcomes",
@@ -35,6 +37,7 @@ __all__ = [
     "Truth",
     "best_scenario",
     "compare_scenarios",
+    "front_of",
     "outcomes_of",
     "ped_anova",
     "run_search",
@@ -46,6 +49,7 @@ __all__ = [
 
 _HOME: Final = {
     "Found": "loop",
+    "Front": "fronts",
     "Grid": "grid",
     "Objective": "objective",
     "Outcomes": "outcomes",
@@ -56,6 +60,7 @@ _HOME: Final = {
     "Truth": "truth",
     "best_scenario": "report",
     "compare_scenarios": "check",
+    "front_of": "fronts",
     "outcomes_of": "outcomes",
     "ped_anova": "importance",
     "run_search": "loop",

@@ -111,3 +111,14 @@ class Archive:
         """The candidate with the smallest estimate; the first of equals."""
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))
+
+
+def unbeaten(scores: Sequence[Sequence[float]]) -> list[bool]:
+    """For each row of scores, whether no other is as good in all and better in one; less is better."""
+    return [
+        not any(
+            all(a <= b for a, b in zip(other, mine, strict=True)) and list(other) != list(mine)
+            for other in scores
+        )
+        for mine in scores
+    ]

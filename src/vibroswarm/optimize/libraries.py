@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.archive import Archive, unbeaten
 from vibroswarm.optimize.batches import BATCH, Batches
 from vibroswarm.optimize.method import chance
 from vibroswarm.optimize.space import Point
@@ -168,12 +168,7 @@ def front(archive: Archive, keys: Sequence[int]) -> list[int]:
     """Candidates that no other beats in one objective without being beaten in another, by the first objective."""
     scores = {key: archive.scores(key) for key in keys}
     finite = [key for key in keys if all(math.isfinite(s) for s in scores[key])]
-
-    def beaten(key: int) -> bool:
-        mine = scores[key]
-        return any(
-            all(a <= b for a, b in zip(scores[other], mine, strict=True)) and scores[other] != mine
-            for other in finite
-        )
-
-    return sorted((key for key in finite if not beaten(key)), key=lambda k: (scores[k], k))
+    stays = unbeaten([scores[key] for key in finite])
+    return sorted(
+        (key for key, stay in zip(finite, stays, strict=True) if stay), key=lambda k: (scores[k], k)
+    )

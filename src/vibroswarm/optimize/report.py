@@ -4,7 +4,7 @@ result.json      believed, true and the difference, the starts beside it, runs, 
 history.csv      a row an iteration: best, mean, personal bests, mean of each field (as itself and between bounds)
 candidates.csv   a row a candidate: its values, runs, failures, scores
 best.toml        the winner's scenario; ``vibroswarm run --scenario`` takes it
-front.csv        with several objectives: the candidates that none beats in all
+front.csv        with several objectives: the candidates that none beats in all, believed and true
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ import polars as pl
 
 from vibroswarm.errors import RunError
 from vibroswarm.files import whole_file
+from vibroswarm.optimize.fronts import Front
 from vibroswarm.optimize.grid import Nodes
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.truth import Truth
-from vibroswarm.plots import Picture, draw_heat, draw_parameters, draw_search
+from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
 from vibroswarm.plots.palette import SERIES_UP_TO
 from vibroswarm.scenario import Scenario
 
@@ -91,7 +92,22 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     }
 
 
-def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
+def front_picture(front: Front, style: str = "column") -> Picture:
+    """A front of two objectives, on fresh runs."""
+    rows = [
+        {
+            "name": ", ".join(f"{name.rpartition('.')[2]} {_short(value)}" for name, value in member.values.items()),
+            "time": first.estimate, "time_low": first.low, "time_high": first.high,
+            "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
+        }
+        for member in front.members
+        for first, second in [member.true]
+    ]  # fmt: skip
+    first, second = (f"{n}, {u}" if u else n for n, u in zip(front.names, front.units, strict=True))
+    return draw_front(pl.DataFrame(rows), time_label=first, error_label=second, style=style)
+
+
+def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> dict[str, Any]:
     """What came of a search, as plain values for JSON."""
     search, archive = found.search, found.archive
     failures = sorted({c.why for c in archive.candidates if c.why})
@@ -104,28 +120,40 @@ def as_dict(found: Found, truth: Truth | None) -> dict[str, Any]:
             "failed": archive.failed,
             "failed_because": failures[:5],
             "candidates": len(archive),
-            "fresh": 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others)),
+            "fresh": _fresh(truth, front),
         },
         "best": found.values,
         "believed": _finite(found.believed),
         "truth": None if truth is None else truth.as_dict(),
-        "front": [{**archive[key].values, "scores": archive.scores(key)} for key in found.front],
+        "front": None if front is None else front.as_dict(),
     }
 
 
-def write_report(found: Found, truth: Truth | None, folder: str | Path, style: str | None = "column") -> None:
-    """Keep what was ``found`` and the ``truth`` of it in ``folder``; pictures in a style of ``plots``, None: none.
+def _fresh(truth: Truth | None, front: Front | None) -> int:
+    of_winner = 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others))
+    return of_winner + (0 if front is None else front.runs * len(front.members))
+
+
+def write_report(
+    found: Found,
+    truth: Truth | None,
+    folder: str | Path,
+    style: str | None = "column",
+    front: Front | None = None,
+) -> None:
+    """Keep what was ``found``, the ``truth`` of it and the ``front`` in ``folder``.
+
+    Pictures are in a ``style`` of ``plots``; None: none.
 
     Raises:
         RunError: it cannot be written.
     """
     folder = Path(folder)
     tables = {"history.csv": history_table(found), "candidates.csv": candidate_table(found)}
-    if found.front:
-        keys = pl.DataFrame({"key": list(found.front)})
-        tables["front.csv"] = keys.join(tables["candidates.csv"], on="key", how="left", maintain_order="left")
+    if front is not None:
+        tables["front.csv"] = front.table
     texts = {
-        "result.json": json.dumps(as_dict(found, truth), indent=2, allow_nan=False) + "\n",
+        "result.json": json.dumps(as_dict(found, truth, front), indent=2, allow_nan=False) + "\n",
         "best.toml": best_scenario(found).to_toml(),
     }
     try:
@@ -139,6 +167,8 @@ def write_report(found: Found, truth: Truth | None, folder: str | Path, style: s
         if style is not None and found.search.space.size <= SERIES_UP_TO:
             for name, picture in pictures(found, truth, style).items():
                 picture.write(folder / name)
+        if style is not None and front is not None and len(front.names) == 2:
+            front_picture(front, style).write(folder / "true-front")
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
 
@@ -169,6 +199,10 @@ def write_grid(nodes: Nodes, folder: str | Path, style: str | None = "column") -
         x_label, y_label = (field.rpartition(".")[2] for field in varied)
         picture = draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
         picture.write(folder / f"grid-{name.replace('_', '-')}")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _finite(value: float) -> float | None:

@@ -134,11 +134,19 @@ class Search:
         _ = self.pso_settings, self.search_budget
 
     @classmethod
-    def from_toml(cls, text: str, *, name: str = "search", folder: str | Path | None = None) -> Search:
+    def from_toml(
+        cls,
+        text: str,
+        *,
+        name: str = "search",
+        folder: str | Path | None = None,
+        method: str | None = None,
+    ) -> Search:
         """A search from TOML text.
 
         Args:
             text: TOML. name: what errors call it. folder: where files of floors that it names lie.
+            method: in place of its own; several objectives without one take nsga2.
         Raises:
             InputError: not TOML, or naming what is wrong in it.
         """
@@ -158,24 +166,28 @@ class Search:
         start = own.get("start")
         if start is not None and not isinstance(start, list):
             raise InputError("is a list of presets or of tables of values", field="start")
+        objectives, settings = several(own.get("objective", {})), own.get("search", {})
+        if isinstance(settings, Mapping):
+            given = {"method": "nsga2"} if len(objectives) > 1 else {}
+            settings = given | dict(settings) | ({} if method is None else {"method": method})
         return cls(
             study=study,
             space=Space.of(PAPER if block is None else block),
-            objectives=several(own.get("objective", {})),
-            settings=_settings(SearchSettings, own.get("search", {}), "search"),
+            objectives=objectives,
+            settings=_settings(SearchSettings, settings, "search"),
             pso=_settings(PsoSettings, own.get("pso", {}), "pso"),
             start=None if start is None else tuple(start),
         )
 
     @classmethod
-    def read(cls, path: str | Path) -> Search:
-        """A search from the TOML file ``path``; floors that it names by file lie beside it.
+    def read(cls, path: str | Path, *, method: str | None = None) -> Search:
+        """A search from the TOML file ``path``, by ``method``; floors that it names by file lie beside it.
 
         Raises:
             InputError: it cannot be read, or something in it is wrong.
         """
         path = Path(path)
-        return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent)
+        return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent, method=method)
 
     def to_values(self) -> dict[str, Any]:
         """As TOML has it, standing alone."""
