@@ -18,35 +18,34 @@ from vibroswarm.plots import draw_forest
 
 STEPPED_RUNS: Final = 200
 """Runs by the fixed-step engine, which takes five times as long; each is compared event by event."""
+COLUMN: Final = "paper"
 BOTH: Final = (OPTIMISED, EMPIRICAL)
 
 
 def cells(settings: Settings) -> Cells:
-    """column, parameters, strategy, and which time: first, other seeds, fixed-step (column paper only)."""
+    """parameters, strategy, and which time: first, other seeds, fixed-step."""
     found: Cells = {}
-    for column in settings.columns:
-        for parameters in BOTH:
-            for strategy in STRATEGIES:
-                values = {"floor.source": "random:0.48", "strategy.name": strategy}
-                first = settings.cell(column, values, with_=parameters)
-                found[column, parameters, strategy, "first"] = first
-                found[column, parameters, strategy, "other seeds"] = replace(first, block=1)
-                if column == "paper":
-                    stepped = replace(first, motion="fixed-step", runs=STEPPED_RUNS)
-                    found[column, parameters, strategy, "fixed-step"] = stepped
+    for parameters in BOTH:
+        for strategy in STRATEGIES:
+            values = {"floor.source": "random:0.48", "strategy.name": strategy}
+            first = settings.cell(COLUMN, values, with_=parameters)
+            found[parameters, strategy, "first"] = first
+            found[parameters, strategy, "other seeds"] = replace(first, block=1)
+            stepped = replace(first, motion="fixed-step", runs=STEPPED_RUNS)
+            found[parameters, strategy, "fixed-step"] = stepped
     return found
 
 
 def compute(work: Work) -> Tables:
     """Both comparisons, and claims."""
-    keys = [(c, p, s) for c in work.settings.columns for p in BOTH for s in STRATEGIES]
+    keys = [(parameters, strategy) for parameters in BOTH for strategy in STRATEGIES]
     measured = [row for key in keys for row in _measured(work, key)]
     table = pl.DataFrame([_row(work, key) for key in keys], infer_schema_length=None)
     return {"headline": table, CLAIMS: frame(measured)}
 
 
-def _row(work: Work, key: tuple[str, str, str]) -> dict[str, Any]:
-    row: dict[str, Any] = dict(zip(("column", "parameters", "strategy"), key, strict=True))
+def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
+    row: dict[str, Any] = dict(zip(("parameters", "strategy"), key, strict=True))
     row |= {
         name: work.came.row(work.cells[(*key, "first")])[name]
         for name in ("runs", "decision_time_s", "command")
@@ -56,13 +55,10 @@ def _row(work: Work, key: tuple[str, str, str]) -> dict[str, Any]:
     change = mean_interval(_against(work, key, "other seeds"))
     row |= dict(zip(("change_s", "change_low", "change_high"), change[:3], strict=True))
     row["holds_zero"] = not change.excludes(0.0)
-    if (*key, "fixed-step") in work.cells:
-        stepped = work.cells[(*key, "fixed-step")]
-        here, there = (work.came[work.cells[(*key, name)]].figures for name in ("first", "fixed-step"))
-        alike = _alike(here.head(there.height), there)
-        row |= {"stepped_runs": there.height, "stepped_alike": int(alike.sum())}
-        row["stepped_command"] = stepped.command(work.came.runs, work.came.seed)
-    return row
+    stepped = work.cells[(*key, "fixed-step")]
+    here, there = (work.came[work.cells[(*key, name)]].figures for name in ("first", "fixed-step"))
+    row |= {"stepped_runs": there.height, "stepped_alike": int(_alike(here.head(there.height), there).sum())}
+    return row | {"stepped_command": stepped.command(work.came.runs, work.came.seed)}
 
 
 def _alike(first: pl.DataFrame, second: pl.DataFrame) -> Any:
@@ -74,17 +70,16 @@ def _alike(first: pl.DataFrame, second: pl.DataFrame) -> Any:
     return same
 
 
-def _against(work: Work, key: tuple[str, str, str], which: str) -> Any:
+def _against(work: Work, key: tuple[str, str], which: str) -> Any:
     """Decision times of another computation less those of the first, run by run."""
     here, there = (work.values((*key, name), "decision_time_s") for name in ("first", which))
     return there - here[: there.size]
 
 
-def _measured(work: Work, key: tuple[str, str, str]) -> Iterator[Row]:
-    words = f"{key[1]}, {key[2]}"
-    yield mean("headline-seeds", key[0], words, _against(work, key, "other seeds"))
-    if key[0] == "paper":
-        yield mean("headline-engine", key[0], words, _against(work, key, "fixed-step"))
+def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
+    words = f"{key[0]}, {key[1]}"
+    yield mean("headline-seeds", COLUMN, words, _against(work, key, "other seeds"))
+    yield mean("headline-engine", COLUMN, words, _against(work, key, "fixed-step"))
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -98,7 +93,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 def _draw(table: pl.DataFrame) -> Drawn:
     made = table.select(
-        comparison=pl.format("{}, {}, {}", "column", "parameters", "strategy"),
+        comparison=pl.format("{}, {}", "parameters", "strategy"),
         difference="change_s", low="change_low", high="change_high", runs="runs",
     )  # fmt: skip
     return draw_forest(made, label="change of decision time (s)", interval="95 % interval over runs")
@@ -122,7 +117,7 @@ ITEM: Final = Item(
             "Restricted mean decision times; the change has a 95 % interval, which holds 0 in 19 of 20 where "
             "nothing is wrong.",
             {
-                "column": Column("column"), "parameters": Column("parameters"), "strategy": Column("strategy"),
+                "parameters": Column("parameters"), "strategy": Column("strategy"),
                 "runs": Column("runs"), "decision_time_s": Column("time", "s"),
                 "other_s": Column("on other seeds", "s"),
                 "change_s": Column("change", "s"), "change_low": Column("from", "s"), "change_high": Column("to", "s"),
