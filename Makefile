@@ -11,7 +11,7 @@ SITE ?= out/site
 .PHONY: demo test docs lint bench clean
 
 demo: $(VENV)/run.done
-	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 7 --out "$(OUT)" --force
+	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 2 --out "$(OUT)" --force
 
 test: $(VENV)/dev.done
 	$(BIN)/python -m pytest -n 2 $(ARGS)

@@ -1,57 +1,273 @@
-"""What the documents say is so: the README's example runs, its commands exist, the reference is up to date."""
+"""What the documents say is so: their code runs, their commands are understood, their links lead somewhere.
+
+Every block of code in README.md and docs/ says what it is. The blocks of a document run one after the other in a
+folder of their own, which holds a copy of examples/ and the files of ``YOURS``:
+
+| block | what is done with it |
+|---|---|
+| ``python`` | run, with the names of the blocks before it |
+| ``console`` | commands after ``$`` are run as they stand; what follows must be what they say (``...``: anything) |
+| ``sh`` | commands of vibroswarm are run with small numbers of runs, Python scripts as they stand; others are not run |
+| ``toml`` | read as what it is: scenario, study, search, or column map |
+| ``text`` | nothing: something to look at |
+
+``# name.toml`` (``.py``, ``.txt``) at the head of a block makes it that file for the blocks after it.
+
+A comment ``<!-- not run: why -->`` above a block leaves running out; commands are then still parsed, Python compiled,
+TOML read as TOML.
+"""
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import fnmatch
+import io
 import re
 import runpy
 import shlex
+import shutil
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from vibroswarm import cli
+from vibroswarm.errors import InputError
+
 ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+DOCUMENTS = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+BLOCK = re.compile(
+    r"^(?:<!-- not run: (?P<why>[^>]+) -->\n+)?```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
+    flags=re.DOTALL | re.MULTILINE,
+)
+KINDS = ("python", "console", "sh", "toml", "text", "{toctree}", "{eval-rst}")
+
+SMALL = {
+    "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
+    "sweep": ["--runs", "4", "--no-confirm", "--no-pictures"],
+    "merge": ["--no-confirm", "--no-pictures"],
+    "detect": ["--runs", "4"],
+    "tradeoff": ["--runs", "4"],
+    "optimize": ["--budget", "600", "--fresh", "20", "--no-pictures"],
+    "bench": ["--robots", "5", "--runs", "1"],
+    "lab replay": ["--draws", "4"],
+    "calibrate fit": ["--candidates", "40"],
+}
+"""What is put in place of what a command says, so that it takes a moment and not minutes."""
 
 
-def blocks(language: str, document: str = "README.md") -> list[str]:
-    text = (ROOT / document).read_text(encoding="utf-8")
-    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+YOURS = {
+    "study.toml": "runs = 4\n[scenario]\nrun = { t_end_s = 60 }\n[grid]\n'strategy.name' = ['none', 'soft']\n",
+    "search.toml": "examples/search.toml",
+    "world.txt": "examples/lab/floor.txt",
+    "my floor.txt": "examples/lab/floor.txt",
+    "day1.csv": "examples/lab/session-1.csv",
+    "day2.csv": "examples/lab/session-2.csv",
+}
+"""Files that documents take for the reader's own: what is in them, or of which example they are a copy."""
 
 
-def test_the_python_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
+class Block(NamedTuple):
+    kind: str
+    text: str
+    why_not: str
+    """Why it is not run; empty where it is."""
+
+    @property
+    def is_run(self) -> bool:
+        return not self.why_not
+
+
+def blocks_of(text: str) -> list[Block]:
+    return [Block(m["kind"], m["text"], (m["why"] or "").strip()) for m in BLOCK.finditer(text)]
+
+
+def blocks(document: Path, *kinds: str) -> list[Block]:
+    return [block for block in blocks_of(document.read_text(encoding="utf-8")) if block.kind in kinds]
+
+
+def command_of(line: str) -> list[str] | None:
+    """The words after ``vibroswarm`` where the line calls it."""
+    if not re.match(r"(\S*/)?vibroswarm\s", line + " "):
+        return None
+    return shlex.split(line, comments=True)[1:]
+
+
+def shell_lines(text: str) -> list[str]:
+    return [line.strip() for line in text.replace("\\\n", " ").splitlines() if line.strip()]
+
+
+def exchanges(text: str) -> Iterator[tuple[str, str]]:
+    """Commands of a console, and what each says."""
+    for part in re.split(r"^\$ ", text.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
+        line, _, said = part.partition("\n")
+        yield line, said
+
+
+def small(command: list[str]) -> list[str]:
+    """The command with small numbers of runs."""
+    name = next((name for name in SMALL if command[: len(name.split())] == name.split()), "")
+    changes = SMALL.get(name, [])
+    if name == "optimize" and ("--check" in command or "grid" in command):
+        changes = ["--runs", "4", "--no-pictures"]
+    if "--sensitivity" in command:
+        changes = ["--budget", "1120"]
+    dropped = {"--until", *(word for word in changes if word.startswith("--"))}
+    kept: list[str] = []
+    skip = False
+    for word in command:
+        if not skip and word not in dropped:
+            kept.append("1e6" if kept[-1:] == ["--watch"] else word)
+        skip = word in dropped and not word.startswith("--no-")
+    if kept[-1:] == ["--watch"]:
+        kept.append("1e6")
+    return kept + changes
+
+
+def understood(command: list[str]) -> bool:
+    """Whether the real parser takes the command."""
+    arguments, unknown = cli.parser().parse_known_args(command)
+    return (arguments.command is not None or arguments.version) and not unknown
+
+
+def run(command: list[str]) -> tuple[int, str]:
+    """The command's exit code, and what it says on both streams."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = cli.main(command)
+    return code, said.getvalue()
+
+
+def same_words(said: str, shown: str) -> bool:
+    """Whether what is shown is what was said; ``...`` on a line stands for anything, lines included."""
+    plain = " ".join(said.split())
+    pattern = " ".join(shown.split())
+    escaped = pattern.replace("[", "[[]").replace("?", "[?]").replace("*", "[*]")
+    return fnmatch.fnmatchcase(plain, escaped.replace("...", "*"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder as a reader of the documents has it: a copy of examples/, and files of the reader's own."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    for name, source in YOURS.items():
+        text = (ROOT / source).read_text(encoding="utf-8") if source.startswith("examples/") else source
+        (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    for example in blocks("python"):
-        assert len([line for line in example.splitlines() if line.strip()]) <= 11
-        exec(compile(example, "README.md", "exec"), {})  # noqa: S102  (our own document)
-    told = capsys.readouterr().out
-    assert "strategy.name" in told
-    assert "consensus" in told
-    assert "robots never decided" in told
-    assert (tmp_path / "beliefs.csv").stat().st_size > 1000
+    monkeypatch.setenv("COLUMNS", "160")
+    return tmp_path
 
 
-def test_the_example_of_the_pictures_runs_and_all_are_named(tmp_path, monkeypatch):
+def name_of(document: Path) -> str:
+    return document.stem
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
+def test_every_block_says_what_it_is(document):
+    text = document.read_text(encoding="utf-8")
+    found = blocks_of(text)
+    assert {block.kind for block in found} <= set(KINDS)
+    assert 2 * len(found) == len(re.findall(r"^```", text, flags=re.MULTILINE))
+    assert text.count("<!-- not run") == sum(not block.is_run for block in found)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
+def test_the_code_runs(document, here, monkeypatch):
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in blocks(document, *KINDS):
+        named = re.match(r"# (\S+\.\w+)\n", block.text)
+        if named:
+            (here / named[1]).write_text(block.text, encoding="utf-8")
+        if block.kind == "toml":
+            check_toml(block, here)
+        elif block.kind == "python":
+            program = compile(block.text, document.name, "exec")
+            if block.is_run:
+                exec(program, names)  # noqa: S102  (our own document)
+        elif block.kind == "console":
+            for line, shown in exchanges(block.text):
+                check_exchange(line, shown, block)
+        elif block.kind == "sh":
+            for line in shell_lines(block.text):
+                check_line(line, block, monkeypatch)
+
+
+def check_toml(block: Block, folder: Path) -> None:
+    if block.is_run:
+        assert read_as_what_it_is(block.text, folder)
+    else:
+        assert tomllib.loads(block.text)
+
+
+def check_exchange(line: str, shown: str, block: Block) -> None:
+    command = command_of(line)
+    assert command is not None, f"only vibroswarm has a console: {line}"
+    assert understood(command), line
+    if block.is_run:
+        code, said = run(command)
+        assert same_words(said, shown), f"{line}\n(exit code {code})\n{said}"
+
+
+def check_line(line: str, block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
+    command = command_of(line)
+    if command is not None:
+        assert understood(command), line
+        if block.is_run:
+            code, said = run(small(command))
+            assert code == 0, f"{line}\n{said}"
+    script = re.match(r"(\S*/)?python3? (?!-)(\S+)(.*)", line)
+    if script:
+        assert Path(script[2]).exists() or (ROOT / script[2]).exists(), line
+
+
+def read_as_what_it_is(text: str, folder: Path) -> str:
+    """What a TOML block is, found by its tables; raises where it is not right."""
+    from vibroswarm import Scenario, Study
+    from vibroswarm.lab.mapped import column_map
+    from vibroswarm.optimize import Search
+    from vibroswarm.study.plan import plan_of
+
+    tables = tomllib.loads(text)
+    if "columns" in tables:
+        column_map(text, "document")
+        return "column map"
+    if {"space", "objective", "search"} & set(tables):
+        Search.from_toml(text, folder=folder)
+        return "search"
+    if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
+        assert plan_of(Study.from_toml(text, folder=folder)).groups
+        return "study"
+    Scenario.from_toml(text, folder=folder)
+    return "scenario"
+
+
+def test_the_checks_of_blocks_can_fail(here):
+    (block,) = blocks_of("<!-- not run: it takes hours -->\n```sh\nvibroswarm bench\n```\n")
+    assert block == Block("sh", "vibroswarm bench\n", "it takes hours")
+    assert small(["evaluate", "--until", "2%", "--runs", "9", "--set", "a=1"])[:3] == [
+        "evaluate",
+        "--set",
+        "a=1",
+    ]
+    assert not same_words("consensus at 12 s", "consensus at 13 s")
+    assert same_words("a [1, 2]\nconsensus at 12 s\n", "a [1, 2]\n...\n12 s")
+    assert not understood(["run", "--robot", "5"])
+    with pytest.raises(InputError):
+        read_as_what_it_is('[strategy]\nname = "loud"\n', here)
+    with pytest.raises(SystemExit):
+        run(["run", "--nothing"])
+
+
+def test_the_example_of_the_pictures_names_all_of_them():
     from vibroswarm import plots
 
-    (example,) = blocks("python", "docs/pictures.md")
-    monkeypatch.chdir(tmp_path)
-    exec(compile(example, "pictures.md", "exec"), {})  # noqa: S102  (our own document)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *(f"outcomes.{kind}" for kind in ("csv", "pdf", "png", "svg")),
-        "report.html",
-    ]
-    text = (ROOT / "docs" / "pictures.md").read_text(encoding="utf-8")
+    text = (DOCS / "pictures.md").read_text(encoding="utf-8")
     for name in plots.__all__:
         assert f"`{name}" in text, name
-
-
-def test_the_commands_of_the_readme_are_understood():
-    from vibroswarm.cli import parser
-
-    lines = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines()]
-    commands = [shlex.split(line)[1:] for line in lines if re.match(r"(\S*/)?vibroswarm ", line)]
-    assert len(commands) >= 5
-    for command in commands:
-        assert parser().parse_args(command).command is not None
 
 
 def test_the_public_names_are_there():
@@ -65,13 +281,70 @@ def test_the_public_names_are_there():
 
 @pytest.mark.parametrize("name", ["make_reference", "make_commands"])
 def test_what_is_made_from_the_sources_is_up_to_date(name):
-    made = runpy.run_path(str(ROOT / "docs" / f"{name}.py"))
+    made = runpy.run_path(str(DOCS / f"{name}.py"))
     assert made["TARGET"].read_text(encoding="utf-8") == made["reference"](), (
         f"python docs/{name}.py makes it again"
     )
 
 
-def test_links_between_documents_lead_somewhere():
-    for document in [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
-            assert (document.parent / target).exists(), f"{document.name} links to {target}"
+def slug(heading: str) -> str:
+    """The anchor of a heading, as repositories' pages and the site have it."""
+    plain = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", lambda m: m[1] or "", heading.strip().lower())
+    return re.sub(r"[^\w\- ]", "", plain).replace(" ", "-")
+
+
+def anchors(document: Path) -> set[str]:
+    text = re.sub(r"^```.*?^```$", "", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return {slug(heading) for heading in re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)}
+
+
+def dead_links(document: Path) -> Iterator[str]:
+    for target in re.findall(r"\]\(([^)\s]+)\)", document.read_text(encoding="utf-8")):
+        path, _, anchor = target.partition("#")
+        if re.match(r"[a-z]+:", target):
+            continue
+        file = document.parent / path if path else document
+        of_python = anchor.startswith("vibroswarm.")  # made by the site, which checks it
+        if not file.exists() or (anchor and not of_python and anchor not in anchors(file)):
+            yield target
+
+
+@pytest.mark.parametrize("document", [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))], ids=name_of)
+def test_links_lead_somewhere(document):
+    assert list(dead_links(document)) == []
+
+
+def test_a_dead_link_is_seen(tmp_path):
+    (tmp_path / "a.md").write_text("# A b: `c`\n[x](#a-b-c) [y](b.md) [z](#d) [w](https://example.org)\n")
+    assert list(dead_links(tmp_path / "a.md")) == ["b.md", "#d"]
+
+
+def test_what_examples_of_the_readme_say(here, capsys):
+    for block in blocks(ROOT / "README.md", "python"):
+        assert len([line for line in block.text.splitlines() if line.strip()]) <= 11
+        assert ast.parse(block.text).body
+
+
+def test_fields_that_documents_name_are_there():
+    from vibroswarm.scenario import Scenario, field_names
+
+    known = set(field_names())
+    sections = "|".join(Scenario.model_fields)
+    for document in DOCUMENTS:
+        text = document.read_text(encoding="utf-8")
+        for name in re.findall(rf"`(?:--set )?((?:{sections})\.\w+)(?![\w(])", text):
+            module = ROOT / "src" / "vibroswarm" / (name.replace(".", "/") + ".py")
+            assert name in known or module.exists() or name.endswith((".html", ".png", ".toml", "_")), (
+                f"{document.name}: {name}"
+            )
+
+
+def test_the_glossary_has_the_values_of_preset_paper():
+    from vibroswarm import preset
+
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
+    values = preset("paper").model_dump()
+    found = re.findall(r"`(\w+)\.(\w+)` \(([\d.]+)", text)
+    assert len(found) >= 12
+    for section, field, value in found:
+        assert float(value) == values[section][field], f"{section}.{field}"

@@ -50,10 +50,10 @@ def test_the_figure_of_fill_ratios(run_example, capsys):
     assert main([*command, "--no-pictures", "--no-confirm"]) == 0
     told = run_example("fill_ratios", "study", "figure")
     assert "over 20 runs each" in told
-    numbers = pl.read_csv("figure/decision-time.csv")
+    numbers = pl.read_csv("figure/decision_time_s.csv")
     assert sorted(set(numbers["x"])) == [0.44, 0.48, 0.52, 0.56]
     assert (numbers["low"] < numbers["high"]).all()
-    for name in ("decision-time", "right"):
+    for name in ("decision_time_s", "swarm_right", "swarm_wrong"):
         assert Path(f"figure/{name}.pdf").read_bytes().startswith(b"%PDF")
         assert "<svg" in Path(f"figure/{name}.svg").read_text(encoding="utf-8")
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 examples:
   vibroswarm run                                        the paper's setting, no feedback
-  vibroswarm run --strategy soft --seed 7 --out first   keep tables, picture and page in the folder 'first'
+  vibroswarm run --strategy soft --seed 2 --out first   keep tables, picture and page in the folder 'first'
   vibroswarm run --floor diagonal:0.46 --robots 8 --watch
   vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
 """
