@@ -17,7 +17,7 @@ test: $(VENV)/dev.done
 	$(BIN)/python -m pytest -n 2 $(ARGS)
 
 docs: $(VENV)/docs.done
-	$(BIN)/python -m sphinx -q -W --keep-going -b html docs "$(SITE)"
+	$(BIN)/python -m sphinx -q -E -W --keep-going -b html docs "$(SITE)"
 	@echo "Open $(abspath $(SITE))/index.html in a browser."
 
 lint: $(VENV)/dev.done

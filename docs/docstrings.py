@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -10,11 +11,39 @@ CODE = re.compile(r"(``.*?``)")
 BOLD = re.compile(r"(\*\*[^*]+\*\*)")
 MARKUP = re.compile(r"(?<!\\)([*|`]|_(?!\w))")
 BULLET = re.compile(r"\s*[*-] ")
+ENTRY = re.compile(r"(?<=[.;]) (\w+(?:, \w+)*): ")
+ERRORS = {"InputError", "RunError"}
 
 
 def process(app: Any, kind: str, name: str, what: Any, options: Any, lines: list[str]) -> None:
     """Hook of autodoc: change the lines of one docstring in place."""
-    lines[:] = list(converted(lines))
+    lines[:] = list(converted(list(one_entry_a_line(lines, names_of(what)))))
+    if kind in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # an empty comment; else words before a colon would be taken for a type
+
+
+def names_of(what: Any) -> set[str]:
+    """What may begin an entry of a section: parameters, and errors."""
+    try:
+        return ERRORS | set(inspect.signature(what).parameters)
+    except (TypeError, ValueError):
+        return ERRORS
+
+
+def one_entry_a_line(lines: list[str], names: set[str]) -> Iterator[str]:
+    """Several entries of a section on one line (``seed: of all. runs: how many.``) as one line each."""
+    for line in lines:
+        begun = re.match(r"( +)(\w+(?:, \w+)*): ", line)
+        if begun is None:
+            yield line
+            continue
+        rest, depth = line, begun[1]
+        for found in ENTRY.finditer(line):
+            if set(found[1].split(", ")) <= names:
+                before, rest = rest.split(found[0], 1)
+                yield before
+                rest = f"{depth}{found[1]}: {rest}"
+        yield rest
 
 
 def converted(lines: list[str]) -> Iterator[str]:

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -169,3 +170,42 @@ def test_every_module_of_the_reference_is_one(site):
     modules = re.findall(r"automodule:: (\S+)", "\n".join(p.read_text() for p in (DOCS / "api").glob("*.md")))
     for module in modules:
         assert importlib.import_module(module).__doc__, module
+
+
+def opened(browser: Any, page: Path, **how: Any) -> tuple[Any, list[str]]:
+    """A page from disk, and what went wrong in it or came from elsewhere."""
+    wrong: list[str] = []
+    tab = browser.new_context(**how).new_page()
+    tab.on("console", lambda message: wrong.append(message.text))
+    tab.on("pageerror", lambda error: wrong.append(str(error)))
+    tab.on("request", lambda request: request.url.startswith(("file:", "data:")) or wrong.append(request.url))
+    tab.goto(page.as_uri())
+    return tab, wrong
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", ["index", "tutorial", "commands", "api/vibroswarm"])
+def test_pages_are_whole_on_a_phone(site, browser, name, scheme):
+    tab, wrong = opened(
+        browser, site / f"{name}.html", viewport={"width": 375, "height": 800}, color_scheme=scheme
+    )
+    assert tab.locator("h1").first.is_visible()
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 375
+    assert all(tab.evaluate("[...document.images].map(image => image.naturalWidth > 0)"))
+    shade = tab.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+    assert (sum(shade) > 600) == (scheme == "light")
+    assert wrong == []
+
+
+def test_the_search_works_from_disk(site, browser):
+    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 800})
+    tab.fill("input[name=q]", "moran")
+    tab.keyboard.press("Enter")
+    found = tab.locator("#search-results li a")
+    found.first.wait_for()
+    assert "Floors" in found.all_inner_texts()
+    tab.get_by_role("link", name="Floors", exact=True).last.click()
+    assert tab.locator("h1").first.inner_text().startswith("Floors")
+    tab.goto((site / "search.html").as_uri() + "?q=zzzznothing")
+    tab.get_by_text("did not match any documents").wait_for()
+    assert wrong == []
