@@ -89,10 +89,8 @@ def test_the_tables_that_are_shown_are_there_with_their_columns(tables: dict[str
             assert not missing, (item.name, shown.table)
 
 
-@pytest.mark.parametrize("name", [item.name for item in all_items()])
+@pytest.mark.parametrize("name", [item.name for item in all_items() if item.name != "calibration"])
 def test_pictures_have_names_of_their_own_and_can_be_drawn(name: str, tables: dict[str, Tables]) -> None:
-    if name not in tables:
-        pytest.skip("needs recordings")
     item = next(item for item in all_items() if item.name == name)
     pictures = list(item.pictures(tables[name], SETTINGS))
     names = [picture.name for picture in pictures]

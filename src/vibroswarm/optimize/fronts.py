@@ -47,7 +47,9 @@ class Front:
     names: tuple[str, ...]
     """The objectives in words."""
     units: tuple[str, ...]
+    """Of the objectives, in the same order."""
     members: tuple[Member, ...]
+    """The candidates that no other is better than in everything."""
     runs: int
     """Fresh runs of each."""
 
@@ -117,6 +119,9 @@ def front_of(
 ) -> Front:
     """Score the front of a search with several objectives on fresh runs, the same for all its candidates.
 
+    Args:
+        found: the search. executor, workers: as ``run_search`` takes them.
+        tell: is told how many runs are done.
     Raises:
         RunError: none of the runs of a candidate could be done.
     """
