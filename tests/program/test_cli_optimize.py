@@ -72,6 +72,8 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "none failed" in said
     for name in ("best.toml", "result.json", "history.csv", "scores.png", "parameters.svg", "journal.jsonl"):
         assert (out / name).is_file()
+    assert main(["show", str(out)]) == 0
+    assert "Done: 150 of 150 runs (100 %)" in capsys.readouterr().out
     journal = (out / "journal.jsonl").read_bytes()
     assert main(["optimize", search, "--out", str(out), "--json"]) == 0
     about = json.loads(capsys.readouterr().out)
@@ -101,6 +103,11 @@ def test_ctrl_c_leaves_a_search_to_go_on_with(
     monkeypatch.setattr(journal.Journal, "add", interrupted)
     out = str(tmp_path / "out")
     assert main(["optimize", search, "--out", out]) == 130
+    capsys.readouterr()
+    assert main(["show", out]) == 0
+    said = capsys.readouterr().out
+    assert "in 3 steps; 0 failed" in said
+    assert "go on" in said
     monkeypatch.setattr(journal.Journal, "add", right)
     assert main(["optimize", search, "--out", out, "--json", "--no-pictures"]) == 0
     stopped = json.loads(capsys.readouterr().out)
@@ -168,8 +175,15 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     path = tmp_path / "grid.toml"
     path.write_text(GRID)
     out = tmp_path / "out"
-    assert main(["optimize", str(path), "--method", "grid", "--out", str(out)]) == 0
-    assert "luck" in capsys.readouterr().out
+    assert main(["optimize", str(path), "--method", "grid", "--out", str(out), "--fresh", "50"]) == 0
+    said = capsys.readouterr().out
+    assert "luck" in said
+    assert "the search believed" in said
+    about = json.loads((out / "result.json").read_text())
+    assert about["truth"]["true"]["score"]["n"] == 50
+    assert about["truth"]["believed"] == min(cell["score"] for cell in about["cells"])
+    assert about["truth"]["true"]["values"] == about["best"]
+    assert about["truth"]["believed"] != about["truth"]["true"]["score"]["estimate"]  # other runs
     table = pl.read_csv(out / "grid.csv")
     assert table.height == 6
     assert (out / "grid-score.png").is_file()

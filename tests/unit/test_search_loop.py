@@ -263,6 +263,9 @@ def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
     assert "unlucky" in high.words
     equal = replace(truth, believed=truth.winner.score.estimate)
     assert "no luck" in equal.words
+    few = truth_of(whole, runs=8)
+    assert few.winner.score.low < 0.7 * few.winner.score.estimate
+    assert "do not tell" in replace(few, believed=0.8 * few.winner.score.estimate).words
 
 
 def test_what_is_kept(tmp_path: Path, whole: Found) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vibroswarm.optimize.fronts import Front
     from vibroswarm.optimize.grid import Nodes
     from vibroswarm.optimize.loop import Found, Tell
+    from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
     from vibroswarm.optimize.truth import Scored, Truth
 
@@ -59,7 +60,7 @@ def add_parser(commands: Any) -> None:
     how.add_argument("--noise", metavar="NAME", help="of pso: rescore (default), ocba, or fixed (the paper)")
     how.add_argument("--cost", metavar="NAME", help="what is minimised, in place of the file's")
     how.add_argument("--budget", metavar="N", help="runs that the search may take")
-    how.add_argument("--fresh", metavar="N", help="fresh runs on which the winner is scored (default 2000)")
+    how.add_argument("--fresh", metavar="N", help="fresh runs on which what is best is scored (default 2000)")
     how.add_argument("--seed", metavar="S", help="same search and seed: same optimum")
     check = parser.add_argument_group("score parameters")
     check.add_argument(
@@ -190,13 +191,14 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 def _grid(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
-    from vibroswarm.optimize.grid import Grid, scores_of
+    from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.study.result import run as run_study
 
-    for name in ("noise", "budget", "fresh"):
+    for name in ("noise", "budget"):
         if getattr(arguments, name) is not None:
             raise InputError("is not for a grid", field=f"--{name}")
+    fresh = FRESH if arguments.fresh is None else whole_number(arguments.fresh, "--fresh")
     grid = Grid.paper() if arguments.search is None else Grid.read(arguments.search)
     study = grid.study
     if arguments.runs is not None:
@@ -216,15 +218,22 @@ def _grid(arguments: argparse.Namespace) -> int:
             tell=tell,
         )
     nodes = scores_of(Grid(study, objective), result)
+    with study_progress("scoring on fresh runs", workers) as tell:
+        truth = truth_of_grid(nodes, fresh, executor=arguments.executor, workers=workers, tell=tell)
     if arguments.out is not None:
         from vibroswarm.optimize.report import write_grid
 
-        write_grid(nodes, arguments.out, None if arguments.no_pictures else arguments.style)
+        write_grid(nodes, arguments.out, None if arguments.no_pictures else arguments.style, truth)
     if arguments.json:
-        print(json.dumps(nodes.as_dict(), indent=2, allow_nan=False))
+        print(json.dumps(nodes.as_dict(truth), indent=2, allow_nan=False))
         return 0
     _say_grid(nodes)
-    kept = f"Kept in {arguments.out}: grid.csv, the runs (shards)." if arguments.out else "Nothing was kept."
+    _say_truth(truth, nodes.best.cell.point, objective)
+    kept = (
+        f"Kept in {arguments.out}: grid.csv, result.json, the runs (shards)."
+        if arguments.out
+        else "Nothing was kept."
+    )
     print(kept)
     return 0
 
@@ -305,11 +314,9 @@ def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
         _say_front(front)
     if truth is None:
         return
-    unit = f" {found.search.objectives[0].unit}".rstrip()
-    print(f"Best: {_values(found.values)}")
-    print(f"  the search believed  {truth.believed:.4g}{unit}")
-    print(f"  true, on fresh runs  {number(truth.winner.score, 2)}{unit} ({truth.winner.score.n:,} runs)")
-    print(f"  {truth.words}")
+    objective = found.search.objectives[0]
+    unit = f" {objective.unit}".rstrip()
+    _say_truth(truth, found.values, objective)
     for scored in (truth.winner, *truth.others):
         if scored.failed:
             print(f"  {scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure")
@@ -318,6 +325,17 @@ def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
         print(
             f"{other.name}: {number(other.score, 2)}{unit}; the winner less this {number(paired, 2, sign=True)}"
         )
+
+
+def _say_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> None:
+    """What was believed of the best, and what is true."""
+    from vibroswarm.cli.tables import number
+
+    unit = f" {objective.unit}".rstrip()
+    print(f"Best: {_values(values)}")
+    print(f"  the search believed  {truth.believed:.4g}{unit}")
+    print(f"  true, on fresh runs  {number(truth.winner.score, 2)}{unit} ({truth.winner.score.n:,} runs)")
+    print(f"  {truth.words}")
 
 
 def _say_front(front: Front) -> None:

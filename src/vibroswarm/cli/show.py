@@ -1,4 +1,4 @@
-"""``vibroswarm show``: what a study's folder holds."""
+"""``vibroswarm show``: what the folder of a study or a search holds."""
 
 from __future__ import annotations
 
@@ -15,19 +15,24 @@ def add_parser(commands: Any) -> None:
     """Make the command known."""
     parser = commands.add_parser(
         "show",
-        help="tell what a study's folder holds",
-        description="Tell what a study's folder holds: its study, how much is done, what is damaged or failed.",
+        help="tell what the folder of a study or a search holds",
+        description="Tell what a folder holds: its study or search, how much is done, what is damaged or failed.",
         allow_abbrev=False,
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="the folder of a study")
+    parser.add_argument("folder", metavar="DIR", type=Path, help="the folder of a study or a search")
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.set_defaults(run=run, parser=parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the store, check its shards, tell."""
+    from vibroswarm.optimize.journal import held, is_search
     from vibroswarm.study.store import Store
 
+    if is_search(arguments.folder):
+        search = held(arguments.folder)
+        print(json.dumps(search, indent=2) if arguments.json else _search_words(search))
+        return 0
     about = told(Store.open(arguments.folder))
     print(json.dumps(about, indent=2) if arguments.json else _words(about))
     return 0
@@ -61,6 +66,31 @@ def told(store: Store) -> dict[str, Any]:
         "left_over_files": store.left_over,
         "made_by": store.made_by,
     }
+
+
+def _search_words(about: dict[str, Any]) -> str:
+    there, wanted = about["runs_there"], about["runs_wanted"]
+    lines = [
+        f"A search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
+        f"Fields: {', '.join(about['fields'])}.",
+        f"Done: {there:,} of {wanted:,} runs ({100 * there / max(wanted, 1):.4g} %), in {about['steps']} steps; "
+        f"{about['runs_failed']:,} failed.",
+    ]
+    if about["result"] is None:
+        lines.append("Not scored on fresh runs yet; say the same optimize again to go on.")
+        return "\n".join(lines)
+    if truth := about["result"].get("truth"):
+        score = truth["true"]["score"]
+        values = (f"{name} {v:.6g}" if isinstance(v, float) else f"{name} {v}"
+                  for name, v in about["result"]["best"].items())  # fmt: skip
+        limits = f"[{score['low']:.4g}, {score['high']:.4g}]"
+        lines.append(f"Best: {', '.join(values)}")
+        lines.append(
+            f"Believed {truth['believed']:.4g}, true {score['estimate']:.4g} {limits}. {truth['says']}"
+        )
+    if front := about["result"].get("front"):
+        lines.append(front["says"])
+    return "\n".join(lines)
 
 
 def _words(about: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from vibroswarm.lazy import lazy_names
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import compare_scenarios
     from vibroswarm.optimize.fronts import Front, front_of
-    from vibroswarm.optimize.grid import Grid, scores_of
+    from vibroswarm.optimize.grid import Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
     from vibroswarm.optimize.objective import Objective
@@ -44,6 +44,7 @@ __all__ = [
     "scores_of",
     "sobol_indices",
     "truth_of",
+    "truth_of_grid",
     "write_report",
 ]
 
@@ -67,6 +68,7 @@ _HOME: Final = {
     "scores_of": "grid",
     "sobol_indices": "sensitivity",
     "truth_of": "truth",
+    "truth_of_grid": "grid",
     "write_report": "report",
 }
 

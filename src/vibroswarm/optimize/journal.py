@@ -69,20 +69,8 @@ class Journal:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
 
     def steps(self) -> Iterator[Step]:
-        """The steps that are there, in order.
-
-        Raises:
-            InputError: the journal is damaged before its last line.
-        """
-        lines = (self.folder / JOURNAL).read_bytes().split(b"\n")
-        for k, line in enumerate(lines[:-1]):
-            try:
-                step = json.loads(line)
-                asks = [Ask(int(key), int(count)) for key, count in step["asks"]]
-                found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
-                yield Step(asks, [str(origin) for origin in step["origins"]], found)
-            except (ValueError, KeyError, TypeError):
-                raise InputError(f"line {k + 1} is damaged", field=str(self.folder / JOURNAL)) from None
+        """The steps that are there, in order; see ``steps_in``."""
+        return steps_in(self.folder)
 
     def cut(self) -> None:
         """Drop a last line that was not written whole."""
@@ -139,6 +127,61 @@ class Journal:
                 "--mixed to go on all the same",
                 field=str(self.folder),
             )
+
+
+def steps_in(folder: Path) -> Iterator[Step]:
+    """The steps of a search's folder, in order.
+
+    Raises:
+        InputError: the journal is damaged before its last line.
+    """
+    lines = (folder / JOURNAL).read_bytes().split(b"\n")
+    for k, line in enumerate(lines[:-1]):
+        try:
+            step = json.loads(line)
+            asks = [Ask(int(key), int(count)) for key, count in step["asks"]]
+            found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
+            yield Step(asks, [str(origin) for origin in step["origins"]], found)
+        except (ValueError, KeyError, TypeError):
+            raise InputError(f"line {k + 1} is damaged", field=str(folder / JOURNAL)) from None
+
+
+def is_search(folder: Path) -> bool:
+    """Whether a folder holds a search."""
+    return (folder / HEAD).is_file() and (folder / SEARCH).is_file()
+
+
+def held(folder: Path) -> dict[str, Any]:
+    """What a search's folder holds, in plain values; nothing is run.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    search = Search.read(folder / SEARCH)
+    try:
+        steps = list(steps_in(folder))
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        if error.filename is None or Path(error.filename).name == JOURNAL:
+            raise InputError(f"{JOURNAL} is missing", field=str(folder)) from None
+        result = None
+    except ValueError:
+        result = None
+    failed = [
+        piece[1] for step in steps for pieces in step.found for piece in pieces if isinstance(piece, tuple)
+    ]
+    return {
+        "folder": str(folder),
+        "method": search.settings.method,
+        "objectives": [objective.words for objective in search.objectives],
+        "fields": search.space.names,
+        "seed": search.seed,
+        "runs_wanted": search.search_runs + search.final_runs,
+        "runs_there": sum(ask.runs for step in steps for ask in step.asks),
+        "runs_failed": sum(failed),
+        "steps": len(steps),
+        "result": result,
+    }
 
 
 def _piece(given: Any) -> Any:

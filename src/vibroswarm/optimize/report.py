@@ -173,8 +173,10 @@ def write_report(
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
 
 
-def write_grid(nodes: Nodes, folder: str | Path, style: str | None = "column") -> None:
-    """The cells of a grid as ``grid.csv``; with two varied fields also as pictures of score, time and belief.
+def write_grid(
+    nodes: Nodes, folder: str | Path, style: str | None = "column", truth: Truth | None = None
+) -> None:
+    """The cells of a grid as ``grid.csv`` and ``result.json``; with two varied fields also as pictures.
 
     Raises:
         RunError: it cannot be written.
@@ -183,6 +185,10 @@ def write_grid(nodes: Nodes, folder: str | Path, style: str | None = "column") -
     try:
         with whole_file(folder / "grid.csv") as part:
             table.write_csv(part)
+        with whole_file(folder / "result.json") as part:
+            part.write_text(
+                json.dumps(nodes.as_dict(truth), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+            )
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
     varied = nodes.grid.study.varied

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
+
+TELLING: Final = 0.1
+"""Share of the true score: an interval that holds a difference larger than this is too wide to tell of luck."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,11 @@ class Truth:
         share, score = self.difference, self.winner.score
         if not math.isfinite(share):
             return "The difference between what the search believed and what is true is not defined."
+        if score.low <= self.believed <= score.high and abs(share) > TELLING:
+            return (
+                f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but the "
+                "interval of what is true is as wide: so few fresh runs do not tell whether it was luck."
+            )
         if score.low <= self.believed <= score.high:
             return (
                 f"What the search believed lies inside the interval of what is true ({100 * share:+.1f} %): "
