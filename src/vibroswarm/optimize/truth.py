@@ -88,8 +88,8 @@ class Truth:
             return "The difference between what the search believed and what is true is not defined."
         if score.low <= self.believed <= score.high and abs(share) > TELLING:
             return (
-                f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but the "
-                "interval of what is true is as wide: so few fresh runs do not tell whether it was luck."
+                f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but "
+                "the interval of what is true is as wide: so few fresh runs do not tell whether it was luck."
             )
         if score.low <= self.believed <= score.high:
             return (
