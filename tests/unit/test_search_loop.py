@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.report import as_dict, candidate_table, history_table, write_report
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.truth import truth_of
+from vibroswarm.study import executors
 
 SMALL = """
 seed = 3
@@ -85,6 +86,30 @@ def test_the_account_of_runs_holds(whole: Found) -> None:
 def test_no_result_depends_on_who_does_the_work(whole: Found) -> None:
     assert same(whole, run_search(small(), workers=1))
     assert same(whole, run_search(small(), executor="processes", workers=2))
+
+
+def test_on_a_cluster_that_loses_a_worker_it_is_the_same(
+    whole: Found, tmp_path: Path, dask_cluster: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    killed: list[int] = []
+    with dask_cluster(tmp_path, 2) as cluster:
+
+        def tell(told: Any) -> None:
+            if told.runs > 30 and not killed:
+                cluster.workers[0].kill()
+                killed.append(cluster.workers[0].wait())
+
+        assert same(whole, run_search(small(), executor=str(cluster.scheduler_file), tell=tell))
+        assert killed
+
+        def kill_the_rest(told: Any) -> None:
+            cluster.workers[1].kill()
+
+        monkeypatch.setattr(executors, "WITHOUT_WORKERS_S", 1.0)
+        with pytest.raises(RunError, match=r"no worker for|workers are gone"):
+            run_search(small(), tmp_path / "s", executor=cluster.address, tell=kill_the_rest)
+    assert same(whole, run_search(small(), tmp_path / "s"))
 
 
 def test_every_evaluation_has_runs_of_its_own_or_common_ones() -> None:

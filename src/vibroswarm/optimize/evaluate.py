@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -126,21 +126,27 @@ class Evaluator:
 def do_pieces(
     pieces: Sequence[Piece],
     objectives: tuple[Objective, ...],
-    executor: Executor,
-    at_once: int,
+    hands: Workers,
     tell: Callable[[int], None] = lambda done: None,
 ) -> list[Rows | str]:
-    """All pieces, in their order. One that fails is tried again, then its failure is what came of it."""
+    """All pieces, in their order. One that fails is tried again, then its failure is what came of it.
+
+    Raises:
+        InputError: a cost gives no number. RunError: the workers are gone.
+    """
     found: dict[int, Rows | str] = {}
     waiting, tries = list(reversed(range(len(pieces)))), dict.fromkeys(range(len(pieces)), 0)
     under_way: dict[Future[Rows | str], int] = {}
     done = 0
     try:
         while waiting or under_way:
-            while waiting and len(under_way) < 4 * at_once:
+            while waiting and len(under_way) < 4 * hands.width:
                 k = waiting.pop()
-                under_way[executor.submit(do_piece, pieces[k], objectives)] = k
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                under_way[hands.executor.submit(do_piece, pieces[k], objectives)] = k
+            finished = wait(under_way, timeout=1.0, return_when=FIRST_COMPLETED).done
+            if not finished:
+                hands.check()
+            for future in finished:
                 k = under_way.pop(future)
                 try:
                     found[k] = future.result()
@@ -191,7 +197,7 @@ def figures_of(
     texts, given = tuple(c.to_toml() for c in cases), tuple(values.items())
     step = 5 * PIECE
     pieces = [Piece(texts, given, seed, motion, k, min(k + step, runs)) for k in range(0, runs, step)]
-    found = do_pieces(pieces, objectives, workers.executor, workers.count, tell)
+    found = do_pieces(pieces, objectives, workers, tell)
     good = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if not isinstance(rows, str)]
     bad = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if isinstance(rows, str)]
     if not good:

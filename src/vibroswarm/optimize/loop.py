@@ -155,8 +155,7 @@ class _Loop:
         found = do_pieces(
             [piece for _, piece in pieces],
             self.archive.objectives,
-            self.hands.executor,
-            self.hands.count,
+            self.hands,
             lambda done: self._say(method, stage, wanted, done),
         )
         by_ask: dict[int, list[Any]] = {ask.key: [] for ask in asks}

@@ -92,7 +92,7 @@ def sobol_indices(
         for k, point in enumerate(design)
     ]  # fmt: skip
     with workers_for(executor, workers) as hands:
-        found = do_pieces(pieces, search.objectives[:1], hands.executor, hands.count, tell)
+        found = do_pieces(pieces, search.objectives[:1], hands, tell)
     bad = [rows for rows in found if isinstance(rows, str)]
     if bad:
         raise RunError(f"{len(bad) * replicates} runs failed, and every point is needed: {bad[0]}")
