@@ -8,13 +8,15 @@ stale. A process that finds a source changed while it imports keeps nothing.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import platform
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,8 +28,8 @@ from numpy.typing import NDArray
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PLAIN = os.environ.get("VIBROSWARM_PLAIN", "") == "1"
-"""Set the environment variable VIBROSWARM_PLAIN to 1 to step through the kernels as plain Python."""
+PLAIN = "1" in (os.environ.get("VIBROSWARM_PLAIN"), os.environ.get("NUMBA_DISABLE_JIT"))
+"""Set the environment variable VIBROSWARM_PLAIN (or Numba's own) to 1 to step through the kernels as plain Python."""
 
 
 def _user_cache() -> Path:
@@ -117,16 +119,13 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
-    """As ``kernel``, for what only kernels call: the entry from Python takes a quarter of the time to compile.
-
-    Called from Python, it is the plain function.
-    """
-    return _without_entry(_compile(function, _nrt=False, forceinline=False, no_cpython_wrapper=True))
+    """As ``kernel``, for what only kernels call: it is compiled with each that does. From Python, it is plain."""
+    return _compile(function, from_python=False, _nrt=False, forceinline=False)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """As ``inner``, put into its callers: for what is called at one or two places, or is as small as a call."""
-    return _without_entry(_compile(function, _nrt=False, forceinline=True, no_cpython_wrapper=True))
+    return _compile(function, from_python=False, _nrt=False, forceinline=True)
 
 
 def allocating_kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -153,25 +152,27 @@ _compiled: list[Any] = []
 _hashed_at_s = time.time()
 
 
-def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
+def _compile(function: Callable[P, R], from_python: bool = True, **options: bool) -> Callable[P, R]:
     if not _compiles():
         return function
     import numba
 
+    from vibroswarm import joined
+
     if not _compiled:
         _name_records_by_their_fields()
+    options |= {"nogil": True, "no_cfunc_wrapper": True}
     folder = cache_folder()
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder) if folder else before
     try:
-        njit: Any = numba.njit  # its stubs do not know all options
-        compiled: Any = njit(
-            cache=folder is not None, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-        )(function)
+        make = joined.whole if from_python else joined.part
+        compiled: Any = make(function, cache=folder is not None, error_model="numpy", **options)
     finally:
         config.CACHE_DIR = before
-    _let_pairs_be_vectors(compiled)
+    if from_python:
+        _set_for_compiling(compiled)
     _compiled.append(compiled)
     if Path(function.__code__.co_filename).stat().st_mtime > _hashed_at_s:
         _forget()
@@ -179,34 +180,49 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
     return result
 
 
-def _let_pairs_be_vectors(compiled: Any) -> None:
-    """Compile with LLVM's vectors of equal operations side by side, which Numba leaves out: 5 to 10 % of the engines.
+def _set_for_compiling(compiled: Any) -> None:
+    """Let this kernel, and all that is compiled with it, be compiled under ``_settings``."""
+    compile_one, module = compiled.compile, compiled.py_func.__module__
 
-    Only these kernels: it is a setting of the whole process, and is put back.
+    def compile_under_settings(signature: Any) -> Any:
+        for tell in _told:
+            tell(module)
+        with _settings():
+            return compile_one(signature)
+
+    compiled.compile = compile_under_settings
+
+
+_told: list[Callable[[str], None]] = []
+
+
+def tell_before_compiling(tell: Callable[[str], None]) -> None:
+    """Have ``tell`` called with a kernel's module before that kernel is looked up in the cache, or compiled."""
+    _told.append(tell)
+
+
+OBJECTS_BETWEEN: Final = 50_000
+"""While Numba compiles, Python looks for dead objects after as many new ones. After 700 as else, it does so a
+thousand times, and finds next to nothing: one part in twenty of the time."""
+
+
+@contextmanager
+def _settings() -> Iterator[None]:
+    """LLVM's vectors of equal operations side by side, which Numba leaves out, are 5 to 10 % of the engines.
+
+    These are settings of the whole process, and put back.
     """
     from numba import config
 
-    settings: Any = config
-    compile_one = compiled.compile
-
-    def compile_with_vectors(signature: Any) -> Any:
-        before = settings.SLP_VECTORIZE
-        settings.SLP_VECTORIZE = 1
-        try:
-            return compile_one(signature)
-        finally:
-            settings.SLP_VECTORIZE = before
-
-    compiled.compile = compile_with_vectors
-
-
-def _without_entry(compiled: Callable[P, R]) -> Callable[P, R]:
-    """Let calls from Python go to the plain function: there is no compiled entry for them."""
-    if _compiles():
-        dispatcher: Any = type(compiled)
-        called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
-        compiled.__class__ = type(dispatcher.__name__, (dispatcher,), called)
-    return compiled
+    numbas: Any = config
+    vectors, objects = numbas.SLP_VECTORIZE, gc.get_threshold()
+    numbas.SLP_VECTORIZE = 1
+    gc.set_threshold(max(objects[0], OBJECTS_BETWEEN) if objects[0] else 0, *objects[1:])
+    try:
+        yield
+    finally:
+        numbas.SLP_VECTORIZE = vectors
+        gc.set_threshold(*objects)
 
 
 def _forget() -> None:

@@ -77,6 +77,61 @@ def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
     assert called("ba") == [7.0, 7.0]
 
 
+PARTS = """
+from vibroswarm.compiled import inner, kernel
+
+NEVER = False
+
+@inner
+def deep(x):
+    return 3.0 * x
+
+@inner
+def never(x):
+    if NEVER:
+        return deep(x)
+    return x
+
+@inner
+def always(x):
+    return deep(x) + 1.0
+
+@kernel
+def both(x):
+    return never(x) + always(x)
+"""
+CALL_PARTS = """
+import gc
+import sys
+import numba
+import vibroswarm.joined
+if sys.argv[1] == "unknown":
+    vibroswarm.joined.KNOWN = ()
+before = gc.get_threshold(), numba.config.SLP_VECTORIZE
+import parts_kernels as k
+print(k.both(2.0), k.deep(2.0))
+assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
+"""
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("version", ["known", "unknown"])
+def test_a_part_that_one_caller_never_calls_is_there_for_the_next(version: str, tmp_path: Path) -> None:
+    (tmp_path / "parts_kernels.py").write_text(PARTS, encoding="utf-8")
+    (tmp_path / "call.py").write_text(CALL_PARTS, encoding="utf-8")
+    cache = str(tmp_path / "cache")
+    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
+    for _ in ("compiled", "from the cache"):
+        done = subprocess.run(
+            [sys.executable, str(tmp_path / "call.py"), version],
+            env=environment, capture_output=True, text=True, check=True, timeout=120,
+        )  # fmt: skip
+        assert done.stdout.split() == ["9.0", "6.0"]
+    kept = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbc")}
+    parts = {"parts_kernels.deep", "parts_kernels.never", "parts_kernels.always"}
+    assert kept == {"parts_kernels.both"} | (parts if version == "unknown" else set())
+
+
 def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it() -> None:
     package = Path(vibroswarm.compiled.__file__).parent
     for source in package.rglob("*.py"):

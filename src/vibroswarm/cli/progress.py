@@ -50,11 +50,13 @@ class _Lines:
 
 
 def say_compiling() -> None:
-    """Say so if kernels must be compiled first."""
+    """Say so if kernels must be compiled first, and have another process help."""
+    from vibroswarm.cli.beside import begin
     from vibroswarm.compiled import is_cached
 
     if not is_cached():
-        print("compiling the engine, once (about 15 s; kept for later runs) ...", file=sys.stderr, flush=True)
+        begin()
+        print("compiling the engine, once (about 10 s; kept for later runs) ...", file=sys.stderr, flush=True)
 
 
 @contextmanager

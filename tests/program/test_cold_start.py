@@ -1,0 +1,85 @@
+"""The first run of all, with nothing compiled yet."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import vibroswarm
+from vibroswarm.cli.beside import COMMAND
+from vibroswarm.compiled import PLAIN
+
+pytestmark = pytest.mark.skipif(PLAIN or sys.platform == "win32", reason="nothing is compiled, or no signals")
+RUN = ["-m", "vibroswarm", "run", "--json", "--set", "run.t_end_s=30"]
+
+
+def started(cache: Path, *arguments: str) -> subprocess.Popen[str]:
+    source = str(Path(vibroswarm.__file__).parents[1])
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        env=os.environ | {"XDG_CACHE_HOME": str(cache), "HOME": str(cache), "PYTHONPATH": source},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def other_processes(parent: int) -> list[int]:
+    """Processes that ``parent`` started and that compile."""
+    listed = subprocess.run(
+        ["ps", "-A", "-o", "pid=,ppid=,args="], capture_output=True, text=True, check=True
+    )
+    rows = [line.split(None, 2) for line in listed.stdout.splitlines()]
+    return [int(pid) for pid, of, *rest in rows if int(of) == parent and COMMAND in " ".join(rest)]
+
+
+def is_there(pid: int) -> bool:
+    """Whether a process runs; one that is over and that nobody has asked about (a zombie) does not."""
+    told = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False)
+    return bool(told.stdout.strip()) and not told.stdout.strip().startswith("Z")
+
+
+def until_it_compiles(process: subprocess.Popen[str]) -> list[int]:
+    """Wait for the line that says so; gives the processes that help."""
+    assert process.stderr is not None
+    assert "compiling the engine" in process.stderr.readline()
+    return other_processes(process.pid)
+
+
+def test_without_the_other_process_the_first_run_gives_what_later_ones_give(tmp_path):
+    first = started(tmp_path, *RUN)
+    for pid in until_it_compiles(first):
+        os.kill(pid, signal.SIGKILL)
+    out, err = first.communicate(timeout=600)
+    assert first.returncode == 0, err
+    kept = set(tmp_path.rglob("*.nbc"))
+    assert {"event.events", "model.read_samples", "replay.replay_runs"} <= {
+        p.name.split("-")[0] for p in kept
+    }
+    again = started(tmp_path, *RUN)
+    assert again.communicate(timeout=600) == (out, ""), "the same, and nothing compiled"
+
+    # What the other process would have compiled is what this one did: nothing new comes.
+    other = started(tmp_path, "-c", COMMAND.replace("end_with_parent();", ""))
+    assert other.communicate(timeout=600) == ("", "")
+    assert other.returncode == 0
+    assert set(tmp_path.rglob("*.nbc")) == kept
+    assert not [path for path in tmp_path.rglob("*") if ".tmp." in path.name], "nothing half-written"
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_ctrl_c_while_compiling_leaves_no_process_behind(how, tmp_path):
+    first = started(tmp_path, *RUN)
+    others = until_it_compiles(first)
+    first.send_signal(how)
+    _, err = first.communicate(timeout=600)
+    if how == signal.SIGINT:
+        assert (first.returncode, err) == (130, "vibroswarm: interrupted\n")
+    until_s = time.monotonic() + 60.0
+    while any(map(is_there, others)) and time.monotonic() < until_s:
+        time.sleep(0.05)
+    assert not any(map(is_there, others))
