@@ -1,7 +1,8 @@
 """What must be done for a study: which cells share motion, which share observations, and in which batches.
 
 Cells whose motion is the same (see ``simulation.OF_MOTION``) make a group; its motion runs once, is observed once for
-each floor and sensor, and replayed for each strategy. Runs that end when all have decided have a motion of their own.
+each floor and sensor, and replayed for each strategy. Of cells that differ in ``run.t_end_s`` only, the longest motion
+runs, and the others see its beginning. Runs that end when all have decided have a motion of their own.
 
 The runs of a group are cut into blocks whose bounds do not depend on how many runs are asked for: small ones first, so
 that a short study keeps all workers busy, larger ones further on, so that a long one has not too many files. A batch is
@@ -37,7 +38,10 @@ BLOCKS_OF_A_SIZE: Final = 32
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that share motion: for each floor and sensor, for each way to decide, the cells (equal ones together)."""
+    """Cells that share motion: for each floor, sensor and end, for each way to decide, the cells (equal ones together).
+
+    Those that last longest come first.
+    """
 
     number: int
     observed: tuple[tuple[tuple[Cell, ...], ...], ...]
@@ -123,16 +127,17 @@ def plan_of(study: Study) -> Plan:
     motions: dict[str, dict[str, dict[str, list[Cell]]]] = {}
     for cell in study.cells:
         deciding = _deciding(cell.scenario)
-        motion = _key(cell.scenario, OF_MOTION)
+        motion = _moving(cell.scenario)
         if cell.scenario.run.stop == "all_decided":
             motion = deciding
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(deciding, []).append(cell)
-    groups = tuple(
-        Group(k, tuple(tuple(tuple(same) for same in found.values()) for found in observed.values()))
-        for k, observed in enumerate(motions.values())
-    )
-    return Plan(study, groups)
+    groups = []
+    for number, found in enumerate(motions.values()):
+        seen = [tuple(tuple(same) for same in inferences.values()) for inferences in found.values()]
+        seen.sort(key=lambda inferences: -inferences[0][0].scenario.run.t_end_s)  # the longest moves first
+        groups.append(Group(number, tuple(seen)))
+    return Plan(study, tuple(groups))
 
 
 def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
@@ -145,6 +150,12 @@ def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
         if low >= wanted[1]:
             break
     return [*gaps, (low, wanted[1])] if low < wanted[1] else gaps
+
+
+def _moving(scenario: Scenario) -> str:
+    """Equal for scenarios that move alike for as long as they last."""
+    others = _key(scenario, [section for section in OF_MOTION if section != "run"])
+    return f"{others}\n{scenario.run.model_dump_json(exclude={'t_end_s'})}"
 
 
 def _key(scenario: Scenario, sections: Sequence[str]) -> str:

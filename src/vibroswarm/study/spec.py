@@ -281,6 +281,8 @@ class Study:
         """16 hexadecimal digits of the cells, the seed and what is kept; not of the number of runs."""
         data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
         points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
+        if len({cell.scenario.run.t_end_s for cell in self.cells}) > 1:
+            data.append("one motion for several ends")  # before, each had its own, and groups other numbers
         return hashlib.sha256(json.dumps([data, points]).encode()).hexdigest()[:16]
 
     @cached_property

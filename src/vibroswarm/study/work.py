@@ -20,7 +20,7 @@ from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import INFERENCE, infer
 from vibroswarm.inference.timeline import timeline_of
-from vibroswarm.motion.contract import MOTION, source
+from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
 from vibroswarm.observation.model import OBSERVATIONS, observe
 from vibroswarm.result import ROBOTS, RUNS
 from vibroswarm.scenario import Scenario
@@ -155,10 +155,13 @@ def _came_of(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], _CameOf
         samples = _samples(result.motion, result.observations, result.inference) if keep else None
         yield cells, _CameOf(result.robots, result.runs, walk, samples)
         return
-    motion = source(work.motion).batch(first, work.seed, runs, False)
-    timeline = timeline_of(first, motion)
+    whole = source(work.motion).batch(first, work.seed, runs, False)
+    motion, timeline, end_s = whole, timeline_of(first, whole), first.run.t_end_s
     for inferences in work.observed:
         seen = _scenario(inferences[0][0])
+        if seen.run.t_end_s != end_s:
+            motion, end_s = beginning(whole, seen), seen.run.t_end_s
+            timeline = timeline_of(seen, motion)
         floors = floors_of(seen, work.seed, runs)
         observations = observe(seen, work.seed, motion.samples, floors, energies=keep)
         walk = _walk(motion.samples, observations, floors[runs[0]])
@@ -170,6 +173,27 @@ def _came_of(work: Work, runs: range) -> Iterator[tuple[tuple[int, ...], _CameOf
                 inference, _ = infer(scenario, work.seed, timeline, observations)
                 samples = _samples(motion.samples, observations, inference)
             yield cells, _CameOf(robots, of_runs, walk, samples)
+
+
+def beginning(motion: Motion, scenario: Scenario) -> Motion:
+    """The beginning of a motion, up to the end of a scenario that moves alike but not as long: what its own would be.
+
+    A sample belongs to the tick before its time; a robot that took one at the last tick still stands in it. Where
+    robots are at the end is not told (null), since the table of samples does not know.
+    """
+    tick_s = scenario.tick_s
+    end_s, key = scenario.ticks * scenario.run.control_period_ms / 1000.0, ["run", "robot"]
+    before = pl.col("time_s") < end_s - tick_s / 4
+    samples, later = motion.samples.filter(before), motion.samples.filter(~before)
+    following = later.group_by(key).agg(following=pl.col("stop_start_s").first())
+    last = samples.filter(pl.col("time_s") > end_s - 1.25 * tick_s).select(*key, last="stop_start_s")
+    ends = motion.ends.join(following, on=key, how="left", maintain_order="left")
+    ends = ends.join(last, on=key, how="left", maintain_order="left")
+    under_way = pl.coalesce("following", "stop_start_s")
+    since = pl.when(under_way < end_s - tick_s / 4).then(under_way)
+    unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
+    ends = ends.with_columns(end_s=pl.lit(end_s), stop_start_s=pl.coalesce("last", since), **unknown)
+    return Motion(samples, ends.select(list(ENDS)), None)
 
 
 def _samples(motion: pl.DataFrame, observations: pl.DataFrame, inference: pl.DataFrame) -> pl.DataFrame:

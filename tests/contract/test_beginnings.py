@@ -1,0 +1,49 @@
+"""A run is the beginning of the same run that goes on longer; studies make use of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibroswarm import preset
+from vibroswarm.motion.contract import source
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.spec import Study
+from vibroswarm.study.work import beginning
+
+RUNS = list(range(12))
+
+
+@pytest.mark.parametrize("name", ["paper", "calibrated", "text"])
+@pytest.mark.parametrize("motion", ["event", "fixed-step"])
+def test_the_beginning_of_a_longer_motion_is_the_shorter_one(name: str, motion: str) -> None:
+    """Ends at, just before and just after samples and the stops for them, and off the ticks."""
+    longer = preset(name).with_values({"swarm.robots": 6, "run.t_end_s": 120.0})
+    whole = source(motion).batch(longer, 1, RUNS, False)
+    some = whole.samples.filter((whole.samples["run"] == 3) & (whole.samples["time_s"] > 60.0))
+    moments = [time_s for column in ("time_s", "stop_start_s") for time_s in some[column].to_list()[:3]]
+    for moment in moments:
+        for shift in (-0.02, -0.01, 0.0, 0.02, 0.04):
+            shorter = longer.with_values({"run.t_end_s": round(moment + shift, 4)})
+            own, cut = source(motion).batch(shorter, 1, RUNS, False), beginning(whole, shorter)
+            assert cut.samples.equals(own.samples)
+            known = ["run", "robot", "end_s", "stop_start_s"]
+            assert cut.ends.select(known).equals(own.ends.select(known)), (moment, shift)
+
+
+def test_cells_of_several_ends_share_motion_and_come_out_as_alone() -> None:
+    varied = {"grid": {"run.t_end_s": [150.0, 333.33, 400.0], "strategy.name": ["none", "soft"]}}
+    base = preset("paper").with_values({"decision.min_observations": 50, "network.loss": 0.05})
+    study = Study(base, varied, runs=6)
+    plan = plan_of(study)
+    assert len(plan.groups) == 1
+    assert plan.groups[0].first.run.t_end_s == 400.0
+    together = study.run()
+    for cell in study.cells:
+        alone = Study(cell.scenario, runs=6).run()
+        for one, other in zip(together.tables(cell.number), alone.tables(0), strict=True):
+            assert one.equals(other), cell.name
+
+
+def test_the_hash_of_a_study_of_one_end_is_what_it_was() -> None:
+    """Folders that were made before are still read; those in which ends were mixed are others now."""
+    assert Study(preset("paper"), runs=1).hash == "7aab0e6b228c148d"
