@@ -12,7 +12,7 @@ from vibroswarm.files import whole_folder
 from vibroswarm.page.report import Column, Report, ReportPicture, ReportTable, Section, write_report
 from vibroswarm.paper.claims import VERDICTS, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS, CONTROLS
-from vibroswarm.paper.item import CLAIMS, Settings
+from vibroswarm.paper.item import CLAIMS, Settings, Shown
 from vibroswarm.paper.reproduce import Made, Reproduction
 from vibroswarm.plots import write_picture
 from vibroswarm.simulation import versions
@@ -20,6 +20,8 @@ from vibroswarm.simulation import versions
 REPORT: Final = "report.html"
 FIGURES, TABLES = "figures", "tables"
 MARKER: Final = "index.csv"
+ROWS_IN_SIGHT: Final = 40
+"""Longer tables are folded."""
 Tell = Callable[[float], None]
 
 
@@ -218,17 +220,27 @@ def _item(one: Made, decided: Sequence[Decided], pictures: Sequence[Drawn], sett
         shown_claims = verdicts.select(asked).drop("item", "claim")
         caption = f"Claims: ours is the value measured, or the range of several. {alone}"
         parts.append(ReportTable(shown_claims, {}, caption, f"{one.item.name}-claims"))
+    long: list[ReportTable] = []
     for place, shown in enumerate(one.item.shown):
-        frame = one.tables[shown.table]
-        names = [name for name in shown.columns if name in frame.columns]
-        if frame.is_empty():
-            continue
-        caption = f"{shown.caption} {alone}"
-        if "command" in frame.columns:
-            caption += f" First row alone: `{frame['command'][0]}`"
-        parts.append(ReportTable(frame.select(names), shown.columns, caption, f"{one.item.name}-{place + 1}"))
+        table = _table(one, shown, f"{one.item.name}-{place + 1}", alone)
+        if table is not None:
+            (long if table.frame.height > ROWS_IN_SIGHT else parts).append(table)
     below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.aside]
     aside = tuple(Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if drawn.aside)
+    if long:
+        below.insert(0, Section("All cells", parts=tuple(long), folded=True))
     if aside:
         below.append(Section("Pictures of the other presets", sections=aside, folded=True))
     return Section(title, one.item.about, tuple(parts), tuple(below))
+
+
+def _table(one: Made, shown: Shown, name: str, alone: str) -> ReportTable | None:
+    """A table of an item with the commands that give it; None where it is empty."""
+    frame = one.tables[shown.table]
+    if frame.is_empty():
+        return None
+    caption = f"{shown.caption} {alone}"
+    if "command" in frame.columns:
+        caption += f" First row alone: `{frame['command'][0]}`"
+    columns = [column for column in shown.columns if column in frame.columns]
+    return ReportTable(frame.select(columns), shown.columns, caption, name)
