@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import inlined, inner
 from vibroswarm.motion.body import Setup
-from vibroswarm.motion.geometry import arc
 from vibroswarm.motion.neighbours import how_many, listed
-from vibroswarm.motion.plans import Planner, Planners, along_arc, peek, pose_at
+from vibroswarm.motion.plans import Planner, Planners, along_arc, peek, pose_at, pushed_to
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
 
@@ -70,8 +69,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
     row = planners[i]
     n = 1
     while n < most:
-        heading = row.heading_rad + row.rate_rad_s * (n * setup.tick_s)
-        x, y, _ = arc(row.x_m, row.y_m, heading, row.wish_m_s, row.rate_rad_s, setup.tick_s)
+        x, y = pushed_to(row, setup, n)
         shift = abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s  # of that place, a tick
         wall = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         held = held_ticks(setup.radius_m - wall, shift)
@@ -83,7 +81,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
             if other.mode != STOP and other.own_tick <= row.tick + n:
                 return n
             other_x, other_y, _ = pose_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
-            apart = math.hypot(other_x - x, other_y - y)
+            apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
             held = held_ticks(2.0 * setup.radius_m - apart, shift + other.rate_m)
             if other.mode != STOP:
                 held = min(held, other.own_tick - row.tick - n)
@@ -209,17 +207,38 @@ def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
     """
     x = a.mid_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
-    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
     far = setup.zone_m
     if a.mode == DRIVE or b.mode == DRIVE:
         far = max(far, setup.sight_m)
     far += a.slack_m + b.slack_m
+    span = min(a.own_tick, b.own_tick) - tick
+    return comes_within(x, y, a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m, span, far)
+
+
+@inlined
+def stops_before(a: Planner, b: Planner) -> bool:
+    """Whether robot ``a`` stops to sample, as its plan says, while robot ``b`` still moves by its own."""
+    return bool((a.last_tick > a.own_tick) & (a.own_tick < b.own_tick) & (b.mode != STOP))
+
+
+@inlined
+def may_pass(a: Planner, b: Planner, setup: Setup) -> bool:
+    """``may_meet`` for the time when robot ``a`` stands, having stopped before ``b``."""
+    x = a.own_x_m - b.mid_x_m - (a.own_tick - b.tick) * b.chord_x_m
+    y = a.own_y_m - b.mid_y_m - (a.own_tick - b.tick) * b.chord_y_m
+    far = b.slack_m + (max(setup.zone_m, setup.sight_m) if b.mode == DRIVE else setup.zone_m)
+    span = min(a.last_tick, b.own_tick) - a.own_tick
+    return comes_within(x, y, -b.chord_x_m, -b.chord_y_m, span, far)
+
+
+@inlined
+def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float) -> bool:
+    """Whether a point at (x, y) that moves by (dx, dy) a tick comes so near the origin within so many ticks."""
     beyond = x * x + y * y - far * far
     closing = -(x * dx + y * dy)
     # Their least distance, were the chords endless: beyond - closing^2 / speed^2.
     if (beyond > 0.0) & ((closing <= 0.0) | (beyond * (dx * dx + dy * dy) > closing * closing)):
         return False
-    span = min(a.own_tick, b.own_tick) - tick
     x, y = x + span * dx, y + span * dy
     return bool((beyond <= 0.0) | (x * dx + y * dy > 0.0) | (x * x + y * y < far * far))
 
@@ -262,6 +281,17 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
             free = min(sight, contact)
         now += max(1, int(free))
     return NEVER
+
+
+@inner
+def passing_tick(a: Planner, b: Planner, standing: Planner, setup: Setup) -> int:
+    """``meeting_tick`` for the time when robot ``a`` stands, having stopped before ``b``.
+
+    Args:
+        standing: a row that is none of the robots', in STOP, at rest.
+    """
+    standing.mid_x_m, standing.mid_y_m, standing.own_tick = a.own_x_m, a.own_y_m, a.last_tick
+    return meeting_tick(standing, b, setup, a.own_tick - 1, True)
 
 
 @inlined

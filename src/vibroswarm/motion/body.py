@@ -29,6 +29,8 @@ from vibroswarm.scenario import Scenario
 SPEED_NODES: Final = 2**14
 """Intervals of the table of the speed factor's quantile; between nodes it is linear."""
 
+AT_ONCE: Final = 8
+"""So many speed factors of a robot are drawn at once."""
 
 Setup = Any
 """What a scenario says of bodies and walk, as one row of numbers (``setup_of``): compiled code passes it on at
@@ -136,19 +138,37 @@ def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
 
 
 @inner
-def speed_factor(
-    setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, robot: int, sample: int
-) -> float:
-    """s_d of a robot after ``sample`` samples; ``speeds`` as ``speed_quantiles`` gives them."""
-    u = uniform(seed, run, robot, SPEED, sample if setup.speed_redrawn else FIRST, ALONE)
-    place = u * (speeds.size - 1)
-    node = int(place)
-    low = speeds[node]
-    factor: float = low + (speeds[node + 1] - low) * (place - node)
+def draw_speed_factors(
+    factors: NDArray[np.float64],
+    setup: Setup,
+    speeds: NDArray[np.float64],
+    seed: int,
+    run: int,
+    robot: int,
+    first: int,
+) -> None:
+    """s_d of a robot after ``first`` samples, and after each of the next: the loops are made vectors.
+
+    Args:
+        factors: of shape (AT_ONCE,), to be filled. speeds: as ``speed_quantiles`` gives them.
+    """
+    for k in range(AT_ONCE):
+        factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
+    for k in range(AT_ONCE):
+        place = factors[k] * (speeds.size - 1)
+        node = int(place)
+        low = speeds[node]
+        factors[k] = low + (speeds[node + 1] - low) * (place - node)
     if setup.speed_wander > 0.0:
-        # The sum of two uniform numbers is triangular, of variance 1/6.
-        both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
-        both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
-        factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
-        factor = min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
-    return factor
+        for k in range(AT_ONCE):
+            factors[k] = wandered(setup, factors[k], seed, run, robot, first + k)
+
+
+@inner
+def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sample: int) -> float:
+    """A speed factor times what it wanders by at a sample."""
+    # The sum of two uniform numbers is triangular, of variance 1/6.
+    both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
+    both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
+    factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
+    return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)

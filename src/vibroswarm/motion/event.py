@@ -19,14 +19,17 @@ from vibroswarm.motion.ahead import (
     apart2,
     blocked_ticks,
     may_meet,
+    may_pass,
     maybe_within,
     meeting_tick,
+    passing_tick,
     prepare_to_look,
+    stops_before,
     wall_tick,
 )
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
-from vibroswarm.motion.geometry import arc, wrapped_rad
+from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.neighbours import (
     LIST_TICKS,
@@ -45,13 +48,18 @@ from vibroswarm.motion.plans import (
     PLANNER,
     Planner,
     Planners,
+    along_arc,
     begin_plan,
+    begin_stop,
     block,
     catch_up,
+    due_ticks,
     end_stop,
     own_ticks,
     pose_at,
     stand_on,
+    stops_at,
+    ticks_to_sample,
     turn_command,
     turned_by,
 )
@@ -83,6 +91,7 @@ def events(
     places: NDArray[np.float64],
     apart: NDArray[np.float64],
     awake: NDArray[np.uint32],
+    standing: Planners,
     setup: Setup,
     speeds: NDArray[np.float64],
     record: Record,
@@ -101,18 +110,24 @@ def events(
             return tick
         if after == key:
             after = next_wake(wakes, planners.size, key)
-        awake[0] = key & ROBOT_BITS
-        count = 1
-        while after >> KEY_BITS == tick:
-            awake[count] = after & ROBOT_BITS
-            count += 1
-            after = next_wake(wakes, planners.size, after)
+        count = 0
+        while True:
+            awake[count] = key & ROBOT_BITS
+            if stops_at(planners[one_of(awake, count)], setup, tick):
+                stop(planners, wakes, places, one_of(awake, count), setup, record, run, tick)
+            else:
+                count += 1
+            if after >> KEY_BITS > tick:
+                break
+            key, after = after, next_wake(wakes, planners.size, after)
+        if count == 0:
+            continue
         count = rouse(planners, near, places, apart, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, awake, count, setup, record, seed, run, tick)
         for k in range(count):
             plan(planners, near, places, one_of(awake, k), setup, tick)
         for k in range(count):
-            meet(planners, wakes, near, apart, one_of(awake, k), setup, tick)
+            meet(planners, wakes, near, apart, standing, one_of(awake, k), setup, tick)
         for k in range(count):
             i = one_of(awake, k)
             row = planners[i]
@@ -130,6 +145,27 @@ def events(
 def one_of(awake: NDArray[np.uint32], k: int) -> int:
     """The robot at place ``k`` of those awake; kept without a sign, so that no index may count from the end."""
     return np.int64(awake[k])  # type: ignore[return-value]
+
+
+@inlined
+def stop(
+    planners: Planners,
+    wakes: NDArray[np.int64],
+    places: NDArray[np.float64],
+    i: int,
+    setup: Setup,
+    record: Record,
+    run: int,
+    tick: int,
+) -> None:
+    """Robot ``i`` stops to sample, which was in its plan: all others have looked ahead on it."""
+    row = planners[i]
+    begin_stop(row, setup, tick)
+    if record.segments.size > 0:
+        write_segment(record, run, i, tick, (row.x_m, row.y_m, row.heading_rad), 0.0, 0.0, STOP)
+    if planners.size <= SMALL_SWARM:
+        put_down(places, i, row)
+    set_wake(wakes, i, row.own_tick)
 
 
 @inlined
@@ -305,7 +341,7 @@ def contact_now(planners: Planners, near: NDArray[np.uint32], i: int, setup: Set
 def move_or_block(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
     """``contact_now`` for a robot that has a wall or a body near."""
     row = planners[i]
-    x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s)
+    x, y, _, _, _ = along_arc(row, setup.tick_s)
     r = setup.radius_m
     hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
     for m in range(how_many(near, i)):
@@ -358,7 +394,9 @@ def plan(
     ahead = own_ticks(row, setup, HORIZON_TICKS)
     if row.blocked:
         ahead = blocked_ticks(planners, near, i, setup, ahead) if row.mode == DRIVE else 1
-    row.own_tick = tick + ahead
+    row.own_tick = row.last_tick = tick + ahead
+    if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
+        row.last_tick += ticks_to_sample(setup, 0) + 1
     prepare_to_look(row, setup)
     if planners.size <= SMALL_SWARM:
         put_down(places, i, row)
@@ -371,6 +409,7 @@ def meet(
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
     apart: NDArray[np.float64],
+    standing: Planners,
     i: int,
     setup: Setup,
     tick: int,
@@ -378,7 +417,8 @@ def meet(
     """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
     row = planners[i]
     # Who is further away than this cannot come near before it looks around again.
-    far = max(setup.zone_m, setup.sight_m) + (row.own_tick - tick) * (row.rate_m + setup.longest_step_m)
+    far = max(setup.zone_m, setup.sight_m)
+    far += (row.own_tick - tick) * row.rate_m + (row.last_tick - tick) * setup.longest_step_m
     if far < row.alone_m:
         return
     far += apart[i, 0]
@@ -388,9 +428,14 @@ def meet(
             continue
         j = m if small else listed(near, i, m)
         other = planners[j]
-        met = other.tick == tick and j < i  # robot j is awake too, and has looked already
-        if not met and may_meet(row, other, setup, tick):
+        if other.tick == tick and other.mode != STOP and j < i:
+            continue  # it is awake too, and has looked already
+        if may_meet(row, other, setup, tick):
             look_out(planners, wakes, i, j, setup, tick)
+        if stops_before(row, other) and may_pass(row, other, setup):
+            look_out_for(planners, wakes, standing, i, j, setup)
+        if stops_before(other, row) and may_pass(other, row, setup):
+            look_out_for(planners, wakes, standing, j, i, setup)
 
 
 @inner
@@ -399,6 +444,16 @@ def look_out(planners: Planners, wakes: NDArray[np.int64], i: int, j: int, setup
     meeting = meeting_tick(planners[i], planners[j], setup, tick, i < j)
     if meeting < NEVER:
         alert(planners, wakes, i, meeting)
+        alert(planners, wakes, j, meeting)
+
+
+@inner
+def look_out_for(
+    planners: Planners, wakes: NDArray[np.int64], standing: Planners, i: int, j: int, setup: Setup
+) -> None:
+    """Wake robot ``j`` by the first tick at which robot ``i``, which has then stopped to sample, may matter to it."""
+    meeting = passing_tick(planners[i], planners[j], standing[0], setup)
+    if meeting < NEVER:
         alert(planners, wakes, j, meeting)
 
 
@@ -417,6 +472,7 @@ def new_lists(
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
     grid: NDArray[np.int64],
+    standing: Planners,
     setup: Setup,
     radius_m: float,
     tick: int,
@@ -428,6 +484,8 @@ def new_lists(
             j = listed(near, i, m)
             if j > i:
                 look_out(planners, wakes, i, j, setup, tick - 1)
+            if stops_before(planners[i], planners[j]):
+                look_out_for(planners, wakes, standing, i, j, setup)
 
 
 @kernel
@@ -452,6 +510,8 @@ class EventRun(KernelRun):
         self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
         self.places = no_places()
         self.apart = np.zeros((robots, 1 + max(SMALL_SWARM, self.near.shape[1])))
+        self.standing = zero_rows(1, PLANNER)
+        self.standing["mode"] = STOP
         self.list_radius_m = list_radius_m(self.setup)
 
     def start(self, seed: int, run: int) -> None:
@@ -469,7 +529,7 @@ class EventRun(KernelRun):
         """A branch that does not change with this state."""
         other = super().copy()
         other.wakes, other.near, other.places = self.wakes.copy(), self.near.copy(), self.places.copy()
-        other.awake, other.apart = self.awake.copy(), self.apart.copy()
+        other.awake, other.apart, other.standing = self.awake.copy(), self.apart.copy(), self.standing.copy()
         return other
 
     def move_on(self, until: int) -> int:
@@ -477,14 +537,16 @@ class EventRun(KernelRun):
         if self.swarm.size <= SMALL_SWARM:
             return self.events_until(until)
         if self.tick == 1 or self.tick % LIST_TICKS == 0:
-            new_lists(self.swarm, self.wakes, self.near, self.grid, self.setup, self.list_radius_m, self.tick)
+            new_lists(
+                self.swarm, self.wakes, self.near, self.grid, self.standing, self.setup, self.list_radius_m, self.tick
+            )  # fmt: skip
         return self.events_until(min(until, self.tick - self.tick % LIST_TICKS + LIST_TICKS))
 
     def events_until(self, until: int) -> int:
         """From event to event up to the tick ``until``, or for as long as the buffers suffice."""
         return events(
-            self.swarm, self.wakes, self.near, self.places, self.apart, self.awake, self.setup, self.speeds,
-            self.record, self.seed, self.run, until,
+            self.swarm, self.wakes, self.near, self.places, self.apart, self.awake, self.standing, self.setup,
+            self.speeds, self.record, self.seed, self.run, until,
         )  # fmt: skip
 
     def ends(self) -> NDArray[np.void]:

@@ -13,7 +13,10 @@ from typing import Final
 
 from vibroswarm.compiled import inlined, kernel
 
-SMALL_RAD: Final = 0.7
+QUARTER_RAD: Final = math.pi / 2.0
+QUARTER_REST_RAD: Final = 6.123233995736766e-17
+"""A quarter of a turn is this much more than the number that stands for it."""
+SMALL_RAD: Final = 0.8
 """Up to here the series of ``small_sin_cos`` are exact to rounding."""
 F: Final = tuple(1.0 / math.factorial(n) for n in range(17))
 """Coefficients of those series: to multiply by them is many times as fast as to divide."""
@@ -45,6 +48,19 @@ def small_sin_cos(angle_rad: float) -> tuple[float, float]:
     even = (F[2] - t * F[4]) + t2 * (F[6] - t * F[8]) + t4 * (F[10] - t * F[12])
     even += t4 * t2 * (F[14] - t * F[16])
     return angle_rad * odd, -t * even
+
+
+@inlined
+def sin_cos(angle_rad: float) -> tuple[float, float]:
+    """Sine and cosine of an angle of a few turns, to the last bits: of what is left of it beside quarter turns."""
+    quarters = math.floor(angle_rad * (2.0 / math.pi) + 0.5)
+    sine, cosine_less_1 = small_sin_cos(angle_rad - quarters * QUARTER_RAD - quarters * QUARTER_REST_RAD)
+    cosine = 1.0 + cosine_less_1
+    if quarters & 1:
+        sine, cosine = cosine, -sine
+    if quarters & 2:
+        sine, cosine = -sine, -cosine
+    return sine, cosine
 
 
 @kernel

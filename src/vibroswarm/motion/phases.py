@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, inlined, inner, kernel
 from vibroswarm.draws import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
-from vibroswarm.motion.body import Setup, misalignment, speed_factor
+from vibroswarm.motion.body import AT_ONCE, Setup, draw_speed_factors, misalignment
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
 from vibroswarm.robot.walk import (
     AVOID,
@@ -34,14 +34,15 @@ ROBOT = np.dtype(
     + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
     + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
+    + [("speed_factors", np.float64, (AT_ONCE,))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples")]
     + [(name, np.float64) for name in ("leg_ms", "error_deg", "integral_deg_s")]
 )
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
 speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
-the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; and the
-``WalkState`` of its program."""
+the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; its
+speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
 
 Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
@@ -98,8 +99,8 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
-        swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, FIRST)
-        swarm[i].battery = 1.0
+        swarm[i].samples = 0
+        refresh(swarm, setup, speeds, seed, run, i, 0)
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
         swarm[i].gyro_deg = 0.0
@@ -282,8 +283,11 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
-    """What changes at a sample: the speed factor is drawn anew, the battery is read."""
-    swarm[i].speed_factor = speed_factor(setup, speeds, seed, run, i, swarm[i].samples)
+    """What changes at a sample: the speed factor is drawn anew, several at a time; the battery is read."""
+    place = swarm[i].samples % AT_ONCE
+    if place == 0:
+        draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
+    swarm[i].speed_factor = swarm[i].speed_factors[place]
     swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
 
 

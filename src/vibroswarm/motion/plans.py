@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import inlined, inner
 from vibroswarm.motion.body import Setup
-from vibroswarm.motion.geometry import SMALL_RAD, small_sin_cos
+from vibroswarm.motion.geometry import SMALL_RAD, sin_cos, small_sin_cos
 from vibroswarm.motion.phases import ROBOT
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, counts
 
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
-    + [(name, np.int64) for name in ("tick", "own_tick", "alert_tick", "sample_tick")]
+    + [(name, np.int64) for name in ("tick", "own_tick", "last_tick", "alert_tick", "sample_tick")]
     + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
@@ -44,7 +44,8 @@ PLANNER = np.dtype(
 """``ROBOT``, and its plan.
 
 tick: the plan is from here, and so is the row's state (after its step). own_tick: the robot's own next event,
-a timer, a leg's, turn's or stop's end. alert_tick: a wall or another robot may matter from here. sample_tick:
+a timer, a leg's, turn's or stop's end. last_tick: the plan reaches to here: to own_tick or, of a robot that drives up
+to a sample, to the end of the stop. alert_tick: a wall or another robot may matter from here. sample_tick:
 the sample of a stop. turn_ticks_ahead, ahead_*: a turn just before its own event; peek_*: the same,
 as far as others have looked ahead on it. blocked: the move at ``tick``
 did not happen, and wish_m_s is the speed that it would have had.
@@ -55,6 +56,9 @@ most in a tick. alone_m: nobody's centre is nearer at ``tick``."""
 Planners = NDArray[np.void]
 Planner = Any
 """One of them: a row."""
+
+ROOT_TICKS: Final = 1e-9
+"""Rounding is less than this where the ticks of a turn at full command are reckoned."""
 
 STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
@@ -116,14 +120,21 @@ def tail_ahead(
     """The tail of a turn up to the step before the one that ends it: n, error, integral.
 
     A step is linear there, (e, integral) <- M (e, integral). As the error only falls, four steps are taken at
-    once, by M^4, as long as they do not end the turn.
+    once, by M^4, as long as they do not end the turn, and sixteen by M^16.
     """
     a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
     c, d = setup.tick_s * a, 1.0 + setup.tick_s * b
     a2, b2, c2, d2 = square(a, b, c, d)
     a4, b4, c4, d4 = square(a2, b2, c2, d2)
+    a8, b8, c8, d8 = square(a4, b4, c4, d4)
+    a16, b16, c16, d16 = square(a8, b8, c8, d8)
     sign = 1.0 if error_deg > 0.0 else -1.0
     error, integral = sign * error_deg, sign * integral_deg_s
+    after = a16 * error + b16 * integral
+    while after > setup.tolerance_deg and n + 16 <= most:
+        integral = c16 * error + d16 * integral
+        error, n = after, n + 16
+        after = a16 * error + b16 * integral
     after = a4 * error + b4 * integral
     while after > setup.tolerance_deg and n + 4 <= most:
         integral = c4 * error + d4 * integral
@@ -156,8 +167,11 @@ def saturated_ticks(
     if beyond <= 0.0 or error <= 0.0 or integral < 0.0:
         return 0
     per_tick = 100.0 * gain
-    # While e has the sign of the command, its share falls by no more than this a tick; the integral's rises.
-    until_command = beyond / (setup.gain * per_tick)
+    # After k ticks at full command, beyond - fall k - bend k^2 of it is left: at the root nothing is.
+    by_integral = 0.5 * setup.integral_gain * setup.tick_s
+    fall = setup.gain * per_tick - by_integral * (2.0 * error - per_tick)
+    bend = by_integral * per_tick
+    until_command = 2.0 * beyond / (fall + math.sqrt(fall * fall + 4.0 * bend * beyond)) - ROOT_TICKS
     until_done = (error - setup.tolerance_deg) / per_tick - 2.0
     return min(int(max(min(until_command, until_done), 0.0)), most)
 
@@ -175,12 +189,17 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
 
 
 @inlined
+def ticks_to_sample(setup: Setup, stopped_ms: int) -> int:
+    """Ticks after which a robot that has stood for so long samples; it walks again at the tick after."""
+    return max(1, math.ceil((setup.stop_ms - stopped_ms) / setup.tick_ms))
+
+
+@inlined
 def own_ticks(row: Planner, setup: Setup, horizon: int) -> int:
     """Ticks ahead of the robot's next own event, at most ``horizon``; a turn's is worked out and kept."""
     if row.mode == STOP:
-        wait = max(1, math.ceil((setup.stop_ms - row.stopped_ms) / setup.tick_ms))
-        row.sample_tick = row.tick + wait
-        return wait + 1  # it samples on the way, and walks again at the tick after
+        row.sample_tick = row.tick + ticks_to_sample(setup, row.stopped_ms)
+        return row.sample_tick + 1 - row.tick
     most = min(due_ticks(row.mode, row.timer_ms, setup), horizon)
     if row.mode == DRIVE:
         leg = 1 + max(0, math.ceil((row.leg_ms - row.driven_ms) / setup.tick_ms))
@@ -270,8 +289,10 @@ def peek(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
 @inlined
 def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, float, float]:
     """``facing_at`` for a robot that turns, so far round from its plan's tick."""
-    heading = row.heading_rad + math.radians(angle_deg)
-    sin_h, cos_h = math.sin(heading), math.cos(heading)
+    turned = math.radians(angle_deg)
+    sine, cosine = sin_cos(turned)
+    heading = row.heading_rad + turned
+    sin_h, cos_h = row.sin_h * cosine + row.cos_h * sine, row.cos_h * cosine - row.sin_h * sine
     x_m = row.x_m + row.radius_m * (sin_h - row.sin_h)
     y_m = row.y_m - row.radius_m * (cos_h - row.cos_h)
     return x_m, y_m, heading, sin_h, cos_h
@@ -294,6 +315,16 @@ def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, 
         along = row.speed_m_s * time_s
         return row.x_m + along * row.cos_h, row.y_m + along * row.sin_h, heading, sin_h, cos_h
     return row.x_m + row.radius_m * rise, row.y_m - row.radius_m * run, heading, sin_h, cos_h
+
+
+@inlined
+def pushed_to(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
+    """Where the move of a robot that drives and is blocked would end, so long after its plan's tick, m, m."""
+    half = 0.5 * row.rate_rad_s * setup.tick_s
+    sine, cosine = sin_cos((2 * ticks + 1) * half)
+    chord = row.wish_m_s * setup.tick_s * (1.0 - half * half / 6.0 * (1.0 - half * half / 20.0))
+    x_m = row.x_m + chord * (row.cos_h * cosine - row.sin_h * sine)
+    return x_m, row.y_m + chord * (row.sin_h * cosine + row.cos_h * sine)
 
 
 @inlined
@@ -321,6 +352,31 @@ def catch_up(row: Planner, setup: Setup, tick: int) -> None:
         row.error_deg, row.integral_deg_s, row.gyro_deg = error_deg, integral_deg_s, gyro_deg
     row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h = x_m, y_m, heading_rad, sin_h, cos_h
     row.tick = tick
+
+
+@inlined
+def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
+    """Whether all that a robot does at ``tick``, at which it wakes, is what its plan says: it stops to sample."""
+    due_ms = row.timer_ms + (tick - row.tick - 1) * setup.tick_ms
+    return bool(row.last_tick > row.own_tick and tick == row.own_tick and due_ms > setup.sample_interval_ms)
+
+
+@inlined
+def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
+    """A robot that drives stops to sample: what ``catch_up``, ``control_one`` and a new plan would give."""
+    passed_ms = (tick - row.tick - 1) * setup.tick_ms
+    row.timer_ms += passed_ms
+    row.driven_ms += passed_ms
+    row.drive_ticks += tick - row.tick
+    row.mode, row.resume, row.stopped_ms = STOP, DRIVE, 0
+    row.x_m, row.y_m, row.heading_rad = row.own_x_m, row.own_y_m, row.own_heading_rad
+    row.sin_h, row.cos_h = row.own_sin_h, row.own_cos_h
+    row.mid_x_m, row.mid_y_m = row.own_x_m, row.own_y_m
+    row.chord_x_m = row.chord_y_m = row.slack_m = 0.0
+    row.speed_m_s = row.rate_rad_s = row.rate_m = 0.0
+    row.tick = row.stop_tick = tick
+    row.sample_tick = row.last_tick - 1
+    row.own_tick, row.alert_tick = row.last_tick, NEVER
 
 
 @inlined
