@@ -212,13 +212,16 @@ def _item(one: Made, decided: Sequence[Decided], pictures: Sequence[Drawn], sett
     title = f"{one.item.number}. {one.item.title}"
     if one.skipped:
         return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
-    alone = f"Alone: `{command_of(settings, one.item.name)}`"
+    alone = f"Alone: `{command_of(settings, one.item.name)}`."
     parts: list[ReportTable | ReportPicture] = []
     verdicts = claims_table(decided, [one.item.name])
     if not verdicts.is_empty():
-        asked = [name for name in verdicts.columns if verdicts[name].null_count() < verdicts.height]
-        shown_claims = verdicts.select(asked).drop("item", "claim")
-        caption = f"Claims: ours is the value measured, or the range of several. {alone}"
+        asked = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
+        both = [pl.format("{}: {}", column, f"{column}: ours").alias(column) for column in asked]
+        shown_claims = verdicts.select("says", "measured", "holds if", *both)
+        caption = (
+            f"Claims, with the value measured and its corrected interval, or the range of several. {alone}"
+        )
         parts.append(ReportTable(shown_claims, {}, caption, f"{one.item.name}-claims"))
     long: list[ReportTable] = []
     for place, shown in enumerate(one.item.shown):
@@ -241,6 +244,6 @@ def _table(one: Made, shown: Shown, name: str, alone: str) -> ReportTable | None
         return None
     caption = f"{shown.caption} {alone}"
     if "command" in frame.columns:
-        caption += f" First row alone: `{frame['command'][0]}`"
+        caption += f" First row alone: `{frame['command'][0]}`."
     columns = [column for column in shown.columns if column in frame.columns]
     return ReportTable(frame.select(columns), shown.columns, caption, name)

@@ -229,20 +229,21 @@ def _draw_bands(part: pl.DataFrame) -> Drawn:
 
 
 def _draw_loss(part: pl.DataFrame) -> Drawn:
+    """Published, ours with loss, and without where that makes most of a difference."""
+    settings = [("with", threshold, gate) for threshold in THRESHOLDS for gate in GATES]
     frames = [_published(_published_gaps())]
-    for name in ("with", "without"):
-        for gate in GATES:
-            mine = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == TEXTS))
-            error = Z * pl.col(f"{name}_error_s")
-            frames.append(
-                mine.select(
-                    pl.col("robots").cast(pl.Float64).alias("x"),
-                    pl.lit(f"{name} loss, gate {gate}").alias("series"),
-                    pl.col(f"{name}_s").alias("estimate"),
-                    (pl.col(f"{name}_s") - error).alias("low"),
-                    (pl.col(f"{name}_s") + error).alias("high"),
-                )
+    for name, threshold, gate in [*settings, ("without", THRESHOLDS[0], GATES[0])]:
+        mine = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))
+        error = Z * pl.col(f"{name}_error_s")
+        frames.append(
+            mine.select(
+                pl.col("robots").cast(pl.Float64).alias("x"),
+                pl.lit(f"{name} loss, {threshold}, {gate}").alias("series"),
+                pl.col(f"{name}_s").alias("estimate"),
+                (pl.col(f"{name}_s") - error).alias("low"),
+                (pl.col(f"{name}_s") + error).alias("high"),
             )
+        )
     label = "time of positive less none (s)"
     return draw_error_bars(pl.concat(frames), x_label="robots", label=label)
 
