@@ -21,6 +21,7 @@ version = release = version_of("vibroswarm")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["images"]
+suppress_warnings = ["ref.python"]  # two classes of one name, of which an annotation does not say which
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["deflist"]
