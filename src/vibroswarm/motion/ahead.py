@@ -291,7 +291,8 @@ def passing_tick(a: Planner, b: Planner, standing: Planner, setup: Setup) -> int
         standing: a row that is none of the robots', in STOP, at rest.
     """
     standing.mid_x_m, standing.mid_y_m, standing.own_tick = a.own_x_m, a.own_y_m, a.last_tick
-    return meeting_tick(standing, b, setup, a.own_tick - 1, True)
+    # Who is first is of no matter, but for a literal Numba would compile it anew.
+    return meeting_tick(standing, b, setup, a.own_tick - 1, a.own_tick < b.own_tick)
 
 
 @inlined
