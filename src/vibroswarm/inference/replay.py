@@ -1,7 +1,7 @@
 """Replay of a strategy over the samples of a run, messages and all.
 
 Without loss everybody hears everything, so what a robot has received follows from how many ones all have sent so
-far, less its own; with loss it is heard message by message.
+far, less its own; with loss it is heard message by message, and who loses what is drawn once for all strategies.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from vibroswarm.inference.minds import (
     begin_minds,
     final_frame,
     hear,
+    hear_told,
     load_mind,
     mind_program,
     store_mind,
@@ -115,6 +116,7 @@ def replay_runs(
     beliefs: Beliefs,
     seed: int,
     loss: float,
+    missed: NDArray[np.uint64],
 ) -> None:
     """The runs, one after the other, each from the prior to its end.
 
@@ -123,7 +125,7 @@ def replay_runs(
             soft feedback, else of any length.
         minds: (runs * robots,), overwritten. message: (rows,), overwritten. ones_sent: (rows of the longest run
             + 1,) and own_ones: (rows of the longest run,): scratch.
-        columns: overwritten; of no rows: only the minds are wanted.
+        columns: overwritten; of no rows: only the minds are wanted. missed: ``Timeline.not_heard``.
     """
     robots = minds.size // max(runs.size, 1)
     in_full = columns.belief.size > 0
@@ -133,9 +135,12 @@ def replay_runs(
         low, high, run = bounds[r], bounds[r + 1], runs[r]
         swarm = minds[r * robots : (r + 1) * robots]
         senders, samples, bits = robot[low:high], sample[low:high], message[low:high]
+        told = missed[low:high]
         for k in range(low, high):
             i = signed(robot[k])
-            if loss > 0.0:
+            if told.size > 0:
+                hear_told(swarm, i, heard[k, HEARD_ROWS], bits, told)
+            elif loss > 0.0:
                 hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
                 hear_all(swarm, i, heard[k], ones_sent, own_ones)
@@ -150,7 +155,9 @@ def replay_runs(
             if swarm[i].own > 0 and not in_full:
                 swarm[i].belief = belief_of(beliefs, swarm[i].alpha, swarm[i].beta)
             last = heard_at_end[r * robots + i]
-            if loss > 0.0:
+            if told.size > 0:
+                hear_told(swarm, i, last[HEARD_ROWS], bits, told)
+            elif loss > 0.0:
                 hear(swarm, i, last[HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
                 hear_all(swarm, i, last, ones_sent, own_ones)
@@ -206,6 +213,7 @@ def _replayed(
         beliefs(program.boundary, counts),
         seed,
         scenario.network.loss,
+        timeline.not_heard(seed, scenario.network.loss),
     )
     return final_frame(timeline.ends, minds, timeline.time_s)
 

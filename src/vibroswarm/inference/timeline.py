@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, inner, read_only, signed
 from vibroswarm.draws import ALONE, MESSAGE, uniform
+from vibroswarm.inference.minds import lost
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
+BITS = 64
 HEARD_ROWS, LAST_OWN, OTHERS = 0, 1, 2
 """Columns of ``Timeline.heard``."""
 
@@ -48,6 +50,7 @@ class Timeline:
     heard_at_end: NDArray[np.int32]
     """(runs * robots, 3): the same at the end of the run."""
     _message_numbers: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    _not_heard: dict[tuple[int, float], NDArray[np.uint64]] = field(default_factory=dict, repr=False)
 
     @property
     def longest(self) -> int:
@@ -61,6 +64,19 @@ class Timeline:
                 seed, self.runs, self.bounds, self.robot, self.sample
             )
         return self._message_numbers[seed]
+
+    def not_heard(self, seed: int, loss: float) -> NDArray[np.uint64]:
+        """Who does not hear each sample's message, its sender and those who lose it, a bit a robot, (rows,).
+
+        The same under every strategy; of no rows where nothing is lost, or robots are more than the bits of a number.
+        """
+        if loss <= 0.0 or self.robots > BITS:
+            return np.empty(0, dtype=np.uint64)
+        if (seed, loss) not in self._not_heard:
+            self._not_heard[seed, loss] = not_heard(
+                seed, self.runs, self.bounds, self.robot, self.sample, self.robots, loss
+            )
+        return self._not_heard[seed, loss]
 
 
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
@@ -181,6 +197,27 @@ def write_heard(
         last_own = previous[low + last_own]
         own -= 1
     row[HEARD_ROWS], row[LAST_OWN], row[OTHERS] = rows, last_own, rows - own
+
+
+@allocating_kernel
+def not_heard(
+    seed: int,
+    runs: NDArray[np.int64],
+    bounds: NDArray[np.int64],
+    robot: NDArray[np.uint16],
+    sample: NDArray[np.uint32],
+    robots: int,
+    loss: float,
+) -> NDArray[np.uint64]:
+    """``Timeline.not_heard``."""
+    out = np.zeros(robot.size, dtype=np.uint64)
+    for r in range(runs.size):
+        for k in range(bounds[r], bounds[r + 1]):
+            sender, index = signed(robot[k]), signed(sample[k])
+            for i in range(robots):
+                if i == sender or lost(seed, runs[r], i, sender, index, loss):
+                    out[k] |= np.uint64(1) << np.uint64(i)
+    return out
 
 
 @allocating_kernel

@@ -167,11 +167,11 @@ def summed_up(cell: Cell, robots: pl.DataFrame, runs: pl.DataFrame) -> CellCame:
 def robots_digest(robots: pl.DataFrame) -> str:
     """SHA-256 of the values of a table of robots, bit by bit; a missing value counts as one."""
     found = hashlib.sha256()
+    missing, filled = robots.select(pl.all().is_null()), robots.select(pl.all().fill_null(0))
     for name in robots.columns:
-        column = robots[name]
-        found.update(name.encode() + b"\0" + column.is_null().to_numpy().tobytes())
-        kind = "<f8" if column.dtype.is_float() else "<i8"
-        found.update(column.fill_null(0).to_numpy().astype(kind).tobytes())
+        kind = "<f8" if robots.schema[name].is_float() else "<i8"
+        found.update(name.encode() + b"\0" + missing[name].to_numpy().tobytes())
+        found.update(filled[name].to_numpy().astype(kind).tobytes())
     return found.hexdigest()
 
 
