@@ -185,6 +185,9 @@ def truth_of_grid(
 ) -> Truth:
     """Score the best cell on fresh runs: the lowest of many scores was partly lucky.
 
+    Args:
+        nodes: of ``scores_of``. runs: fresh ones.
+        executor, workers: see ``study.executors``. tell: called as runs come back.
     Raises:
         InputError: too few runs.
     """
