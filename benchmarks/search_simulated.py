@@ -3,6 +3,8 @@
     python benchmarks/search_simulated.py --out rows.csv [--seeds 20] [--budgets 1500,5000] [--methods pso random ...]
     python benchmarks/search_simulated.py --draw rows.csv... --picture search-simulated      the table and the picture
 
+Rows of ``search_seeds.py`` may be drawn too.
+
 The paper's five fields from P0, cost ``authors_code`` (mean + sd). All methods have the same account: so many runs,
 two fifths of them in the race of the finalists. Every winner of a seed is scored on the same fresh runs. Rows are
 written as they come, seed by seed; what is there is not done again.
@@ -70,9 +72,18 @@ def summary(rows: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(found, schema=names, orient="row")
 
 
+def rows_in(path: Path) -> pl.DataFrame:
+    """Rows of this benchmark or of ``search_seeds.py``, whose two ways are the default and the paper's."""
+    rows = pl.read_csv(path)
+    if "method" in rows.columns:
+        return rows
+    named = pl.col("noise").replace_strict({"rescore": "pso", "fixed": METHODS[0]})
+    return rows.select(named.alias("method"), pl.col("runs").alias("budget"), "seed", "believed", "true")
+
+
 def draw(paths: list[Path], picture: Path | None) -> None:
     """Print the table; draw true cost against runs spent."""
-    table = summary(pl.concat([pl.read_csv(path) for path in paths], how="diagonal_relaxed"))
+    table = summary(pl.concat([rows_in(path) for path in paths], how="diagonal_relaxed"))
     for row in table.iter_rows(named=True):
         print(
             f"{row['x']:7,.0f} {row['series']:<22} {row['estimate']:6.2f} [{row['low']:.2f}, {row['high']:.2f}] "
@@ -88,7 +99,7 @@ def draw(paths: list[Path], picture: Path | None) -> None:
         x_label="runs spent", label="true cost of the winner", interval="95 % interval over seeds", log=True,
         style="page",
     )  # fmt: skip
-    drawn.write(picture, ("svg", "png"))
+    drawn.write(picture, ("svg",))
     print(drawn.caption)
 
 

@@ -164,6 +164,12 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert "p.toml is better" in found["says"]
     figures = {one["figure"]: one for one in found["figures"]}
     assert figures["decision_time_s"]["difference"]["high"] < 0
+    floors = tmp_path / "floors.toml"
+    floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
+    assert main(["optimize", str(floors), *options[1:], "--json"]) == 0
+    in_cases = json.loads(capsys.readouterr().out)["first"]
+    assert len(in_cases["cases"]) == 2
+    assert in_cases["score"]["estimate"] == max(case["estimate"] for case in in_cases["cases"])
     same = ["optimize", "--check", str(short), "--against", str(short), "--runs", "20", "--json"]
     assert main(same) == 0
     found = json.loads(capsys.readouterr().out)

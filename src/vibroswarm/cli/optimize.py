@@ -64,7 +64,9 @@ def add_parser(commands: Any) -> None:
     how.add_argument("--seed", metavar="S", help="same search and seed: same optimum")
     check = parser.add_argument_group("score parameters")
     check.add_argument(
-        "--check", metavar="P", help="score this scenario (a file or a preset) on fresh runs ..."
+        "--check",
+        metavar="P",
+        help="score this scenario (a file or a preset) on fresh runs, in the search's cases ...",
     )
     check.add_argument(
         "--against", metavar="Q", help="... against this one, in pairs (default: preset paper)"
@@ -397,7 +399,8 @@ def _check(arguments: argparse.Namespace) -> int:
     with study_progress("scoring on fresh runs", workers) as told:
         found = compare_scenarios(
             first, second, search.objectives[0], runs, search.seed,
-            names=(arguments.check, second_name), executor=arguments.executor, workers=workers,
+            names=(arguments.check, second_name), cases=[cell.point for cell in search.cases],
+            executor=arguments.executor, workers=workers,
             tell=lambda done: told(Told(done, 4 * runs, 0)),
         )  # fmt: skip
     if arguments.json:

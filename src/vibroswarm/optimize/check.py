@@ -6,7 +6,7 @@ block of seeds has to bear the difference out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +95,7 @@ def compare_scenarios(
     seed: int = 1,
     *,
     names: tuple[str, str] = ("first", "second"),
+    cases: Sequence[Mapping[str, Any]] = ({},),
     executor: str | Executor = "threads",
     workers: int | None = None,
     tell: Callable[[int], None] = lambda done: None,
@@ -104,21 +105,26 @@ def compare_scenarios(
     Args:
         first, second: what is scored; names: what they are called. objective: without, the paper's cost.
         runs: of each, in each block. executor, workers: see ``study.executors``. tell: called as runs come back.
+        cases: fields that are set in both, once for each case: several floors, say. The objective says whether the
+            worst counts; the figures are means over cases.
     Raises:
         InputError: too few runs. RunError: runs failed.
     """
     objective = objective or Objective()
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
-    both = list(zip(names, (first, second), strict=True))
+    both = [
+        (name, [scenario.with_values(dict(case)) for case in cases])
+        for name, scenario in zip(names, (first, second), strict=True)
+    ]
     blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
     with workers_for(executor, workers) as hands:
         for purpose in ("check", "second check"):
             at, told = derived_seed(seed, purpose), 2 * len(blocks) * runs
             blocks.append(
                 [
-                    _block(name, scenario, objective, runs, at, hands, after(tell, told + k * runs))
-                    for k, (name, scenario) in enumerate(both)
+                    _block(name, scenarios, objective, runs, at, hands, after(tell, told + k * runs))
+                    for k, (name, scenarios) in enumerate(both)
                 ]
             )
     ((one, of_one), (two, of_two)), ((one_again, _), (two_again, _)) = blocks
@@ -143,7 +149,7 @@ SHARES: Final = Objective("shares", function=shares)
 
 def _block(
     name: str,
-    scenario: Scenario,
+    scenarios: Sequence[Scenario],
     objective: Objective,
     runs: int,
     seed: int,
@@ -151,9 +157,9 @@ def _block(
     tell: Callable[[int], None],
 ) -> tuple[Scored, pl.DataFrame]:
     """One scenario on one block of seeds: its score, and the figures of its runs."""
-    many = figures_of([scenario], {}, (objective, SHARES), runs, seed, hands, tell=tell)
+    many = figures_of(scenarios, {}, (objective, SHARES), runs, seed, hands, tell=tell)
     rows = many.rows[:, :, : -len(FIGURES)]
-    figures = {name: many.rows[:, 0, k - len(FIGURES)] for k, name in enumerate(FIGURES)}
+    figures = {name: many.rows[:, :, k - len(FIGURES)].mean(axis=1) for k, name in enumerate(FIGURES)}
     return scored_of(name, {}, objective, rows, many.runs, many.failed), pl.DataFrame(
         {"run": many.runs, **figures}
     )
