@@ -40,6 +40,21 @@ def lattice_sites(s: Scenario) -> tuple[int, int]:
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
 
 
+def _check_each(s: Scenario) -> None:
+    robot = s.robot
+    if robot.speed_factors is not None and robot.speed_redraw == "sample":
+        raise InputError(
+            'they are the robots\' own; set robot.speed_redraw to "robot"', field="robot.speed_factors"
+        )
+    for value in robot.speed_factors or ():
+        if not robot.speed_factor_min <= value <= robot.speed_factor_max:
+            raise InputError(
+                f"{value:g} is outside of robot.speed_factor_min to speed_factor_max, which are "
+                f"{robot.speed_factor_min:g} and {robot.speed_factor_max:g}",
+                field="robot.speed_factors",
+            )
+
+
 def _check_places(s: Scenario) -> None:
     left, right, low, high = start_region(s)
     size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
@@ -65,7 +80,8 @@ def _check_places(s: Scenario) -> None:
 
 def longest_step_m(s: Scenario) -> float:
     """No robot drives further between two ticks, m."""
-    wheel = 1 + max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+    bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
+    wheel = 1 + max(abs(one) for one in bent)
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 
@@ -92,6 +108,14 @@ def _check_time(s: Scenario) -> None:
             f"{s.run.control_period_ms} ms is too long: a robot could drive {step_m * 1000:.3g} mm, more "
             "than its radius, between two looks",
             field="run.control_period_ms",
+        )
+
+
+def _check_signal(s: Scenario) -> None:
+    if s.sample.signal_ms is not None and s.sample.signal_ms > s.sample.stop_ms:
+        raise InputError(
+            f"{s.sample.signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
+            field="sample.signal_ms",
         )
 
 
@@ -129,4 +153,13 @@ def _check_floor(s: Scenario) -> None:
         )
 
 
-ALL = (_check_ranges, _check_places, _check_time, _check_sensor, _check_factors, _check_floor)
+ALL = (
+    _check_ranges,
+    _check_each,
+    _check_places,
+    _check_time,
+    _check_signal,
+    _check_sensor,
+    _check_factors,
+    _check_floor,
+)

@@ -33,6 +33,15 @@ from vibroswarm.floors.source import is_random, named_tiles
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Duration = Annotated[float, Field(ge=0, le=1e9)]
+Lengths = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=10)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
+Factors = Annotated[
+    tuple[Annotated[float, Field(gt=0, le=100)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
+Bends = Annotated[
+    tuple[Annotated[float, Field(gt=-1, lt=1)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
 RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict=False)]
 Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
 
@@ -120,6 +129,8 @@ class Robot(Section):
     """m_d ~ U(min, max), one a robot: left wheel 1 - m_d, right wheel 1 + m_d."""
     misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
     """Its upper end."""
+    misalignments: Bends | None = None
+    """m_d robot by robot, in place of the draw; beyond the last it begins again. None in the paper."""
     speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
     """s_d ~ Gamma(shape, scale) + location, clipped."""
     speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
@@ -132,6 +143,8 @@ class Robot(Section):
     """It is clipped to at most this."""
     speed_redraw: Literal["sample", "robot"] = "sample"
     """Whether s_d is drawn anew at every sample (what ran) or once a robot (the text)."""
+    speed_factors: Factors | None = None
+    """s_d robot by robot, in place of the draw (``speed_redraw`` must be "robot"); beyond the last it begins again."""
     speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
     """A robot's speed wanders about its own: s_d is also multiplied by a factor drawn at every sample, triangular of
     mean 1 with this standard deviation; the product is clipped too. Without it (the paper) it does not."""
@@ -144,6 +157,8 @@ class Rays(Section):
 
     forward_m: Annotated[float, Field(ge=0, le=10)] = 0.008
     """Rays start so far ahead of the centre."""
+    forward_each_m: Lengths | None = None
+    """The same robot by robot, in its place; beyond the last it begins again. None in the paper."""
     side_m: RayList = (0.0, 0.0075, -0.0075)
     """And so far to the left, one entry a ray."""
     angle_deg: RayList = (0.0, 27.0, -27.0)
@@ -175,6 +190,9 @@ class Walk(Section):
     """plus this times its integral over time."""
     turn_tolerance_deg: Annotated[float, Field(gt=0, le=90)] = 2.5
     """A turn is done when no more is left to turn."""
+    blind_after_turn_ms: Annotated[float, Field(gt=0, le=60_000)] | None = None
+    """After a turn the robot drives so long before it heeds its rays again. Without it (the paper) it heeds them at
+    once."""
 
 
 class Sample(Section):
@@ -184,6 +202,9 @@ class Sample(Section):
     """tau: a sample falls due when the timer exceeds it."""
     stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
     """How long the robot stands before the sample is taken."""
+    signal_ms: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    """For how long the accelerometer is read, at the end of the stop (``observation.signal.sense_program``); without it
+    500 ms, or half of the stop if that is shorter. Simulated energies are drawn, so that it changes none of them."""
     timer: Literal["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"] = "reset_after_turn"
     """The timer counts driving and avoiding. In a leg-end turn it stands still and then starts again from 0
     (``reset_after_turn``), stands still (``hold_in_turn``) or counts (``always``, the text);

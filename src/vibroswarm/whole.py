@@ -19,7 +19,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.beliefs import Beliefs, beliefs
 from vibroswarm.inference.minds import MIND, begin_minds, final_frame, hear, mind_program, take_sample
 from vibroswarm.inference.replay import Columns, empty_columns, inference_frame, write_row
-from vibroswarm.motion.body import Setup, setup_of, speed_quantiles
+from vibroswarm.motion.body import Setup, give_each, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
@@ -172,6 +172,7 @@ def whole_run(
     program = mind_program(scenario)
     known = beliefs(program.boundary, program.prior_alpha + program.prior_beta + room)
     begin(swarm, setup, speeds, seed, run)
+    give_each(swarm, scenario)
     begin_minds(minds, program)
     ground = ground_of(scenario, seed, run, floor)
     end = run_whole(

@@ -14,7 +14,8 @@ RUNS = list(range(5))
 
 
 @pytest.mark.parametrize(
-    ("name", "motion"), [("paper", "event"), ("calibrated", "event"), ("text", "event"), ("paper", "fixed-step")]
+    ("name", "motion"),
+    [("paper", "event"), ("calibrated", "event"), ("text", "event"), ("paper", "fixed-step")],
 )
 def test_the_beginning_of_a_longer_motion_is_the_shorter_one(name: str, motion: str) -> None:
     """Ends at, just before and just after samples and the stops for them, and off the ticks."""

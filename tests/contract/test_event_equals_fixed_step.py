@@ -82,6 +82,22 @@ ODD = {
     "timer frozen in avoidance": {"sample.timer": "frozen_in_avoidance", "run.t_end_s": 200.0},
     "avoidance goes before": {"sample.interrupts_avoidance": False, "sample.timer": "always", "run.t_end_s": 200.0},
     "speeds that wander": {"robot.speed_redraw": "robot", "robot.speed_wander": 0.2, "run.t_end_s": 300.0},
+    "rays that start beyond walls": {
+        "rays.forward_m": 0.05, "rays.angle_deg": [0.0, 60.0, -60.0], "run.t_end_s": 300.0,
+    },
+    "rays that start beyond walls and look back": {
+        "rays.forward_m": 0.06, "rays.side_m": [0.0, 0.01],
+        "rays.angle_deg": [150.0, -120.0], "run.t_end_s": 300.0,
+    },
+    "blind after turns": {"walk.blind_after_turn_ms": 730.0, "run.t_end_s": 300.0},
+    "robots one by one": {
+        "rays.forward_each_m": [0.0, 0.07, 0.03], "robot.misalignments": [0.05, -0.08],
+        "robot.speed_factors": [0.9, 1.5, 1.1, 1.3], "robot.speed_redraw": "robot", "run.t_end_s": 300.0,
+    },
+    "20 robots, blind, one by one": {
+        "rays.forward_each_m": [0.0, 0.07, 0.03], "walk.blind_after_turn_ms": 300.0, "swarm.robots": 20,
+        "run.t_end_s": 100.0,
+    },
     "a corridor": {"arena.width_m": 0.12, "arena.height_m": 2.0, "run.t_end_s": 200.0},
     "hardly larger than the robot": {
         "arena.width_m": 0.031, "arena.height_m": 0.04, "swarm.start_margin_m": 0.0, "swarm.robots": 1,

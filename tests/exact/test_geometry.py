@@ -202,6 +202,7 @@ def seen_wrongly(scenario: Scenario, brute: Scenario, count: int = 40, seed: int
         swarm["x_m"] = rng.uniform(0.02, scenario.arena.width_m - 0.02, 8)
         swarm["y_m"] = rng.uniform(0.02, scenario.arena.height_m - 0.02, 8)
         swarm["heading_rad"] = rng.uniform(-math.pi, math.pi, 8)
+        swarm["ray_forward_m"] = scenario.rays.forward_m
         for i, robot in enumerate(swarm):
             x, y, h = float(robot["x_m"]), float(robot["y_m"]), float(robot["heading_rad"])
             others = np.delete(np.stack([swarm["x_m"], swarm["y_m"]], axis=1), i, axis=0)

@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
+from vibroswarm.errors import InputError
+from vibroswarm.observation.signal import sense_program
 from vibroswarm.robot.sense import (
     SenseProgram,
     SenseState,
@@ -19,6 +21,7 @@ from vibroswarm.robot.sense import (
     readings,
     sense_step,
 )
+from vibroswarm.scenario import Scenario
 
 RATE_HZ = 350.0
 
@@ -85,3 +88,15 @@ def test_the_bit_is_strict() -> None:
     assert observation(state, np.nextafter(energy(state), 0.0)) == 1
     longer = SenseProgram(signal_ms=1000.0)
     assert readings(longer) == 350
+
+
+def test_stop_and_signal_are_fields_of_the_scenario() -> None:
+    assert sense_program(Scenario()) == SenseProgram()
+    longer = Scenario().with_values({"sample.stop_ms": 1500.0, "sample.signal_ms": 1200.0})
+    program = sense_program(longer)
+    assert (program.settle_ms, program.signal_ms) == (300.0, 1200.0)
+    assert readings(program) == 420
+    short = sense_program(Scenario().with_values({"sample.stop_ms": 600.0}))
+    assert (short.settle_ms, short.signal_ms) == (300.0, 300.0)
+    with pytest.raises(InputError, match=r"sample.signal_ms: 1200 is longer than the stop"):
+        Scenario().with_values({"sample.signal_ms": 1200.0})

@@ -52,6 +52,11 @@ OTHERS = {
     "sensor.edge_blur_m": 0.02,
     "sensor.tile_spread": 0.2,
     "sensor.robot_spread": 0.1,
+    "robot.misalignments": (0.01, -0.02),
+    "robot.speed_factors": (1.0, 1.2),
+    "rays.forward_each_m": (0.01, 0.02),
+    "walk.blind_after_turn_ms": 100.0,
+    "sample.signal_ms": 400.0,
     "rays.side_m": (0.0, 0.007, -0.0075),
     "rays.angle_deg": (0.0, 27.0, -28.0),
 }
@@ -72,7 +77,8 @@ def another(name: str) -> Any:
 
 
 def changed(name: str) -> Scenario:
-    base = Scenario().with_values(MODEL) if name == "sensor.model" else Scenario()
+    needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
+    base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})
 
 
@@ -235,7 +241,8 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     optional = {
         "floor.tiles", "floor.tile_width_m", "floor.tile_height_m", "sensor.vibrating_energies",
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
-        "sensor.robot_spread", "robot.speed_wander",
+        "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
+        "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
     }  # fmt: skip
     assert named == set(field_names()) - optional
 

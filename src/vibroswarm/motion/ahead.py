@@ -159,10 +159,19 @@ def tick_at_walls(
             free = min(free, free_ticks_to_wall(row, setup, inset, y, -sin_h, cos_h))
         if near_high:
             free = min(free, free_ticks_to_wall(row, setup, inset, setup.height_m - y, sin_h, -cos_h))
+        if setup.outside_m > 0.0:
+            free = min(free, ticks_to_start_outside(row, setup, x, y))
         if free <= 0.0:
             return int(tick)
         tick += max(1, int(free))
     return NEVER
+
+
+@inner
+def ticks_to_start_outside(row: Planner, setup: Setup, x_m: float, y_m: float) -> float:
+    """Ticks that surely pass before a ray may start beyond a wall: it is short then, wherever it ends."""
+    wall_m = min(min(x_m, setup.width_m - x_m), min(y_m, setup.height_m - y_m))
+    return (wall_m - setup.outside_m) / (row.rate_m + ROUNDING_M)
 
 
 @inner
@@ -182,7 +191,7 @@ def free_ticks_to_wall(
     most = row.rate_m + abs(bend) * setup.ray_reach_m
     free = side_ticks(distance_m - inset, step * toward, abs(bend) * row.rate_m)
     for k in range(setup.ray_side_m.size):
-        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
         beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
         nearer = along * toward - beside * aside
         closing = step * toward - bend * (along * aside + beside * toward)
@@ -357,11 +366,16 @@ def clear_ticks(
     far = apart + SIDE_TICKS * (a.rate_m + b.rate_m)
     if a.mode == DRIVE:
         spin = abs(a_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(a_bend) * far)
-        sight = fan_ticks(setup, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin)
+        sight = fan_ticks(
+            setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
+        )
     if b.mode == DRIVE and sight > 0.0:
         spin = abs(b_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(b_bend) * far)
         sight = min(
-            sight, fan_ticks(setup, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin)
+            sight,
+            fan_ticks(
+                setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
+            ),
         )
     return sight, contact
 
@@ -383,7 +397,8 @@ def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, 
 
 @inner
 def fan_ticks(
-    setup: Setup, sin_h: float, cos_h: float, bend: float, x_m: float, y_m: float, dx: float, dy: float,
+    setup: Setup, forward_m: float, sin_h: float, cos_h: float, bend: float,
+    x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
 ) -> float:  # fmt: skip
     """Ticks that surely pass before a robot's rays, each ``look`` long, see the disc of another; 0 if one does.
@@ -398,7 +413,7 @@ def fan_ticks(
     ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
     d_ahead = dx * cos_h + dy * sin_h + bend * left
     d_left = dy * cos_h - dx * sin_h - bend * ahead
-    ahead -= setup.ray_forward_m
+    ahead -= forward_m
     free = SIDE_TICKS
     for k in range(setup.ray_side_m.size):
         beside = left - setup.ray_side_m[k]

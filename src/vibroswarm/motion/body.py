@@ -37,18 +37,24 @@ Setup = Any
 no cost. Its fields are those of ``WalkProgram`` and:
 
 tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
-misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_wander (0: none), speed_factor_min,
-speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray,
-ray_side_m, ray_cos, ray_sin; look_m: rays matter up to the shorter of their range and theta_c; ray_reach_m: no ray
-sees a thing further than this from the robot's centre; disc_radius_m of other robots to rays; longest_step_m: no
-robot moves further between two ticks; zone_m: bodies further apart than this, centre to centre, cannot touch at
-the next tick; sight_m: no ray sees a robot further away; start: x from, x to, y from, y to of the centres at
-the start; lattice: columns and rows of robots that fit side by side into it."""
+misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_each (0, 1: ``robot.speed_factors``); speed_wander
+(0: none), speed_factor_min, speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray, ray_side_m, ray_cos,
+ray_sin; outside_m: how far from the centre rays start, where that may be beyond a wall, else 0; look_m: rays matter up
+to the shorter of their range and theta_c; ray_reach_m: no ray sees a thing further than this from the robot's centre;
+disc_radius_m of other robots to rays; longest_step_m: no robot moves further between two ticks; zone_m: bodies further
+apart than this, centre to centre, cannot touch at the next tick; sight_m: no ray sees a robot further away; blind_ms:
+so long after a turn no ray is heeded (0: none); start: x from, x to, y from, y to of the centres at the start; lattice:
+columns and rows of robots that fit side by side into it."""
 
 
 @lru_cache(maxsize=16)
 def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
-    """The clipped speed factor at SPEED_NODES + 1 equally spaced probabilities, shape (SPEED_NODES + 1,)."""
+    """The clipped speed factor at SPEED_NODES + 1 equally spaced probabilities, shape (SPEED_NODES + 1,).
+
+    With ``robot.speed_factors`` those, shape (robots named,).
+    """
+    if robot.speed_factors is not None:
+        return np.array(robot.speed_factors, dtype=np.float64)
     from scipy.special import gammaincinv
 
     probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
@@ -62,7 +68,10 @@ def setup_of(scenario: Scenario) -> Setup:
     """The parameters of a scenario as the kernels read them."""
     robot, rays = scenario.robot, scenario.rays
     look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
-    ray_reach_m = math.hypot(rays.forward_m, max(abs(side) for side in rays.side_m)) + look_m
+    forward_m = rays.forward_each_m or (rays.forward_m,)
+    aside_m = max(abs(side) for side in rays.side_m)
+    start_m = math.hypot(max(forward_m), aside_m)
+    ray_reach_m = start_m + look_m
     angles = [math.radians(angle) for angle in rays.angle_deg]
     values: dict[str, Any] = {
         "tick_s": scenario.tick_s,
@@ -75,6 +84,7 @@ def setup_of(scenario: Scenario) -> Setup:
         "misalignment_min": robot.misalignment_min,
         "misalignment_max": robot.misalignment_max,
         "speed_redrawn": int(robot.speed_redraw == "sample"),
+        "speed_each": int(robot.speed_factors is not None),
         "speed_wander": robot.speed_wander or 0.0,
         "speed_factor_min": robot.speed_factor_min,
         "speed_factor_max": robot.speed_factor_max,
@@ -83,12 +93,14 @@ def setup_of(scenario: Scenario) -> Setup:
         "ray_side_m": list(rays.side_m),
         "ray_cos": [math.cos(angle) for angle in angles],
         "ray_sin": [math.sin(angle) for angle in angles],
+        "outside_m": start_m if start_m >= robot.body_radius_m else 0.0,
         "look_m": look_m,
         "ray_reach_m": ray_reach_m,
         "disc_radius_m": rays.disc_radius_m,
         "longest_step_m": longest_step_m(scenario),
         "zone_m": 2.0 * (robot.body_radius_m + longest_step_m(scenario)),
         "sight_m": ray_reach_m + rays.disc_radius_m,
+        "blind_ms": scenario.walk.blind_after_turn_ms or 0.0,
         "start": list(start_region(scenario)),
         "lattice": list(lattice_sites(scenario)),
         **walk_program(scenario)._asdict(),
@@ -152,13 +164,16 @@ def draw_speed_factors(
     Args:
         factors: of shape (AT_ONCE,), to be filled. speeds: as ``speed_quantiles`` gives them.
     """
-    for k in range(AT_ONCE):
-        factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
-    for k in range(AT_ONCE):
-        place = factors[k] * (speeds.size - 1)
-        node = int(place)
-        low = speeds[node]
-        factors[k] = low + (speeds[node + 1] - low) * (place - node)
+    if setup.speed_each:
+        factors[:] = speeds[robot % speeds.size]
+    else:
+        for k in range(AT_ONCE):
+            factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
+        for k in range(AT_ONCE):
+            place = factors[k] * (speeds.size - 1)
+            node = int(place)
+            low = speeds[node]
+            factors[k] = low + (speeds[node + 1] - low) * (place - node)
     if setup.speed_wander > 0.0:
         for k in range(AT_ONCE):
             factors[k] = wandered(setup, factors[k], seed, run, robot, first + k)
@@ -172,3 +187,18 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
     both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
     factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
     return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
+
+
+def give_each(swarm: NDArray[np.void], scenario: Scenario) -> None:
+    """Give robots the bodies that the scenario names one by one; beyond the last named it begins again.
+
+    Args:
+        swarm: rows as ``begin`` leaves them, (robots,).
+    """
+    named = (
+        ("misalignment", scenario.robot.misalignments),
+        ("ray_forward_m", scenario.rays.forward_each_m),
+    )
+    for name, values in named:
+        if values is not None:
+            swarm[name] = np.resize(np.array(values, dtype=np.float64), swarm.size)

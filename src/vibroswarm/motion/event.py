@@ -42,7 +42,7 @@ from vibroswarm.motion.neighbours import (
     listed,
     make_lists,
 )
-from vibroswarm.motion.phases import control_one, load, rays_to_disc, rays_to_walls, refresh
+from vibroswarm.motion.phases import control_one, is_blind, load, rays_to_disc, rays_to_walls, refresh
 from vibroswarm.motion.places import hide, measure_all, no_places, put_down, stand_at
 from vibroswarm.motion.plans import (
     PLANNER,
@@ -287,7 +287,8 @@ def step(
     """What the robots that are awake do at ``tick``, phase by phase, in index order."""
     for k in range(count):
         row = planners[one_of(awake, k)]
-        if row.mode == DRIVE and row.alert_tick > tick:
+        unseen = row.mode == DRIVE and row.alert_tick > tick
+        if unseen or (setup.blind_ms > 0.0 and is_blind(planners, one_of(awake, k))):
             row.nearest_mm = math.inf
         elif looks(load(planners, one_of(awake, k)), setup, row.gyro_deg):
             row.nearest_mm = 1000.0 * nearest_now_m(planners, near, one_of(awake, k), setup, tick)
@@ -310,13 +311,14 @@ def nearest_now_m(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
     nearest = math.inf
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
-        nearest = rays_to_walls(setup, x, y, row.cos_h, row.sin_h)
+        nearest = rays_to_walls(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h)
     if row.alone_m < setup.sight_m:
         for m in range(how_many(near, i)):
             other = planners[listed(near, i, m)]
             if maybe_within(other, x, y, setup.sight_m, tick):
                 other_x, other_y, _ = pose_at(other, setup, tick)
-                nearest = min(nearest, rays_to_disc(setup, x, y, row.cos_h, row.sin_h, other_x, other_y))
+                disc = rays_to_disc(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h, other_x, other_y)
+                nearest = min(nearest, disc)
     return nearest if nearest <= setup.look_m else math.inf
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import zero_rows
 from vibroswarm.errors import InputError
-from vibroswarm.motion.body import setup_of, speed_quantiles
+from vibroswarm.motion.body import give_each, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import begin
 from vibroswarm.motion.record import (
@@ -38,7 +38,7 @@ class KernelRun(ABC):
 
     def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
         self.tick_ms = scenario.run.control_period_ms
-        self.setup = setup_of(scenario)
+        self.scenario, self.setup = scenario, setup_of(scenario)
         self.speeds = speed_quantiles(scenario.robot)
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
@@ -55,6 +55,7 @@ class KernelRun(ABC):
         self.swarm.view(np.uint8).fill(0)
         self.record.latest[:], self.record.filled[:] = -1.0, 0
         begin(self.swarm, self.setup, self.speeds, seed, run)
+        give_each(self.swarm, self.scenario)
 
     @property
     def time_s(self) -> float:

@@ -37,12 +37,15 @@ ROBOT = np.dtype(
     + [("speed_factors", np.float64, (AT_ONCE,))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples")]
-    + [(name, np.float64) for name in ("leg_ms", "error_deg", "integral_deg_s")]
+    + [
+        (name, np.float64)
+        for name in ("leg_ms", "error_deg", "integral_deg_s", "sees_from_ms", "ray_forward_m")
+    ]
 )
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
 speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
-the tick at which its latest stop began and the periods spent since its latest sample; its ``Dice``; its
-speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
+the tick at which its latest stop began and the periods spent since its latest sample; how far ahead its rays start;
+its ``Dice``; its speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
 
 Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
@@ -100,6 +103,7 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
         swarm[i].samples = 0
+        swarm[i].ray_forward_m = setup.ray_forward_m
         refresh(swarm, setup, speeds, seed, run, i, 0)
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
@@ -156,8 +160,26 @@ def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: flo
 def sense(swarm: Swarm, setup: Setup) -> None:
     """Read the rays of the robots that are about to look."""
     for i in range(swarm.size):
-        if looks(load(swarm, i), setup, swarm[i].gyro_deg):
+        if setup.blind_ms > 0.0 and is_blind(swarm, i):
+            swarm[i].nearest_mm = math.inf
+        elif looks(load(swarm, i), setup, swarm[i].gyro_deg):
             swarm[i].nearest_mm = 1000.0 * nearest_m(swarm, setup, i)
+
+
+@inner
+def is_blind(swarm: Swarm, i: int) -> bool:
+    """Whether robot ``i`` turns, or has driven too short a time since, where rays are not heeded after a turn."""
+    row = swarm[i]
+    mode = row.resume if row.mode == STOP else row.mode
+    return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
+
+
+@inner
+def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after: WalkState) -> None:
+    """From when on robot ``i`` heeds its rays again, if a turn of it has just ended."""
+    was = before.resume if before.mode == STOP else before.mode
+    if was != DRIVE and after.mode == DRIVE:
+        swarm[i].sees_from_ms = after.driven_ms - setup.tick_ms + setup.blind_ms
 
 
 @kernel
@@ -171,22 +193,27 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     nearest = math.inf
     ahead_x, ahead_y = math.cos(swarm[i].heading_rad), math.sin(swarm[i].heading_rad)
     if near_wall:
-        nearest = rays_to_walls(setup, x, y, ahead_x, ahead_y)
+        nearest = rays_to_walls(setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y)
     reach += setup.disc_radius_m
     for j in range(swarm.size):
         dx, dy = swarm[j].x_m - x, swarm[j].y_m - y
         if j != i and dx * dx + dy * dy < reach * reach:
-            nearest = min(nearest, rays_to_disc(setup, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m))
+            disc = rays_to_disc(
+                setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m
+            )
+            nearest = min(nearest, disc)
     return nearest if nearest <= setup.look_m else math.inf
 
 
 @inner
-def rays_to_walls(setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float) -> float:
+def rays_to_walls(
+    setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
+) -> float:
     """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
     nearest = math.inf
     for k in range(setup.ray_side_m.size):
-        from_x = x_m + setup.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
-        from_y = y_m + setup.ray_forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
         dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
         nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
@@ -195,13 +222,14 @@ def rays_to_walls(setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y:
 
 @inner
 def rays_to_disc(
-    setup: Setup, x_m: float, y_m: float, ahead_x: float, ahead_y: float, disc_x_m: float, disc_y_m: float
-) -> float:
+    setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float,
+    disc_x_m: float, disc_y_m: float,
+) -> float:  # fmt: skip
     """The shortest ray to another robot's disc, m."""
     nearest = math.inf
     for k in range(setup.ray_side_m.size):
-        from_x = x_m + setup.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
-        from_y = y_m + setup.ray_forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
         dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
         nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m))
@@ -231,6 +259,8 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
         roll_avoidance(swarm, i, seed, run, after.avoidances)
     if after.mode == STOP and before.mode != STOP:
         row.stop_tick = tick
+    if setup.blind_ms > 0.0:
+        note_turns_end(swarm, setup, i, before, after)
     left, right = wheel_commands_percent(after, setup)
     full = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
     left_m_s = left * full * (1.0 - row.misalignment)
