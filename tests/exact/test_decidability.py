@@ -21,8 +21,10 @@ from vibroswarm.analysis.decidability import (
     tiled_share,
 )
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.felt import error_rates_on
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.presets import preset
 from vibroswarm.simulation import simulate
@@ -76,6 +78,22 @@ def test_off_the_tiles_robots_read_as_on_still_ones() -> None:
     d = at(floor__source="stripe:0.48", floor__tile_width_m=0.05, floor__tile_height_m=0.05)
     assert d.share == pytest.approx(expected_share(PAPER.sensor, 0.48, 0.25))
     assert d.share < 0.3
+
+
+def test_vibration_across_edges_counts() -> None:
+    """What is expected on this very floor, edges and all; and what simulated samples all over it read."""
+    d = at(floor__source="diagonal:0.48", sensor__edge_reach_m=0.01, sensor__edge_blur_m=0.008)
+    scenario = PAPER.with_values(
+        {"floor.source": "diagonal:0.48", "sensor.edge_reach_m": 0.01, "sensor.edge_blur_m": 0.008}
+    )
+    positive, negative = error_rates_on(scenario.sensor, scenario.floor_for(0, 0))
+    assert d.share == pytest.approx(0.48 * (1 - negative) + 0.52 * positive, abs=1e-6)
+    assert d.share > at(floor__source="diagonal:0.48").share + 0.01
+    result = simulate(scenario, 3, 1)
+    assert verdict(result).share_of_ones_expected == pytest.approx(d.share, abs=1e-6)
+    # A higher threshold mends what spills over, for this floor and its mirror alike.
+    assert d.mending_low is not None
+    assert d.mending_low > (at(floor__source="diagonal:0.48").mending_low or 0.0)
 
 
 @settings(deadline=None, max_examples=40)

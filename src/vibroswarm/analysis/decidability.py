@@ -4,8 +4,9 @@
 |---|---|---|
 | fill ratio, boundary | f, x | the question: is f above x? |
 | false positive, false negative | a(theta), b(theta) | of the sensor at the threshold theta |
+| spill | s | share felt as vibrating beyond f, where vibration reaches across tile edges (``felt.spill``) |
 | tiled share of the arena | c | places off all tiles read as still ones do |
-| share of ones expected | q | c [f (1 - b) + (1 - f) a] + (1 - c) a, at uniformly random places |
+| share of ones expected | q | c [g (1 - b) + (1 - g) a] + (1 - c) a, g = f + s, at uniformly random places |
 | margin | - | q - x where f > x, x - q where f < x: above 0 is the right side |
 | threshold that mends | theta_- < theta < theta_+ | q of f and q of its mirror 2x - f both on their right sides |
 | samples needed | n | P(share of n independent bits not on q's side of x) <= error |
@@ -13,7 +14,8 @@
 A robot takes each bit at its word, as if no sensor erred. So when false positives and negatives do not balance at the
 boundary, floors near it lean to the wrong side, and **more samples make the wrong answer surer**. q falls as theta
 grows; a threshold that is right for f alone (some always is) may only lean all floors one way, so it has to do for the
-mirror image of f across the boundary too. Where vibrating tiles do not read higher than still ones none does.
+mirror image of f across the boundary too (with the same spill). Where vibrating tiles do not read higher than still
+ones none does.
 
 This speaks of own samples. Under soft or positive feedback robots hear beliefs and decisions in place of readings: an
 echo, which makes a lean, right or wrong, faster and surer, and cannot turn it.
@@ -34,6 +36,7 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.felt import spill
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.outcome import truth_of
 from vibroswarm.scenario import Scenario
@@ -87,9 +90,10 @@ def decidability(scenario: Scenario, error: float = 0.05) -> Decidability:
     fill = floor.fill_ratio_within(arena.width_m, arena.height_m)
     boundary, tiled = scenario.decision.decision_boundary, tiled_share(floor, arena.width_m, arena.height_m)
     truth = truth_of(fill, boundary)
-    share = expected_share(sensor, fill, tiled)
+    spilt = spill(sensor, floor)
+    share = expected_share(sensor, fill, tiled, spilt)
     verdict = _side(share, boundary, truth)
-    low, high = mending_thresholds(sensor, fill, boundary, tiled) or (None, None)
+    low, high = mending_thresholds(sensor, fill, boundary, tiled, spilt) or (None, None)
     return Decidability(
         verdict=verdict,
         says=_words(verdict, share, boundary, truth) + _mend(verdict, sensor.rms_threshold, low, high),
@@ -155,15 +159,16 @@ def tiled_share(floor: Floor, width_m: float, height_m: float) -> float:
     return min(max(across, 0.0) * max(up, 0.0) / (width_m * height_m), 1.0)
 
 
-def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0) -> float:
+def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spilt: float = 0.0) -> float:
     """q: share of samples at uniformly random places that read as vibrating."""
     false_positive, false_negative = error_rates(sensor)
-    on_tiles = fill_ratio * (1.0 - false_negative) + (1.0 - fill_ratio) * false_positive
+    felt = min(max(fill_ratio + spilt, 0.0), 1.0)
+    on_tiles = felt * (1.0 - false_negative) + (1.0 - felt) * false_positive
     return tiled * on_tiles + (1.0 - tiled) * false_positive
 
 
 def mending_thresholds(
-    sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0
+    sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spilt: float = 0.0
 ) -> tuple[float, float] | None:
     """(theta_-, theta_+): thresholds between them are right for the fill ratio and for its mirror; None: none is.
 
@@ -176,7 +181,9 @@ def mending_thresholds(
     def crossing(fill: float) -> float:
         """The threshold at which q comes down through the boundary."""
         return _falls_through(
-            lambda theta: expected_share(sensor.model_copy(update={"rms_threshold": theta}), fill, tiled),
+            lambda theta: expected_share(
+                sensor.model_copy(update={"rms_threshold": theta}), fill, tiled, spilt
+            ),
             boundary,
         )
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.observation.felt import spill
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.result import Result
 
@@ -54,7 +55,8 @@ class Verdict:
     undecided: int
     end_s: float
     share_of_ones_expected: float
-    """What a sample at a uniformly random place on the tiles reads as vibrating, with the sensor's errors."""
+    """What a sample at a uniformly random place on the tiles reads as vibrating, with the sensor's errors
+    and what vibration does across tile edges."""
     share_of_ones_read: float | None
     robots: tuple[RobotVerdict, ...]
 
@@ -71,6 +73,7 @@ def verdict(result: Result, run: int = 0) -> Verdict:
     alike = {robot.decision for robot in robots}
     false_positive, false_negative = error_rates(result.scenario.sensor)
     fill = summary["fill_ratio"]
+    felt = fill + spill(result.scenario.sensor, result.floor(run))
     bits = result.observations.filter(of_run)["observation"]
     return Verdict(
         consensus=summary["consensus"],
@@ -83,7 +86,7 @@ def verdict(result: Result, run: int = 0) -> Verdict:
         wrong=summary["wrong"],
         undecided=summary["undecided"],
         end_s=summary["end_s"],
-        share_of_ones_expected=fill * (1 - false_negative) + (1 - fill) * false_positive,
+        share_of_ones_expected=felt * (1 - false_negative) + (1 - felt) * false_positive,
         share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
     )

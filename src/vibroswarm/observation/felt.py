@@ -201,6 +201,22 @@ def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.floa
         out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
 
 
+def spill(sensor: Sensor, floor: Floor, grid: int = 40) -> float:
+    """By how much the share of a floor that is felt as vibrating is larger than its fill ratio; 0 without edges.
+
+    Args:
+        grid: points to a tile's side at which it is computed.
+    """
+    if sensor.edge_reach_m is None and sensor.edge_blur_m is None:
+        return 0.0
+    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    share = np.empty(floor.tiles.size)
+    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
+    _shares_felt(place, floor.tiles.ravel(), reach_m, blur_m, grid, share)
+    return float(share.mean() - floor.tiles.mean())
+
+
 def error_rates_on(sensor: Sensor, floor: Floor, grid: int = 40) -> tuple[float, float]:
     """(false positive, false negative) on a floor, edges and all: means over its still and vibrating tiles' area.
 
