@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
 from vibroswarm.calibrate.fit_avoidance import PRIOR, SUMMARIES, posterior
+from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.fit_sensor import fit_sensor
+from vibroswarm.calibrate.fit_sight import fit_sight
 from vibroswarm.calibrate.folds import on_floor, readings_of
 from vibroswarm.calibrate.measured import Measured, edge_distance, measured
 from vibroswarm.errors import InputError
@@ -52,7 +56,7 @@ def found() -> Measured:
 
 
 def test_drives(found: Measured) -> None:
-    fit = fit_drive(found)
+    fit = fit_drive(found, BASE)
     values, errors = fit.values, {name: draws.std() for name, draws in fit.draws.items()}
     assert abs(values["start_speed_m_s"] - 0.0549 * 1.1) < 3.5 * errors["start_speed_m_s"]
     assert abs(values["between_m_s"] - 0.0549 * 0.15) < 3.5 * errors["between_m_s"]
@@ -67,10 +71,53 @@ def test_drives(found: Measured) -> None:
 
 
 def test_speeds_of_the_paper_are_not_taken_for_robots_own() -> None:
-    fit = fit_drive(measured([simulate(BASE, 42, 2, segments=True)]))
+    fit = fit_drive(measured([simulate(BASE, 42, 2, segments=True)]), BASE)
     assert fit.values["share_between"] < 0.2
     assert fit.fields(BASE)["robot.speed_redraw"] == "sample"
     assert fit.fields(BASE)["robot.speed_wander"] is None
+
+
+def test_bodies_that_go_by_other_numbers_are_matched(found: Measured) -> None:
+    speeds, bent = [0.85, 1.0, 1.1, 1.25, 1.4], [-0.05, -0.01, -0.04, -0.02, -0.03]
+    same = made(3, robot__speed_factors=speeds, robot__misalignments=bent)
+    others = {0: 3, 1: 0, 2: 4, 3: 1, 4: 2}
+    renamed = pl.col("robot").replace_strict(others, return_dtype=pl.UInt16)
+    swapped = pl.when(pl.col("run") == 1).then(renamed).otherwise(pl.col("robot"))
+    fields = fit_drive(replace(same, drives=same.drives.with_columns(robot=swapped)), BASE).fields(BASE)
+    assert fields["robot.speed_factors"] == pytest.approx(speeds, rel=0.025)
+    assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.004)
+    # Negative control: sessions of different robots name none.
+    assert "robot.speed_factors" not in fit_drive(found, BASE).fields(BASE)
+
+
+def test_where_robots_turn_tells_where_their_rays_are() -> None:
+    ahead = [0.01, 0.05, 0.03, 0.02, 0.04]
+    changes = {"rays.forward_each_m": ahead, "rays.angle_deg": [0.0, 40.0, -40.0], "walk.turn_max_deg": 130.0}
+    found = made(3, **{name.replace(".", "__"): value for name, value in changes.items()})
+    fit = fit_sight(found, BASE, draws=8)
+    assert fit.forward_m == pytest.approx(ahead, abs=0.006)
+    assert fit.values["ray_deg"] == pytest.approx(40.0, abs=8.0)
+    assert fit.values["turn_max_deg"] == pytest.approx(130.0, abs=8.0)
+    BASE.with_values(fit.fields(BASE))
+
+
+def test_a_camera_that_magnifies_is_found_and_one_that_is_right_is_left_alone(found: Measured) -> None:
+    camera = Camera(1.03, 0.004, -0.006)
+    fit = fit_camera(replace(found, samples=found.seen_by(camera)), draws=4)
+    assert fit.camera.magnification == pytest.approx(1.03, abs=0.004)
+    assert fit.camera.shift_x_m == pytest.approx(0.004, abs=0.002)
+    assert fit.camera.shift_y_m == pytest.approx(-0.006, abs=0.002)
+    assert fit_camera(found, draws=4).camera == RIGHT
+
+
+def test_what_a_camera_sees_and_what_is_true_undo_each_other() -> None:
+    camera = Camera(1.05, 0.01, -0.02)
+    x, y = camera.seen(np.array([0.3, 0.5]), np.array([0.5, 0.6]), (1.0, 1.2))
+    assert x == pytest.approx([0.3, 0.51])
+    assert y == pytest.approx([0.475, 0.58])
+    back = camera.true(x, y, (1.0, 1.2))
+    assert back[0] == pytest.approx([0.3, 0.5])
+    assert back[1] == pytest.approx([0.5, 0.6])
 
 
 def test_sensing(found: Measured) -> None:

@@ -76,7 +76,7 @@ def drive_table(result: Result) -> pl.DataFrame:
     drives = calm.filter((pl.col("spacing_s") - lasting).abs() <= CALM_S)
     rows: list[tuple[int, int, float, float, float | None]] = []
     for (run, robot), own in drives.group_by("run", "robot", maintain_order=True):
-        track = _track(result, int(run), int(robot))
+        track = track_of(result, int(run), int(robot))
         for time_s, since_s, stop_s, distance_m in own.select(
             "time_s", "since_s", "stop_start_s", "distance_m"
         ).iter_rows():
@@ -89,8 +89,8 @@ def drive_table(result: Result) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=DRIVES, orient="row")
 
 
-def _track(result: Result, run: int, robot: int) -> Floats | None:
-    """(places, 3): time, x, y; None where only the samples' places are known."""
+def track_of(result: Result, run: int, robot: int) -> Floats | None:
+    """A robot's path as a camera saw it or would have, (places, 3): s, m, m; None where it is not known."""
     if isinstance(result, Recording):
         own = result.tracks.filter((pl.col("run") == run) & (pl.col("robot") == robot))
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None

@@ -8,17 +8,18 @@ scenario, and new runs with its draws say whether the figures are within what it
 
 | parameter | field |
 |---|---|
-| threshold_mm | walk.avoidance_threshold_mm: at which distance robots turn |
-| ray_deg | rays.angle_deg: how far the outer rays look aside |
-| radius_m | robot.body_radius_m: how near to walls and each other they come |
 | turn_deg_s | robot.turn_track_m = 2 v / rate |
+| gain | walk.turn_gain_percent_per_deg: the less, the longer a turn takes to end |
+| blind_ms | walk.blind_after_turn_ms: how long it drives after a turn before it heeds its rays again |
+| leg_max_s | walk.leg_max_ms: at which time legs are cut off |
+| radius_m | robot.body_radius_m: how near to walls and each other robots come |
 | seen_m | rays.disc_radius_m: how large other robots are to the sensors |
-| gain | walk.turn_gain_percent_per_deg: the less, the longer a turn takes to end (the real robots' dead time) |
+| threshold_mm, ray_deg | walk.avoidance_threshold_mm, rays.angle_deg, where ``fit_sight`` does not tell where robots turn |
 """  # noqa: E501
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -28,26 +29,31 @@ from numpy.typing import NDArray
 
 from vibroswarm.calibrate.measured import Measured
 from vibroswarm.draws import Purpose, uniforms
+from vibroswarm.motion import event as _event  # noqa: F401 - makes the engine known
+from vibroswarm.motion.contract import source
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import simulate
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 PRIOR: Final[dict[str, tuple[float, float]]] = {
-    "threshold_mm": (20.0, 80.0),
-    "ray_deg": (10.0, 70.0),
-    "radius_m": (0.004, 0.02),
-    "turn_deg_s": (110.0, 240.0),
-    "gain": (1.5, 25.0),
-    "seen_m": (0.003, 0.03),
+    "turn_deg_s": (80.0, 240.0),
+    "gain": (1.5, 40.0),
+    "blind_ms": (1.0, 400.0),
+    "leg_max_s": (20.0, 200.0),
+    "radius_m": (0.004, 0.025),
+    "seen_m": (0.003, 0.04),
 }
+UNSEEN: Final[dict[str, tuple[float, float]]] = {"threshold_mm": (20.0, 80.0), "ray_deg": (10.0, 70.0)}
+LEG_END_S: Final = 0.43
+"""An interval that is longer than usual by this, and without avoidance, holds the end of a leg."""
 SUMMARIES: Final = (
-    "avoidance none", "avoidance mean, s", "avoidance q10, s", "avoidance q50, s", "avoidance q90, s",
-    "avoidance q97.5, s", "below 25 mm of a wall", "25 to 50 mm", "50 to 75 mm", "75 to 100 mm", "corner tiles",
-    "off the rim", "spacing, s", "steps below 5 mm", "steps below 50 mm", "step mean, m",
+    "avoidance none", "avoidance mean, s", "avoidance q10, s", "avoidance q25, s", "avoidance q50, s",
+    "avoidance q75, s", "avoidance q90, s", "avoidance q97.5, s", "below 25 mm of a wall", "25 to 50 mm",
+    "50 to 75 mm", "75 to 100 mm", "corner tiles", "off the rim", "spacing, s", "steps below 5 mm",
+    "steps below 50 mm", "step mean, m", "leg ends",
 )  # fmt: skip
-CANDIDATES: Final = 2400
+CANDIDATES: Final = 4000
 KEPT: Final = 0.1
 CHECKS: Final = 40
 _SEED: Final = 33
@@ -75,16 +81,21 @@ class AvoidanceFit:
 
 
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """The fields of parameters; outer rays look aside by ``ray_deg``, the others in proportion."""
-    most = max(abs(angle) for angle in base.rays.angle_deg) or 1.0
-    return {
-        "walk.avoidance_threshold_mm": round(values["threshold_mm"], 2),
-        "rays.angle_deg": [round(angle / most * values["ray_deg"], 2) for angle in base.rays.angle_deg],
-        "robot.body_radius_m": round(values["radius_m"], 5),
-        "rays.disc_radius_m": round(values["seen_m"], 5),
+    """The fields of parameters; the outer rays are turned in proportion."""
+    rays = base.rays
+    found: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
-        "walk.turn_gain_percent_per_deg": round(values["gain"], 3),
+        "walk.turn_gain_percent_per_deg": round(values["gain"], 2),
+        "walk.blind_after_turn_ms": round(values["blind_ms"], 1),
+        "walk.leg_max_ms": round(1000.0 * values["leg_max_s"], -2),
+        "robot.body_radius_m": round(values["radius_m"], 4),
+        "rays.disc_radius_m": round(values["seen_m"], 4),
     }
+    if "threshold_mm" in values:
+        most = max(abs(angle) for angle in rays.angle_deg) or 1.0
+        found["walk.avoidance_threshold_mm"] = round(values["threshold_mm"], 2)
+        found["rays.angle_deg"] = [round(angle / most * values["ray_deg"], 2) for angle in rays.angle_deg]
+    return found
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
@@ -96,16 +107,19 @@ def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
     avoid = samples["avoid_s"].to_numpy().astype(float)[1:][same]
     avoid = avoid[np.isfinite(avoid)]
     some = avoid[avoid > 1e-9]
-    quantiles = np.quantile(some, [0.1, 0.5, 0.9, 0.975]) if some.size else np.zeros(4)
+    quantiles = np.quantile(some, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if some.size else np.zeros(6)
     wall = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
     rings = np.histogram(wall, [0.0, 0.025, 0.05, 0.075, 0.1])[0] / x.size
     fifth_x = np.minimum((x / width * 5).astype(int), 4)
     fifth_y = np.minimum((y / height * 5).astype(int), 4)
     rim_x, rim_y = (fifth_x == 0) | (fifth_x == 4), (fifth_y == 0) | (fifth_y == 4)
     step = np.hypot(np.diff(x)[same], np.diff(y)[same])
+    spacing = np.diff(time)[same]
+    calm = spacing[samples["avoid_s"].to_numpy().astype(float)[1:][same] <= 1e-9]
+    ends = (calm > np.median(calm) + LEG_END_S).mean() if calm.size else 0.0
     return np.array([
         (avoid <= 1e-9).mean(), avoid.mean(), *quantiles, *rings, (rim_x & rim_y).mean(), (~rim_x & ~rim_y).mean(),
-        np.diff(time)[same].mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(),
+        spacing.mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(), ends,
     ])  # fmt: skip
 
 
@@ -123,22 +137,23 @@ def fit_avoidance(
         candidates: parameters that are tried, each in one run.
     """
     real = np.array([summary(one, found.arena_m) for one in _sessions(found)])
-    u = uniforms(_SEED, 0, 0, Purpose.OPTIMIZER, candidates * len(PRIOR)).reshape(candidates, -1)
-    low, high = np.array(list(PRIOR.values())).T
+    prior = PRIOR | ({} if scenario.rays.forward_each_m is not None else UNSEEN)
+    u = uniforms(_SEED, 0, 0, Purpose.OPTIMIZER, candidates * len(prior)).reshape(candidates, -1)
+    low, high = np.array(list(prior.values())).T
     tried = low + (high - low) * u
     seen = np.empty((candidates, len(SUMMARIES)))
     for k, parameters in enumerate(tried):
-        seen[k] = _simulated(scenario, parameters, speed_m_s, k)
+        seen[k] = _simulated(scenario, dict(zip(prior, parameters.tolist(), strict=True)), speed_m_s, k)
         if progress is not None:
             progress((k + 1) / (candidates + CHECKS))
     draws, weights = posterior(tried, seen, real, (low, high))
-    check = _predicted(draws, weights, scenario, speed_m_s)
+    by_name = {name: draws[:, k] for k, name in enumerate(prior)}
+    check = _predicted(by_name, weights, scenario, speed_m_s)
     bands = np.quantile(check, [0.025, 0.975], axis=0).T
     predicted = {
         name: (float(mean), float(band[0]), float(band[1]))
         for name, mean, band in zip(SUMMARIES, real.mean(axis=0), bands, strict=True)
     }
-    by_name = {name: draws[:, k] for k, name in enumerate(PRIOR)}
     return AvoidanceFit(by_name, weights, predicted, candidates + CHECKS)
 
 
@@ -176,20 +191,20 @@ def _quadratic(unit: Floats) -> Floats:
     return np.column_stack([np.ones(len(unit)), unit, *squares])
 
 
-def _simulated(
-    scenario: Scenario, parameters: Sequence[float] | Floats, speed_m_s: float, run: int
-) -> Floats:
-    values = dict(zip(PRIOR, (float(one) for one in parameters), strict=True))
+def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, run: int) -> Floats:
     tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    motion = simulate(tried, _SEED, [run], energies=False).motion.sort("robot", "time_s")
-    return summary(motion, (scenario.arena.width_m, scenario.arena.height_m))
+    moved = source("event").batch(tried, _SEED, [run], False).samples
+    return summary(moved.sort("robot", "time_s"), (scenario.arena.width_m, scenario.arena.height_m))
 
 
-def _predicted(draws: Floats, weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
+def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
     u = uniforms(_SEED, 1, 0, Purpose.OPTIMIZER, CHECKS)
-    picked = np.searchsorted(np.cumsum(weights), u).clip(max=len(draws) - 1)
+    picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
     return np.array(
-        [_simulated(scenario, draws[k], speed_m_s, 10**6 + i) for i, k in enumerate(picked.tolist())]
+        [
+            _simulated(scenario, {name: float(one[k]) for name, one in draws.items()}, speed_m_s, 10**6 + i)
+            for i, k in enumerate(picked.tolist())
+        ]
     )
 
 

@@ -7,6 +7,11 @@
 | robot.speed_wander | spread within robots / speed, where speed_redraw is "robot" |
 | robot.battery_life_s | 1 / (share lost a second): v = v_0 (1 - t / life), least squares for each robot and session |
 | robot.misalignment_min, _max | m = w track / (2 v); uniform of the same mean and spread: mean -+ sqrt(3) spread |
+| robot.speed_factors, misalignments | each body's own: the mean over sessions, where all sessions have the same number of robots |
+
+A body may go by another number in another session (in the study's recordings all but one do, from each session to the
+next): bodies are matched to those of the first session by speed and veer, so that the sum of squared differences, in
+``APART``, is least.
 
 What is left within a robot is taken to be new at every sample (its lag-1 correlation is 0.18 in the study's recordings);
 a veer that wanders within a robot the scenario lacks. Errors: robots in sessions drawn anew.
@@ -20,7 +25,9 @@ from typing import Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
+from vibroswarm.calibrate.drive import CALM_S
 from vibroswarm.calibrate.measured import Measured
 from vibroswarm.draws import Purpose, uniforms
 from vibroswarm.errors import InputError
@@ -30,6 +37,9 @@ Floats = NDArray[np.float64]
 SHAPE: Final = 100.0
 DRAWS: Final = 200
 _SEED: Final = 32
+APART: Final = (0.003, np.radians(1.5))
+"""How far a body's speed (m/s) and veer (rad/s) are apart from one session to another at most: where they are further
+apart, sessions had other bodies, and none is named."""
 _LEAST: Final = 10
 """Drives of a robot in a session from which on it counts."""
 
@@ -40,20 +50,26 @@ class DriveFit:
 
     values: dict[str, float]
     draws: dict[str, Floats]
+    whole: float
+    """Distance between samples between which nothing happened over that at the speed of driving: what starts, stops and
+    clocks cost. The scenario's speeds are times this."""
+    bodies: Floats
+    """Speed at the start, m/s, and veer, rad/s, of each body, (bodies, 2); (0, 2) where they cannot be matched."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
         """The scenario's fields that these figures give."""
         robot, found = base.robot, self.values
-        mean = found["start_speed_m_s"] / robot.full_speed_m_s
+        mean = self.whole * found["start_speed_m_s"] / robot.full_speed_m_s
         kept = found["share_between"] > 0.5
         spread = (found["between_m_s"] if kept else found["within_m_s"]) / robot.full_speed_m_s
         spread = max(spread, 1e-3)
+        low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
         fields: dict[str, object] = {
             "robot.speed_factor_shape": SHAPE,
             "robot.speed_factor_scale": _round(spread / np.sqrt(SHAPE)),
             "robot.speed_factor_location": _round(mean - spread * np.sqrt(SHAPE)),
-            "robot.speed_factor_min": _round(max(mean - 3 * spread, 0.2 * mean)),
-            "robot.speed_factor_max": _round(mean + 3 * spread),
+            "robot.speed_factor_min": low,
+            "robot.speed_factor_max": high,
             "robot.speed_redraw": "robot" if kept else "sample",
             "robot.speed_wander": _round(min(found["within_m_s"] / found["speed_m_s"], 0.4))
             if kept
@@ -65,20 +81,36 @@ class DriveFit:
             middle, half = found["veer_rad_s"] * per, np.sqrt(3.0) * found["veer_between_rad_s"] * per
             fields["robot.misalignment_min"] = _round(max(middle - half, -0.5))
             fields["robot.misalignment_max"] = _round(min(middle + half, 0.5))
-        return fields
+        return fields | (self._each(base, low, high) if kept else {})
+
+    def _each(self, base: Scenario, low: float, high: float) -> dict[str, object]:
+        """The fields that name bodies one by one; the draw's bounds hold for speeds that wander, too."""
+        if len(self.bodies) == 0:
+            return {}
+        speeds, veers = self.bodies.T
+        factors = [_round(self.whole * one / base.robot.full_speed_m_s) for one in speeds]
+        found: dict[str, object] = {
+            "robot.speed_factors": factors,
+            "robot.speed_factor_min": min(low, *factors),
+            "robot.speed_factor_max": max(high, *factors),
+        }
+        if np.isfinite(veers).all():
+            bent = veers * base.robot.drive_track_m / (2.0 * speeds)
+            found["robot.misalignments"] = [_round(one) for one in np.clip(bent, -0.5, 0.5)]
+        return found
 
 
 def _round(value: float, digits: int = 5) -> float:
     return round(float(value), digits)
 
 
-def fit_drive(found: Measured, draws: int = DRAWS) -> DriveFit:
+def fit_drive(found: Measured, base: Scenario, draws: int = DRAWS) -> DriveFit:
     """Fit.
 
     Raises:
         InputError: fewer than two robots with ten drives.
     """
-    table = _by_robot(found.drives)
+    table, runs = _by_robot(found.drives)
     if len(table) < 2:
         raise InputError("at least two robots with ten drives each are needed to fit speeds", field="REAL")
     values = _figures(table)
@@ -87,13 +119,48 @@ def fit_drive(found: Measured, draws: int = DRAWS) -> DriveFit:
         picked = (uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, len(table)) * len(table)).astype(int)
         for name, value in _figures(table[picked]).items():
             kept[name].append(value)
-    return DriveFit(values, {name: np.array(one) for name, one in kept.items()})
+    draws_by_name = {name: np.array(one) for name, one in kept.items()}
+    return DriveFit(values, draws_by_name, _whole(found, table, base), _bodies(table, runs))
 
 
-def _by_robot(drives: pl.DataFrame) -> Floats:
-    """(robots in sessions, 5): mean speed, speed at the start, share lost a second, spread within, veer (nan: none)."""
-    rows = []
-    for _, own in drives.group_by("run", "robot", maintain_order=True):
+def _whole(found: Measured, table: Floats, base: Scenario) -> float:
+    """See ``DriveFit.whole``; driving takes tau and a control period. By robot, then their mean."""
+    calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
+    calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
+    drive_s = base.sample.sample_interval_ms / 1000.0 + base.tick_s
+    distances = calm.group_by("run", "robot").agg(pl.col("distance_m").mean())["distance_m"]
+    if calm.height < 50 or len(distances) != len(table):
+        return 1.0
+    ratio = float(distances.mean()) / (float(table[:, 0].mean()) * drive_s)  # type: ignore[arg-type]
+    return ratio if 0.8 < ratio < 1.25 else 1.0
+
+
+def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
+    """Speed and veer of each body, the mean over sessions, in the order of the first session's robots."""
+    sessions = [table[runs == run][:, [1, 4]] for run in np.unique(runs)]
+    if len({len(one) for one in sessions}) > 1:
+        return np.zeros((0, 2))
+    first = sessions[0]
+    matched = []
+    for one in sessions:
+        apart = np.nan_to_num((first[:, None] - one[None]) / APART)
+        matched.append(one[linear_sum_assignment((apart**2).sum(axis=2))[1]])
+    if len(matched) > 1:
+        scatter = np.nan_to_num(np.var(matched, axis=0, ddof=1).mean(axis=0)) / np.square(APART)
+        if scatter.mean() > 1.0:
+            return np.zeros((0, 2))
+    return np.asarray(np.mean(matched, axis=0))
+
+
+def _by_robot(drives: pl.DataFrame) -> tuple[Floats, NDArray[np.int64]]:
+    """(robots in sessions, 5): mean speed, speed at the start, share lost a second, spread within, veer (nan: none).
+
+    And the session of each row; rows by session and robot.
+    """
+    rows, runs = [], []
+    for (run, _), own in drives.sort("run", "robot", maintain_order=True).group_by(
+        "run", "robot", maintain_order=True
+    ):
         if own.height < _LEAST:
             continue
         time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
@@ -102,7 +169,8 @@ def _by_robot(drives: pl.DataFrame) -> Floats:
         veer = own["veer_rad_s"].drop_nulls().to_numpy()
         turns = float(veer.mean()) if veer.size >= _LEAST else np.nan
         rows.append((float(speed.mean()), start, -slope / start, within, turns))
-    return np.array(rows).reshape(-1, 5)
+        runs.append(run)
+    return np.array(rows).reshape(-1, 5), np.array(runs, dtype=np.int64)
 
 
 def _figures(table: Floats) -> dict[str, float]:

@@ -109,6 +109,19 @@ def fit_sensor(found: Measured, draws: int = DRAWS) -> SensorFit:
     return SensorFit(values, {name: np.array(one) for name, one in kept.items()} | spread_draws)
 
 
+def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:
+    """The likeliest Gammas, reach and blur (``_start``) where tiles and robots are all alike."""
+    even = np.ones(energy.size)
+    return _fit(_Data(energy, edge_m, even, even), even, _start(energy, vibrating))
+
+
+def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
+    """Of each sample, where tiles and robots are all alike."""
+    even = np.ones(energy.size)
+    one, other = _parts(theta, _Data(energy, edge_m, even, even))
+    return np.asarray(np.log(one + other + _FLOOR))
+
+
 def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
     """Log shape, log scale, location of either kind by moments, reach (cm), log blur (cm)."""
     theta = []

@@ -8,7 +8,7 @@ sessions spread by: a figure is reached where the real session lies within 95 % 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -137,7 +137,8 @@ def folds(
 
 def _fold(found: Measured, rest: Measured, session: int, fitted: Fit, other: Measured | None) -> Fold:
     scenario = on_floor(fitted.scenario, found.floors[session])
-    simulated = measured([simulate(scenario, _SEED + session, SIMULATED)])
+    there = measured([simulate(scenario, _SEED + session, SIMULATED)])
+    simulated = replace(there, samples=there.seen_by(fitted.camera))
     held = found.only([session]).samples
     threshold = scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held, simulated, rest, other) for feature in FEATURES)

@@ -10,6 +10,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.correlation import packet_loss
+from vibroswarm.calibrate.approach import approach_tables
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import sample_table
 from vibroswarm.errors import InputError
@@ -27,15 +29,50 @@ class Measured:
     """``features.sample_table``, with edge_m (``edge_distance``), tile and other (``edge_distance``)."""
     drives: pl.DataFrame
     """``drive.DRIVES``."""
+    approaches: pl.DataFrame
+    """``approach.APPROACHES``."""
+    turns: pl.DataFrame
+    """``approach.TURNS``."""
     exchange: pl.DataFrame
     """``correlation.packet_loss``."""
     floors: tuple[Floor, ...]
     arena_m: tuple[float, float]
+    results: tuple[Result, ...]
+    """Whence."""
 
     @property
     def sessions(self) -> list[int]:
         """Their numbers."""
         return [int(run) for run in self.samples["run"].unique().sort()]
+
+    def corrected(self, camera: Camera) -> Measured:
+        """The same with the robots of recordings where they were."""
+        if camera == RIGHT:
+            return self
+        return measured([corrected(one, camera) for one in self.results]).only(self.sessions)
+
+    def seen_by(self, camera: Camera) -> pl.DataFrame:
+        """``samples`` where a camera would have seen them, with all that follows from the place."""
+        x, y = camera.seen(self.samples["x_m"].to_numpy(), self.samples["y_m"].to_numpy(), self.arena_m)
+        moved = self.samples.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))
+        parts = []
+        for (run,), own in moved.group_by("run", maintain_order=True):
+            floor = self.floors[int(run)]
+            distance, tile, other = edge_distance(floor, own["x_m"].to_numpy(), own["y_m"].to_numpy())
+            parts.append(
+                own.with_columns(
+                    edge_m=pl.Series(distance),
+                    tile=pl.Series(tile),
+                    other=pl.Series(other),
+                    vibrating=pl.Series(floor.tiles.ravel()[tile] == 1),
+                )
+            )
+        steps = {f"d{name}": pl.col(name).diff().over("run", "robot") for name in ("x_m", "y_m")}
+        return (
+            pl.concat(parts)
+            .with_columns(**steps)
+            .with_columns(distance_m=(pl.col("dx_m") ** 2 + pl.col("dy_m") ** 2).sqrt())
+        )
 
     def only(self, sessions: Sequence[int]) -> Measured:
         """These sessions alone; they keep their numbers."""
@@ -44,6 +81,8 @@ class Measured:
             self,
             samples=self.samples.filter(chosen),
             drives=self.drives.filter(chosen),
+            approaches=self.approaches.filter(chosen),
+            turns=self.turns.filter(chosen),
             exchange=self.exchange.filter(chosen),
         )
 
@@ -57,6 +96,8 @@ def measured(results: Sequence[Result]) -> Measured:
     if not results:
         raise InputError("there is nothing to fit; give at least one recording", field="REAL")
     samples, drives, exchange, floors = [], [], [], []
+    approaches: list[pl.DataFrame] = []
+    turns: list[pl.DataFrame] = []
     sizes = {(one.scenario.arena.width_m, one.scenario.arena.height_m) for one in results}
     if len(sizes) > 1:
         raise InputError("the recordings are of arenas of different sizes; fit them apart", field="REAL")
@@ -81,10 +122,19 @@ def measured(results: Sequence[Result]) -> Measured:
             floors.append(one.floor(run))
         samples.append(numbered(pl.concat(parts)))
         drives.append(numbered(drive_table(one)))
+        for kept, frame in zip((approaches, turns), approach_tables(one, table), strict=True):
+            kept.append(numbered(frame))
         exchange.append(numbered(packet_loss(one)))
         first += len(runs)
     return Measured(
-        pl.concat(samples), pl.concat(drives), pl.concat(exchange), tuple(floors), next(iter(sizes))
+        samples=pl.concat(samples),
+        drives=pl.concat(drives),
+        approaches=pl.concat(approaches),
+        turns=pl.concat(turns),
+        exchange=pl.concat(exchange),
+        floors=tuple(floors),
+        arena_m=next(iter(sizes)),
+        results=tuple(results),
     )
 
 

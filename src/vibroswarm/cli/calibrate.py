@@ -56,9 +56,10 @@ def add_parser(commands: Any) -> None:
     figures.add_argument("--at", metavar="THETA", default="1.33", help="threshold for error rates (1.33)")
     figures.add_argument("--json", action="store_true", help="as JSON")
     figures.set_defaults(run=run_figures, parser=figures)
-    from vibroswarm.cli import calibrate_fit
+    from vibroswarm.cli import calibrate_effect, calibrate_fit
 
     calibrate_fit.add_parser(tasks)
+    calibrate_effect.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
 
 

@@ -64,14 +64,14 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.calibrate.measured import measured
 
     candidates = _candidates(arguments.candidates)
-    base = _base(arguments.base, arguments.set)
+    base = base_of(arguments.base, arguments.set)
     if arguments.out is not None and arguments.out.suffix != ".toml":
         raise InputError("is no name for a scenario; one that ends in .toml", field=str(arguments.out))
     found = measured([_read(folder) for folder in arguments.folders])
     other = None if arguments.against is None else measured([_read(arguments.against)])
-    fitted = fit(found, base, candidates=candidates, progress=_progress("fit"))
+    fitted = fit(found, base, candidates=candidates, progress=progress_of("fit"))
     judged = (
-        folds(found, base, other, candidates=candidates, progress=_progress("folds"))
+        folds(found, base, other, candidates=candidates, progress=progress_of("folds"))
         if arguments.folds
         else []
     )
@@ -95,7 +95,8 @@ def _candidates(text: str | None) -> int | None:
     return int(text)
 
 
-def _base(name: str, settings: list[str]) -> Any:
+def base_of(name: str, settings: list[str]) -> Any:
+    """A preset or scenario file with fields set."""
     from vibroswarm.presets import preset, preset_names
     from vibroswarm.scenario import Scenario, parse_setting
 
@@ -112,7 +113,8 @@ def _read(folder: Path) -> Result:
     return Recording.read(folder) if (folder / "recording.json").is_file() else Result.read(folder)
 
 
-def _progress(what: str) -> Any:
+def progress_of(what: str) -> Any:
+    """Tells the share done on a terminal; None elsewhere."""
     if not sys.stderr.isatty():
         return None
 

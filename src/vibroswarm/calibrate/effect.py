@@ -1,0 +1,101 @@
+"""What it changes to simulate with other robots: two scenarios on the same floors, for each strategy.
+
+Runs of one number have the same floor and the same numbers for noise in both, and are a pair. Interesting differences
+are looked at again on other seeds (fresh motion, fresh floors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
+from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import replay, simulate
+
+STRATEGIES: Final = ("none", "positive", "soft")
+CONSENSUS: Final = ("right", "wrong", "split", "incomplete")
+BATCH: Final = 100
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One strategy: figures of both scenarios, shares of kinds of consensus, and the differences, second less first."""
+
+    strategy: str
+    figures: tuple[dict[str, Interval], dict[str, Interval]]
+    consensus: tuple[dict[str, float], dict[str, float]]
+    differences: tuple[Confirmation, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "strategy": self.strategy,
+            "figures": [{name: one.as_dict() for name, one in each.items()} for each in self.figures],
+            "consensus": list(self.consensus),
+            "differences": [one.as_dict() for one in self.differences],
+        }
+
+
+def effects(
+    first: Scenario,
+    second: Scenario,
+    runs: int,
+    seed: int = 1,
+    strategies: Sequence[str] = STRATEGIES,
+    progress: Callable[[float], None] | None = None,
+) -> list[Effect]:
+    """What changes from the first scenario to the second, for each strategy in place of theirs.
+
+    Args:
+        runs: of each, and as many again on other seeds.
+    """
+    blocks = []
+    done, all_of = 0, 4 * -(-runs // BATCH)
+    for block in range(2):
+        cells: list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]] = []
+        for scenario in (first, second):
+            pieces: dict[str, list[tuple[pl.DataFrame, pl.DataFrame]]] = {name: [] for name in strategies}
+            for start in range(0, runs, BATCH):
+                chosen = list(range(start, min(start + BATCH, runs)))
+                whole = simulate(scenario, seed + block, chosen, energies=False)
+                for name in strategies:
+                    one = replay(whole, scenario.with_values({"strategy.name": name}))
+                    pieces[name].append((one.robots, one.runs))
+                done += 1
+                if progress is not None:
+                    progress(done / all_of)
+            cells.append(
+                {
+                    name: (pl.concat([one[0] for one in each]), pl.concat([one[1] for one in each]))
+                    for name, each in pieces.items()
+                }
+            )
+        blocks.append(cells)
+    return [_effect(name, blocks, first.run.t_end_s) for name in strategies]
+
+
+def _effect(
+    name: str, blocks: list[list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]]], t_end_s: float
+) -> Effect:
+    tables = [[run_figures(*cell[name], t_end_s) for cell in cells] for cells in blocks]
+    here = [compare(second, first) for first, second in tables]
+    figures = [
+        {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in FIGURES}
+        for table in tables[0]
+    ]
+    shares = [
+        {kind: float((cell[name][1]["consensus"] == kind).mean()) for kind in CONSENSUS}  # type: ignore[arg-type]
+        for cell in blocks[0]
+    ]
+    return Effect(
+        name,
+        (figures[0], figures[1]),
+        (shares[0], shares[1]),
+        tuple(confirmed(a, b) for a, b in zip(*here, strict=True)),
+    )

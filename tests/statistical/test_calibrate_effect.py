@@ -1,0 +1,36 @@
+"""What other robots change: nothing where they are the same, and on which side it must lie where they are not."""
+
+from __future__ import annotations
+
+import json
+
+from vibroswarm.calibrate.effect import effects
+from vibroswarm.cli import main
+from vibroswarm.presets import preset
+
+EASY = preset("paper").with_values({"floor.source": "random:0.2", "decision.min_observations": 40})
+
+
+def test_the_same_robots_change_nothing() -> None:
+    (one,) = effects(EASY, EASY, runs=6, strategies=("positive",))
+    assert all(each.first.difference.estimate == 0.0 for each in one.differences)
+    assert not any(each.confirmed for each in one.differences)
+    assert one.figures[0] == one.figures[1]
+
+
+def test_robots_that_sample_half_as_often_decide_later() -> None:
+    slow = EASY.with_values({"sample.sample_interval_ms": 9000.0})
+    (one,) = effects(EASY, slow, runs=12, strategies=("none",))
+    time = next(each for each in one.differences if each.first.figure == "decision_time_s")
+    assert time.confirmed
+    assert time.first.difference.low > 20.0
+    assert sum(one.consensus[0].values()) == 1.0
+
+
+def test_the_command_tells_it(capsys) -> None:
+    settings = ["--set", "run.t_end_s=200.0", "--runs", "2", "--json"]
+    assert main(["calibrate", "effect", "paper", "calibrated", *settings]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [one["strategy"] for one in told] == ["none", "positive", "soft"]
+    assert main(["calibrate", "effect", "--runs", "1"]) == 2
+    assert "no whole number from 2" in capsys.readouterr().err
