@@ -113,6 +113,12 @@ def test_compare(kept, tmp_path, capsys):
     assert all(one["as_published"] == pytest.approx(1.0) for one in about["similarities"])
     assert about["told_apart"]["simulated_by_robot"]["estimate"] < 0.7
     assert picture.read_bytes().startswith(b"\x89PNG")
+    several = tmp_path / "pictures"
+    assert main(["calibrate", "compare", str(kept), str(kept), "--pictures", str(several)]) == 0
+    names = {"avoidance", "vibrating", "still", "places", "distances", "steps", "together"}
+    assert {one.stem for one in several.iterdir()} == names
+    assert main(["calibrate", "compare", str(kept), str(kept), "--pictures", str(picture)]) == 2
+    capsys.readouterr()
     assert main(["calibrate", "compare", str(kept), str(kept)]) == 0
     assert "ceiling" in capsys.readouterr().out
 

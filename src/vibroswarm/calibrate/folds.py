@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.calibrate.classifier import tell_apart
 from vibroswarm.calibrate.energy_distance import compare_distance
 from vibroswarm.calibrate.features import FEATURES, values_of
 from vibroswarm.calibrate.fit import Fit, fit
@@ -28,6 +29,7 @@ from vibroswarm.simulation import simulate
 
 Floats = NDArray[np.float64]
 SIMULATED: Final = 40
+TOLD: Final = 6
 EDGES_M: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1)
 _SEED: Final = 34
 
@@ -69,6 +71,11 @@ class Fold:
     fit: Fit
     scores: tuple[Score, ...]
     readings: tuple[Reading, ...]
+    told_fitted: float
+    """Share of the session's stretches that a classifier tells from simulated ones, of other robots than it was trained
+    on; mean over ``TOLD`` simulated sessions. Chance is 0.5."""
+    told_simulator: float
+    """The same of the other simulator's; nan where there is none."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; null where a figure is not known."""
@@ -83,6 +90,8 @@ class Fold:
             "fields": self.fit.changed,
             "scores": [plain(one) for one in self.scores],
             "readings": [plain(one) for one in self.readings],
+            "told_apart": self.told_fitted,
+            "told_apart_other": self.told_simulator if np.isfinite(self.told_simulator) else None,
         }
 
 
@@ -149,7 +158,14 @@ def _fold(found: Measured, rest: Measured, session: int, fitted: Fit, other: Mea
         for name, value in recorded.items()
         if np.isfinite(own := np.array([one[name] for one in each])).sum() > 1 and np.isfinite(value)
     )
-    return Fold(session, fitted, scores, readings)
+    told = _told(held, _by_session(simulated)[:TOLD])
+    return Fold(
+        session, fitted, scores, readings, told, np.nan if other is None else _told(held, _by_session(other))
+    )
+
+
+def _told(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
+    return float(np.mean([tell_apart([held], [one]).simulated_by_robot.estimate for one in others]))
 
 
 def _by_session(found: Measured) -> list[pl.DataFrame]:

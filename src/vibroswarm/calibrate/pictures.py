@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -40,12 +41,14 @@ _BINS: Final = {"avoidance": 40, "vibrating": 50, "still": 50, "places": 15, "di
 Floats = NDArray[np.float64]
 
 
-def comparison_figure(real: Result, simulated: Result, found: Comparison) -> Figure:
+def comparison_figure(
+    real: Result, simulated: Result, found: Comparison, features: Sequence[str] = FEATURES
+) -> Figure:
     """A row a feature: real, simulated; figures of likeness in the titles, legible in grey."""
     from matplotlib.figure import Figure
 
     one, other = sessions_of(real), sessions_of(simulated)
-    shown = [feature for feature in FEATURES if feature not in found.missing]
+    shown = [feature for feature in features if feature not in found.missing]
     figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
     axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
     for row, feature in enumerate(shown):
@@ -88,6 +91,18 @@ def _label(axis: Axes, feature: str) -> None:
     axis.set_xlabel(across, fontsize=7)
     axis.set_ylabel(up, fontsize=7)
     axis.tick_params(labelsize=6)
+
+
+def write_comparison_pictures(real: Result, simulated: Result, found: Comparison, folder: Path) -> list[Path]:
+    """A file a feature, and all together in ``together.png``; gives their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name in [one for one in FEATURES if one not in found.missing] + ["together"]:
+        chosen = FEATURES if name == "together" else (name,)
+        with whole_file(folder / f"{name}.png") as part, MATPLOTLIB_LOCK:
+            comparison_figure(real, simulated, found, chosen).savefig(part, dpi=150)
+        written.append(folder / f"{name}.png")
+    return written
 
 
 def write_comparison_picture(real: Result, simulated: Result, found: Comparison, path: Path) -> None:

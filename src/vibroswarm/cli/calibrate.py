@@ -42,6 +42,9 @@ def add_parser(commands: Any) -> None:
     compare.add_argument(
         "--picture", metavar="FILE", type=Path, help="draw both, side by side (.png, .svg, .pdf)"
     )
+    compare.add_argument(
+        "--pictures", metavar="DIR", type=Path, help="draw a file a feature there, and all together"
+    )
     compare.add_argument("--json", action="store_true", help="as JSON")
     compare.set_defaults(run=run_compare, parser=compare)
     figures = tasks.add_parser(
@@ -95,6 +98,7 @@ def _scaled(one: Interval | None, times: float) -> str:
 def run_compare(arguments: argparse.Namespace) -> int:
     """Read both, compare, tell."""
     from vibroswarm.calibrate.compare import compare
+    from vibroswarm.errors import InputError
 
     real, simulated = _read(arguments.real), _read(arguments.simulated)
     found = compare(real, simulated)
@@ -104,6 +108,12 @@ def run_compare(arguments: argparse.Namespace) -> int:
 
         check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
         write_comparison_picture(real, simulated, found, arguments.picture)
+    if arguments.pictures is not None:
+        from vibroswarm.calibrate.pictures import write_comparison_pictures
+
+        if arguments.pictures.is_file():
+            raise InputError("is a file; give the name of a folder", field=str(arguments.pictures))
+        write_comparison_pictures(real, simulated, found, arguments.pictures)
     if arguments.json:
         print(json.dumps(found.as_dict(), indent=2, allow_nan=False))
     else:

@@ -175,7 +175,13 @@ def fold_lines(judged: list[Fold]) -> list[str]:
         alike = "".join(mean(k, name) for name in ("fitted", "other_sessions", "other_simulator"))
         apart = "".join(mean(k, f"distance_{name}") for name in ("fitted", "sessions", "simulator"))
         lines.append(f"{WORDS[one.feature]:<28}{alike}      {apart}")
+    told, other = (
+        np.mean([getattr(one, name) for one in judged]) for name in ("told_fitted", "told_simulator")
+    )
+    beside = f", from the other simulator's {other:.3f}" if np.isfinite(other) else ""
     lines += [
+        "",
+        f"Share of stretches told from simulated ones, other robots (0.5: chance): {told:.3f}{beside}",
         "",
         f"{'held-out sessions':<44}{'recorded':>9}{'fitted':>9}   standard deviations of a session, each",
     ]

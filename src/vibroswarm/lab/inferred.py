@@ -210,7 +210,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
         ]
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
     said = "; ".join(
-        f"{gate}: at most {low:g} while undecided and sure, at least {high:g} at a first decision"
+        f"{gate}: {_held(low)} while undecided and sure, at least {high:g} at a first decision"
         for gate, (low, high, _) in bounds.items()
     )
     if len(possible) != 1 or math.isinf(bounds[possible[0]][0]):
@@ -378,3 +378,7 @@ def _from_received(
                 share = float(np.clip(chance[one][others].mean(), FLOOR_SHARE, 1 - FLOOR_SHARE))
                 total[one] += float(stats.binom.logpmf(ones, n, share))
     return total, used, "bits received"
+
+
+def _held(most: float) -> str:
+    return "never" if math.isinf(most) else f"at most {most:g}"
