@@ -132,6 +132,15 @@ def test_odd_settings_are_identical_too(name):
         assert apart < MICROMETRE
 
 
+@pytest.mark.parametrize("robots", [5, 12])
+def test_calibrated_robots_are_identical_too(robots):
+    for run in range(4):
+        scenario = preset("calibrated").with_values({"swarm.robots": robots, "run.t_end_s": 400.0})
+        first, apart = difference(scenario, 14, run)
+        assert first is None, f"run {run} differs from {first} s on"
+        assert apart < MICROMETRE
+
+
 @given(
     robots=st.integers(1, 12),
     width=st.floats(0.2, 1.5),

@@ -14,6 +14,7 @@ from scipy.special import betainc
 
 from vibroswarm.draws import Purpose, uniform
 from vibroswarm.inference.minds import FINALS
+from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.whole import whole_run
@@ -308,3 +309,10 @@ def test_hearing_one_period_too_early_shows(monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(timeline, "heard_at_end", heard)
         different += not wrong["finals"].equals(right["finals"])
     assert different > 5
+
+
+@pytest.mark.parametrize("strategy", ["none", "positive", "soft"])
+def test_calibrated_robots_too(strategy: str) -> None:
+    """Robots named one by one, blind after turns, with sensing across edges."""
+    scenario = preset("calibrated").with_values(QUICK | {"strategy.name": strategy, "swarm.robots": 7})
+    equal(whole(scenario, 8, 2), staged(scenario, 8, 2))
