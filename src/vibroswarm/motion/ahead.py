@@ -36,6 +36,7 @@ SIDE_TICKS = 128.0
 """A wall, or another robot that is near, is looked at again after so many ticks at most."""
 
 ROUNDING_M = 1e-12
+SAG_ROUNDING_M = 1e-9
 
 
 @inlined
@@ -126,26 +127,27 @@ def wall_tick(row: Planner, setup: Setup) -> int:
         near = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         return int(row.tick + 1) if near - row.slack_m < inset else NEVER
     far = max(setup.ray_reach_m, inset) + row.slack_m
-    near_left = min(row.x_m, row.own_x_m) < far
-    near_right = max(row.x_m, row.own_x_m) > setup.width_m - far
-    near_low = min(row.y_m, row.own_y_m) < far
-    near_high = max(row.y_m, row.own_y_m) > setup.height_m - far
-    if not (near_left or near_right or near_low or near_high):
+    left, right = min(row.x_m, row.own_x_m), max(row.x_m, row.own_x_m)
+    low, high = min(row.y_m, row.own_y_m), max(row.y_m, row.own_y_m)
+    if left >= far and low >= far and right <= setup.width_m - far and high <= setup.height_m - far:
         return NEVER
-    return tick_at_walls(row, setup, inset, near_left, near_right, near_low, near_high)
+    return tick_at_walls(row, setup, inset)
 
 
 @inner
-def tick_at_walls(
-    row: Planner,
-    setup: Setup,
-    inset: float,
-    near_left: bool,
-    near_right: bool,
-    near_low: bool,
-    near_high: bool,
-) -> int:
-    """``wall_tick`` for a driver that comes near these walls."""
+def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
+    """``wall_tick`` for a driver that comes near walls."""
+    left, right, low, high = outline(setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
+    own_left, own_right, own_low, own_high = outline(
+        setup, inset, row.own_x_m, row.own_y_m, row.own_sin_h, row.own_cos_h
+    )
+    # Between both ends a distance is above the straight line by no more than an eighth of how it bends.
+    ticks, bend = row.own_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
+    sag = 0.125 * ticks * ticks * bend * (row.rate_m + bend * setup.ray_reach_m) + SAG_ROUNDING_M
+    near_left, near_right = min(left, own_left) < sag, max(right, own_right) > setup.width_m - sag
+    near_low, near_high = min(low, own_low) < sag, max(high, own_high) > setup.height_m - sag
+    if not (near_left or near_right or near_low or near_high):
+        return NEVER
     tick = row.tick + 1
     while tick <= row.own_tick:
         x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
@@ -165,6 +167,21 @@ def tick_at_walls(
             return int(tick)
         tick += max(1, int(free))
     return NEVER
+
+
+@inlined
+def outline(
+    setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
+) -> tuple[float, float, float, float]:
+    """The box round a robot's body with its inset and the ends of its rays: left, right, low, high, m."""
+    left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
+    for k in range(setup.ray_side_m.size):
+        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+        left, right = min(left, end_x), max(right, end_x)
+        low, high = min(low, end_y), max(high, end_y)
+    return left, right, low, high
 
 
 @inner
@@ -205,7 +222,7 @@ def side_ticks(gap: float, approach: float, swerve: float) -> float:
     if gap <= 0.0:
         return 0.0
     below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
-    return 2.0 * gap / below if below * SIDE_TICKS > 2.0 * gap else SIDE_TICKS
+    return min(2.0 * gap / below, SIDE_TICKS)  # infinite ones too: no branch that would be hard to predict
 
 
 @inlined

@@ -123,7 +123,7 @@ def events(
         if count == 0:
             continue
         count = rouse(planners, near, places, apart, awake, count, setup, speeds, record, seed, run, tick)
-        step(planners, near, awake, count, setup, record, seed, run, tick)
+        step(planners, near, apart, awake, count, setup, record, seed, run, tick)
         for k in range(count):
             plan(planners, near, places, one_of(awake, k), setup, tick)
         for k in range(count):
@@ -204,8 +204,11 @@ def rouse(
                 write_turn(record, row, i, setup, run, tick)
             catch_up(row, setup, tick)
         if look_around(planners, near, places, apart, i, setup, tick):
-            for m in range(how_many(near, i)):
-                j = listed(near, i, m)
+            near2 = within2(apart, i, setup.zone_m)
+            for m in range(noted(planners, near, i)):
+                if apart[i, m + 1] >= near2:
+                    continue
+                j = robot_noted(planners, near, i, m)
                 other = planners[j]
                 moving = other.tick != tick and other.mode != STOP
                 if moving and maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
@@ -238,6 +241,25 @@ def look_around(
     apart[i, 0] = slack
     row.alone_m = math.sqrt(nearest2) - slack
     return bool(row.alone_m < setup.zone_m)
+
+
+@inlined
+def noted(planners: Planners, near: NDArray[np.uint32], i: int) -> int:
+    """How many distances robot ``i``'s row of ``apart`` holds."""
+    return planners.size if planners.size <= SMALL_SWARM else how_many(near, i)
+
+
+@inlined
+def robot_noted(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> int:
+    """The robot that distance ``m`` of robot ``i``'s row of ``apart`` is to."""
+    return m if planners.size <= SMALL_SWARM else listed(near, i, m)
+
+
+@inlined
+def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
+    """What a squared distance in robot ``i``'s row of ``apart`` is below if the other may be within that, m^2."""
+    far = distance_m + apart[i, 0]
+    return float(far * far)
 
 
 @inner
@@ -276,6 +298,7 @@ def sample(
 def step(
     planners: Planners,
     near: NDArray[np.uint32],
+    apart: NDArray[np.float64],
     awake: NDArray[np.uint32],
     count: int,
     setup: Setup,
@@ -291,12 +314,12 @@ def step(
         if unseen or (setup.blind_ms > 0.0 and is_blind(planners, one_of(awake, k))):
             row.nearest_mm = math.inf
         elif looks(load(planners, one_of(awake, k)), setup, row.gyro_deg):
-            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, one_of(awake, k), setup, tick)
+            row.nearest_mm = 1000.0 * nearest_now_m(planners, near, apart, one_of(awake, k), setup, tick)
     for k in range(count):
         control_one(planners, setup, seed, run, tick, one_of(awake, k))
         begin_plan(planners[one_of(awake, k)], setup, tick)
     for k in range(count):
-        contact_now(planners, near, one_of(awake, k), setup, tick)
+        contact_now(planners, near, apart, one_of(awake, k), setup, tick)
     if record.segments.size > 0:
         for k in range(count):
             row = planners[one_of(awake, k)]
@@ -305,7 +328,9 @@ def step(
 
 
 @inlined
-def nearest_now_m(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> float:
+def nearest_now_m(
+    planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, setup: Setup, tick: int
+) -> float:
     """The shortest of robot ``i``'s rays at ``tick``, m; infinite when none sees a thing that would matter."""
     row = planners[i]
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
@@ -313,8 +338,11 @@ def nearest_now_m(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
         nearest = rays_to_walls(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h)
     if row.alone_m < setup.sight_m:
-        for m in range(how_many(near, i)):
-            other = planners[listed(near, i, m)]
+        near2 = within2(apart, i, setup.sight_m)
+        for m in range(noted(planners, near, i)):
+            if apart[i, m + 1] >= near2:
+                continue
+            other = planners[robot_noted(planners, near, i, m)]
             if maybe_within(other, x, y, setup.sight_m, tick):
                 other_x, other_y, _ = pose_at(other, setup, tick)
                 disc = rays_to_disc(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h, other_x, other_y)
@@ -323,7 +351,9 @@ def nearest_now_m(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
 
 
 @inlined
-def contact_now(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
+def contact_now(
+    planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, setup: Setup, tick: int
+) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or a body.
 
     Robots before ``i`` have moved already (those that could be touched are awake), those after it have not.
@@ -336,20 +366,22 @@ def contact_now(planners: Planners, near: NDArray[np.uint32], i: int, setup: Set
     x, y = row.x_m, row.y_m
     at_wall = x < inset or y < inset or setup.width_m - x < inset or setup.height_m - y < inset
     if row.alone_m < setup.zone_m or at_wall:
-        move_or_block(planners, near, i, setup, tick)
+        move_or_block(planners, near, apart, i, setup, tick)
 
 
 @inner
-def move_or_block(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, tick: int) -> None:
+def move_or_block(
+    planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, setup: Setup, tick: int
+) -> None:
     """``contact_now`` for a robot that has a wall or a body near."""
     row = planners[i]
     x, y, _, _, _ = along_arc(row, setup.tick_s)
     r = setup.radius_m
     hit = x < r or y < r or x > setup.width_m - r or y > setup.height_m - r
-    for m in range(how_many(near, i)):
-        j = listed(near, i, m)
-        if not hit and maybe_within(planners[j], x, y, setup.zone_m, tick):
-            hit = touches_now(planners, i, j, setup, tick, x, y)
+    near2 = within2(apart, i, setup.zone_m)
+    for m in range(noted(planners, near, i)):
+        if not hit and apart[i, m + 1] < near2:
+            hit = touches_now(planners, i, robot_noted(planners, near, i, m), setup, tick, x, y)
     if hit:
         block(row)
     else:
@@ -423,12 +455,11 @@ def meet(
     far += (row.own_tick - tick) * row.rate_m + (row.last_tick - tick) * setup.longest_step_m
     if far < row.alone_m:
         return
-    far += apart[i, 0]
-    small = planners.size <= SMALL_SWARM
-    for m in range(planners.size if small else how_many(near, i)):
-        if apart[i, m + 1] > far * far:
+    far2 = within2(apart, i, far)
+    for m in range(noted(planners, near, i)):
+        if apart[i, m + 1] > far2:
             continue
-        j = m if small else listed(near, i, m)
+        j = robot_noted(planners, near, i, m)
         other = planners[j]
         if other.tick == tick and other.mode != STOP and j < i:
             continue  # it is awake too, and has looked already
