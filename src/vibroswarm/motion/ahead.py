@@ -137,9 +137,9 @@ def wall_tick(row: Planner, setup: Setup) -> int:
 @inner
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
     """``wall_tick`` for a driver that comes near walls."""
-    left, right, low, high = outline(setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
+    left, right, low, high = outline(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
     own_left, own_right, own_low, own_high = outline(
-        setup, inset, row.own_x_m, row.own_y_m, row.own_sin_h, row.own_cos_h
+        row, setup, inset, row.own_x_m, row.own_y_m, row.own_sin_h, row.own_cos_h
     )
     # Between both ends a distance is above the straight line by no more than an eighth of how it bends.
     ticks, bend = row.own_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
@@ -171,12 +171,13 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
 
 @inlined
 def outline(
-    setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
+    row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
-    """The box round a robot's body with its inset and the ends of its rays: left, right, low, high, m."""
+    """The box round a robot's body with its inset, and its rays: left, right, low, high, m."""
+    inset = max(inset, setup.outside_m)  # rays that may start beyond a wall
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
-        along = setup.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
         beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
         end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
         left, right = min(left, end_x), max(right, end_x)
