@@ -43,7 +43,7 @@ from vibroswarm.motion.neighbours import (
     make_lists,
 )
 from vibroswarm.motion.phases import control_one, is_blind, load, rays_to_disc, rays_to_walls, refresh
-from vibroswarm.motion.places import hide, measure_all, no_places, put_down, stand_at
+from vibroswarm.motion.places import hide, measure_all, measure_meetings, no_places, put_down, stand_at
 from vibroswarm.motion.plans import (
     PLANNER,
     Planner,
@@ -127,7 +127,7 @@ def events(
         for k in range(count):
             plan(planners, near, places, one_of(awake, k), setup, tick)
         for k in range(count):
-            meet(planners, wakes, near, apart, standing, one_of(awake, k), setup, tick)
+            meet(planners, wakes, near, places, apart, standing, one_of(awake, k), setup, tick)
         for k in range(count):
             i = one_of(awake, k)
             row = planners[i]
@@ -164,7 +164,7 @@ def stop(
     if record.segments.size > 0:
         write_segment(record, run, i, tick, (row.x_m, row.y_m, row.heading_rad), 0.0, 0.0, STOP)
     if planners.size <= SMALL_SWARM:
-        put_down(places, i, row)
+        put_down(places, i, row, setup)
     set_wake(wakes, i, row.own_tick)
 
 
@@ -433,7 +433,7 @@ def plan(
         row.last_tick += ticks_to_sample(setup, 0) + 1
     prepare_to_look(row, setup)
     if planners.size <= SMALL_SWARM:
-        put_down(places, i, row)
+        put_down(places, i, row, setup)
     row.alert_tick = wall_tick(row, setup)
 
 
@@ -442,6 +442,7 @@ def meet(
     planners: Planners,
     wakes: NDArray[np.int64],
     near: NDArray[np.uint32],
+    places: NDArray[np.float64],
     apart: NDArray[np.float64],
     standing: Planners,
     i: int,
@@ -456,6 +457,9 @@ def meet(
     if far < row.alone_m:
         return
     far2 = within2(apart, i, far)
+    if planners.size <= SMALL_SWARM:
+        far2 = 0.0
+        measure_meetings(places, apart, planners.size, i, row, setup, tick)
     for m in range(noted(planners, near, i)):
         if apart[i, m + 1] > far2:
             continue
