@@ -118,6 +118,14 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, _nrt=False, forceinline=False)
 
 
+def branching_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """As ``kernel``, without LLVM's vectors of equal operations side by side.
+
+    Where branches are many, to gather single numbers into a vector and to part them again takes longer.
+    """
+    return _compile(function, side_by_side=False, _nrt=False, forceinline=False)
+
+
 def inner(function: Callable[P, R]) -> Callable[P, R]:
     """As ``kernel``, for what only kernels call: it is compiled with each that does. From Python, it is plain."""
     return _compile(function, from_python=False, _nrt=False, forceinline=False)
@@ -152,7 +160,9 @@ _compiled: list[Any] = []
 _hashed_at_s = time.time()
 
 
-def _compile(function: Callable[P, R], from_python: bool = True, **options: bool) -> Callable[P, R]:
+def _compile(
+    function: Callable[P, R], from_python: bool = True, side_by_side: bool = True, **options: bool
+) -> Callable[P, R]:
     if not _compiles():
         return function
     import numba
@@ -172,7 +182,7 @@ def _compile(function: Callable[P, R], from_python: bool = True, **options: bool
     finally:
         config.CACHE_DIR = before
     if from_python:
-        _set_for_compiling(compiled)
+        _set_for_compiling(compiled, side_by_side)
     _compiled.append(compiled)
     if Path(function.__code__.co_filename).stat().st_mtime > _hashed_at_s:
         _forget()
@@ -180,14 +190,14 @@ def _compile(function: Callable[P, R], from_python: bool = True, **options: bool
     return result
 
 
-def _set_for_compiling(compiled: Any) -> None:
+def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
     """Let this kernel, and all that is compiled with it, be compiled under ``_settings``."""
     compile_one, module = compiled.compile, compiled.py_func.__module__
 
     def compile_under_settings(signature: Any) -> Any:
         for tell in _told:
             tell(module)
-        with _settings():
+        with _settings(side_by_side):
             return compile_one(signature)
 
     compiled.compile = compile_under_settings
@@ -207,8 +217,8 @@ thousand times, and finds next to nothing: one part in twenty of the time."""
 
 
 @contextmanager
-def _settings() -> Iterator[None]:
-    """LLVM's vectors of equal operations side by side, which Numba leaves out, are 5 to 10 % of the engines.
+def _settings(side_by_side: bool) -> Iterator[None]:
+    """LLVM's vectors of equal operations side by side, which Numba leaves out, are 5 to 10 % of most kernels.
 
     These are settings of the whole process, and put back.
     """
@@ -216,7 +226,7 @@ def _settings() -> Iterator[None]:
 
     numbas: Any = config
     vectors, objects = numbas.SLP_VECTORIZE, gc.get_threshold()
-    numbas.SLP_VECTORIZE = 1
+    numbas.SLP_VECTORIZE = int(side_by_side)
     gc.set_threshold(max(objects[0], OBJECTS_BETWEEN) if objects[0] else 0, *objects[1:])
     try:
         yield

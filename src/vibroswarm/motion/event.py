@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, inner, kernel, zero_rows
+from vibroswarm.compiled import branching_kernel, inlined, inner, kernel, zero_rows
 from vibroswarm.motion.ahead import (
     apart2,
     blocked_ticks,
@@ -83,7 +83,7 @@ ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
 """Rows a robot may write between two looks at the buffers: two turns, tick by tick."""
 
 
-@kernel
+@branching_kernel
 def events(
     planners: Planners,
     wakes: NDArray[np.int64],
