@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from vibroswarm.study.outcome import Outcome
 
 MOST_ROWS = 60
-NARROW = 100
 
 
 def say_tables(outcome: Outcome) -> None:

@@ -6,7 +6,7 @@ Pictures, claims and report are made of the tables alone, so an item whose table
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -119,7 +119,6 @@ class Item:
     """Why it cannot be done, or None."""
     also: Callable[[Settings], str] = lambda settings: ""
     """What else its tables depend on."""
-    warnings: tuple[str, ...] = field(default=())
 
 
 def no_claims() -> pl.DataFrame:

@@ -125,9 +125,6 @@ def _bars(
     return draw
 
 
-_OF_PLANE: Final = (("decision_time_s", "decision time (s)", "low"), ("swarm_right", "swarms right", "high"))
-
-
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[Named]:
     plane = plane_of([one.cell for one in cells])
     if plane is None:
