@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, zero_rows
-from vibroswarm.draws import ALONE, MESSAGE, SENSING, uniform
+from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.beliefs import Beliefs, beliefs
 from vibroswarm.inference.minds import MIND, begin_minds, final_frame, hear, mind_program, take_sample
@@ -23,29 +23,13 @@ from vibroswarm.motion.body import Setup, give_each, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.phases import ROBOT, Swarm, account, begin, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, Rows, empty_record, end_rows, tables, write_sample
-from vibroswarm.observation.felt import (
-    Place,
-    Response,
-    factor_row,
-    factors_differ,
-    felt_tile,
-    response_of,
-    tile_below,
-)
+from vibroswarm.observation.felt import factors_differ
+from vibroswarm.observation.ground import Ground, grounds_of, read
 from vibroswarm.observation.model import OBSERVATIONS, sensing_numbers, vibrating_at
 from vibroswarm.observation.reading import energies_of
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import MindProgram
-
-
-class Ground(NamedTuple):
-    """The floor, where it lies, and how the sensors respond, as the kernel reads them."""
-
-    tiles: NDArray[np.uint8]
-    """(tiles,)"""
-    place: Place
-    response: Response
 
 
 class Radio(NamedTuple):
@@ -64,19 +48,6 @@ class Notes(NamedTuple):
 
     inference: Columns
     observations: NDArray[np.int64]
-
-
-@kernel
-def read(
-    ground: Ground, x_m: float, y_m: float, seed: int, run: int, robot: int, sample: int
-) -> tuple[int, int, int, int]:
-    """What a sample here reads: the tile below, the bit, the tile felt, the row of factors."""
-    tile = tile_below(x_m, y_m, ground.place)
-    felt = felt_tile(x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample)
-    vibrates = felt >= 0 and ground.tiles[felt] == 1
-    row = factor_row(ground.response, 0, robot, felt)
-    u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    return tile, (1 if u > ground.response.shares_below[row, int(vibrates)] else 0), felt, row
 
 
 @kernel
@@ -142,17 +113,6 @@ def run_whole(
     return until
 
 
-def ground_of(scenario: Scenario, seed: int, run: int, floor: Floor) -> Ground:
-    """Floor and sensors of a run as the kernel reads them."""
-    rows, columns = floor.tiles.shape
-    top_m = floor.bottom_m + rows * floor.tile_height_m
-    return Ground(
-        tiles=floor.tiles.ravel(),
-        place=Place(rows, columns, floor.tile_width_m, floor.tile_height_m, floor.left_m, top_m),
-        response=response_of(scenario, seed, np.array([run]), [floor.tiles.size]),
-    )
-
-
 def whole_run(
     scenario: Scenario, seed: int, run: int, floor: Floor
 ) -> tuple[Motion, pl.DataFrame, pl.DataFrame, pl.DataFrame]:
@@ -174,7 +134,7 @@ def whole_run(
     begin(swarm, setup, speeds, seed, run)
     give_each(swarm, scenario)
     begin_minds(minds, program)
-    ground = ground_of(scenario, seed, run, floor)
+    (ground,) = grounds_of(scenario, seed, [run], {run: floor})
     end = run_whole(
         swarm, setup, speeds, ground, minds, radio, record, notes, program, known,
         seed, run, ticks, scenario.run.stop == "all_decided",
