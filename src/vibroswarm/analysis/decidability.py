@@ -30,7 +30,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
@@ -248,10 +248,12 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     distance = abs(share - boundary)
     if distance < ON:
         return None
-    z = float(stats.norm.isf(error))
+    z = float(-ndtri(error))
     normal = math.ceil((z * math.sqrt(share * (1.0 - share)) / distance) ** 2)
     if normal > _EXACT_UP_TO:
         return normal
+    from scipy import stats  # half a second, for this alone
+
     n = np.arange(1, 2 * normal + 2 * math.ceil(1.0 / distance) + 50)
     at = boundary * n
     if share > boundary:

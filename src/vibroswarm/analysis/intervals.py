@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import ndtr, ndtri, stdtrit
 
 from vibroswarm.errors import InputError
 
@@ -92,7 +92,7 @@ def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tu
     """Wilson's limits of shares, shapes as the inputs broadcast; nan where n is 0. Counts need not be whole."""
     check_level(level)
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
-    z = float(stats.norm.ppf(0.5 + level / 2))
+    z = float(ndtri(0.5 + level / 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)
         low, high = (k + z * z / 2 - half) / (total + z * z), (k + z * z / 2 + half) / (total + z * z)
@@ -126,7 +126,7 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     mean = _mean(runs)
     if runs.size == 1:
         return Interval(mean, -math.inf, math.inf, level, 1, "t")
-    half = float(stats.t.ppf(0.5 + level / 2, runs.size - 1)) * float(runs.std(ddof=1)) / math.sqrt(runs.size)
+    half = float(stdtrit(runs.size - 1, 0.5 + level / 2)) * float(runs.std(ddof=1)) / math.sqrt(runs.size)
     return Interval(mean, mean - half, mean + half, level, runs.size, "t")
 
 
@@ -163,7 +163,7 @@ def _resampled(
     widen = math.sqrt(n / (n - 1))
     if counts.size > _MANY_VALUES:
         residual = (numerators - ratio * denominators) / (denominators @ counts)
-        half = float(stats.norm.ppf(0.5 + level / 2)) * widen * math.sqrt(float(counts @ residual**2))
+        half = float(ndtri(0.5 + level / 2)) * widen * math.sqrt(float(counts @ residual**2))
         return ratio - half, ratio + half
     random, shares, drawn = generator(seed, "bootstrap"), counts / n, []
     at_once = max(1, _BLOCK // counts.size)
@@ -280,7 +280,7 @@ def _far_out(d: Values) -> float:
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
-    return max(float(2.0 * stats.norm.sf(abs(float(d.sum())) / spread)), 2.0 ** (1 - min(d.size, 1000)))
+    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), 2.0 ** (1 - min(d.size, 1000)))
 
 
 def _all_subsets(d: Values) -> Values:
@@ -305,8 +305,8 @@ def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int
 def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
     """The normal limit: the mean of a random subset has standard deviation sqrt(sum (d - mean)^2) / n."""
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
-    half = float(stats.norm.ppf(0.5 + level / 2)) * error
-    p_value = float(2.0 * stats.norm.sf(abs(mean) / error))
+    half = float(ndtri(0.5 + level / 2)) * error
+    p_value = float(2.0 * ndtr(-abs(mean) / error))
     return SignFlip(Interval(mean, mean - half, mean + half, level, d.size, "sign flip"), p_value)
 
 
@@ -328,6 +328,8 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     n = runs.size
     if n == 0:
         return undefined(level, 0, "order statistics")
+    from scipy import stats  # half a second, for this alone
+
     tail = 0.5 - level / 2
     ranks = np.arange(n + 1)
     lower = int(np.searchsorted(stats.binom.cdf(ranks - 1, n, share), tail, side="right")) - 1

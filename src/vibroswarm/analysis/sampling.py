@@ -33,7 +33,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import gammaincinv
 
 from vibroswarm.analysis.intervals import Interval, check_level, finite, undefined
 from vibroswarm.errors import InputError
@@ -218,6 +218,7 @@ def effective_over_runs(ones: ArrayLike, level: float = 0.95) -> Interval:
         return undefined(level, n, "chi-square")
     worth = float(shares.mean() * (1.0 - shares.mean())) / variance
     low, high = (
-        worth * float(stats.chi2.ppf(p, n - 1)) / (n - 1) for p in (0.5 - level / 2, 0.5 + level / 2)
+        worth * float(2.0 * gammaincinv(0.5 * (n - 1), p)) / (n - 1)
+        for p in (0.5 - level / 2, 0.5 + level / 2)
     )
     return Interval(worth, low, high, level, n, "chi-square")

@@ -23,7 +23,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy import stats
 
 from vibroswarm.lab.log import Log
 from vibroswarm.strategies import soft
@@ -347,6 +346,8 @@ def _from_sent(
 def _from_received(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
+    from scipy import stats  # half a second, for this alone
+
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
     own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):

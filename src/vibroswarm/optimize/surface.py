@@ -17,7 +17,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import chance
@@ -78,6 +77,8 @@ def fit(points: Array, scores: Array, runs: Array) -> Array:
 
 def lowest(surface: Array, points: Array, seed: int) -> Point:
     """The lowest point of the surface between the outermost candidates in every direction."""
+    from scipy.optimize import minimize
+
     low, high = points.min(axis=0), points.max(axis=0)
     tried = low + (high - low) * chance(seed, "surface").random((STARTS, low.size))
     tried = np.vstack([tried, points])

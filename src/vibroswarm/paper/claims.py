@@ -25,7 +25,7 @@ from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
 import polars as pl
-from scipy import stats
+from scipy.special import stdtrit
 
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.paper.columns import COLUMNS
@@ -132,7 +132,7 @@ def interval(row: Mapping[str, Any], level: float) -> tuple[float, float]:
         return -math.inf, math.inf
     if error == 0.0:
         return x, x
-    half = float(stats.t.ppf(0.5 + level / 2, max(n - 1, 1))) * error
+    half = float(stdtrit(max(n - 1, 1), 0.5 + level / 2)) * error
     return x - half, x + half
 
 

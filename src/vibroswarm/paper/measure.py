@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.paper.claims import MEASURED
@@ -46,7 +46,7 @@ def exact(claim: str, column: str, cell: str, value: float) -> Row:
 def of_interval(claim: str, column: str, cell: str, found: Interval) -> Row:
     """An estimate with its 95 % limits, as another room gives it."""
     half = (found.high - found.low) / 2
-    quantile = float(stats.t.ppf(0.5 + found.level / 2, max(found.n - 1, 1)))
+    quantile = float(stdtrit(max(found.n - 1, 1), 0.5 + found.level / 2))
     return row(claim, column, cell, found.estimate, half / quantile, found.n)
 
 
