@@ -82,6 +82,15 @@ class KernelRun(ABC):
 
     def hand_over(self, until_s: float, take: Callable[[NDArray[np.void]], None]) -> Rows:
         """``rows`` without samples: those are handed over as they come, in a buffer that is used again."""
+        segments, record = self.go_on(until_s, take), self.record
+        return Rows(
+            record.samples[:0],
+            in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
+            self.ends(),
+        )
+
+    def go_on(self, until_s: float, take: Callable[[NDArray[np.void]], None]) -> list[NDArray[np.void]]:
+        """Move on to the first tick at or after ``until_s``; gives the segments, and samples as ``hand_over`` does."""
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
         until = math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
@@ -93,15 +102,12 @@ class KernelRun(ABC):
                 self.tick = 1
             else:
                 self.tick = self.move_on(until)
-            take(record.samples[: record.filled[0]])
+            if record.filled[0] > 0:
+                take(record.samples[: record.filled[0]])
             if record.segments.size > 0:
                 segments.append(joined([record.segments[: record.filled[1]]]))
             record.filled[:] = 0
-        return Rows(
-            record.samples[:0],
-            in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
-            self.ends(),
-        )
+        return segments
 
     @abstractmethod
     def move_on(self, until: int) -> int:

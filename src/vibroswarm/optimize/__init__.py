@@ -11,12 +11,13 @@ from vibroswarm.lazy import lazy_names
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import compare_scenarios
+    from vibroswarm.optimize.followed import outcomes_of
     from vibroswarm.optimize.fronts import Front, front_of
     from vibroswarm.optimize.grid import Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
     from vibroswarm.optimize.objective import Objective
-    from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
+    from vibroswarm.optimize.outcomes import Outcomes
     from vibroswarm.optimize.pso import PsoSettings
     from vibroswarm.optimize.report import best_scenario, write_report
     from vibroswarm.optimize.sensitivity import sobol_indices
@@ -62,7 +63,7 @@ _HOME: Final = {
     "best_scenario": "report",
     "compare_scenarios": "check",
     "front_of": "fronts",
-    "outcomes_of": "outcomes",
+    "outcomes_of": "followed",
     "ped_anova": "importance",
     "run_search": "loop",
     "scores_of": "grid",

@@ -46,6 +46,10 @@ class Archive:
         self.candidates: list[Candidate] = []
         self.columns: list[slice] = []
         """The columns of each objective; known with the first rows."""
+        self.runs = 0
+        """Runs asked for so far."""
+        self.failed = 0
+        """Runs that failed."""
         self._corrected: dict[int, tuple[int, float, float]] = {}
 
     def __getitem__(self, key: int) -> Candidate:
@@ -65,15 +69,17 @@ class Archive:
         """Runs of a candidate that came to an end."""
         return sum(rows.shape[0] for rows in self[key].rows)
 
-    @property
-    def failed(self) -> int:
-        """Runs that failed."""
-        return sum(c.failed for c in self.candidates)
-
-    @property
-    def runs(self) -> int:
-        """Runs asked for so far."""
-        return sum(c.count for c in self.candidates)
+    def take_in(self, key: int, rows: Rows | str, count: int) -> None:
+        """Put the figures of ``count`` runs, or why there are none, to a candidate."""
+        candidate = self[key]
+        candidate.count += count
+        self.runs += count
+        if isinstance(rows, str):
+            candidate.failed += count
+            candidate.why = candidate.why or rows
+            self.failed += count
+            return
+        candidate.rows.append(rows)
 
     def score(self, key: int, objective: int = 0) -> float:
         """The score; infinite without runs, or where one failed."""

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.followed import outcomes_of
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.objective import Objective, Rows
-from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
+from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.executors import Workers
 
@@ -98,16 +99,6 @@ class Evaluator:
         self.cases = tuple(scenario.to_toml() for scenario in cases)
         self.seed = derived_seed(seed, "evaluations")
         self.next_run = 0
-
-    def take_in(self, key: int, rows: Rows | str, count: int) -> None:
-        """Put the figures of ``count`` runs, or why there are none, into the archive."""
-        candidate = self.archive[key]
-        candidate.count += count
-        if isinstance(rows, str):
-            candidate.failed += count
-            candidate.why = candidate.why or rows
-            return
-        candidate.rows.append(rows)
 
     def pieces(self, ask: Ask) -> list[Piece]:
         """The runs of one candidate; counts them off."""

@@ -180,7 +180,7 @@ class _Loop:
         for ask, pieces in zip(asks, found, strict=True):
             for piece in pieces:
                 rows, count = (piece, piece.shape[0]) if isinstance(piece, np.ndarray) else piece
-                self.evaluator.take_in(ask.key, rows, count)
+                self.archive.take_in(ask.key, rows, count)
         if first:
             self._name_columns(asks)
 

@@ -16,7 +16,7 @@ then. A run that goes on to T_end has the same decisions, so ``end_s`` is that m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,13 +25,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.inference.replay import infer
-from vibroswarm.motion.contract import source
-from vibroswarm.observation.model import observe
 from vibroswarm.outcome import truth_of
 from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import OF_MOTION, floors_of, simulate
 
 POLL_S: Final = 20.0
 """How often the study's search looked whether all had decided."""
@@ -80,43 +76,6 @@ class Outcomes:
         return np.where(self.undecided, self.t_end_s, self.decision_time_s)
 
 
-def outcomes_of(
-    scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
-) -> list[Outcomes]:
-    """The outcomes of these runs of each scenario; those that move alike share their motion, and floors their samples.
-
-    Args:
-        scenarios: one or several. seed, runs, motion: as of ``simulate``.
-    Raises:
-        InputError: a scenario cannot be simulated.
-    """
-    if any(scenario.run.stop == "all_decided" for scenario in scenarios):
-        return [from_result(simulate(one, seed, runs, motion=motion, energies=False)) for one in scenarios]
-    found: list[Outcomes] = []
-    moved, seen = None, None
-    for k, scenario in enumerate(scenarios):
-        before = scenarios[k - 1] if k else None
-        if before is None or any(getattr(scenario, s) != getattr(before, s) for s in OF_MOTION):
-            moved, seen = source(motion).batch(scenario, seed, runs, False), None
-        assert moved is not None
-        if (
-            seen is None
-            or before is None
-            or (scenario.floor, scenario.sensor) != (before.floor, before.sensor)
-        ):
-            floors = floors_of(scenario, seed, runs)
-            seen = observe(scenario, seed, moved.samples, floors, energies=False)
-            known = {id(floor): floor.fill_ratio_within(scenario.arena.width_m, scenario.arena.height_m)
-                     for floor in floors.values()}  # fmt: skip
-            fills = np.array([known[id(floors[run])] for run in runs])
-            tiles = floors[runs[0]].tiles.size
-        inference, robots = infer(scenario, seed, moved, seen)
-        found.append(
-            _outcomes(scenario, np.array(runs), moved.samples["time_s"], inference, robots, fills, tiles)
-        )
-    return found
-
-
 def from_result(result: Result) -> Outcomes:
     """The outcomes of a result."""
     floor = result.floor(int(result.runs["run"][0]))
@@ -145,13 +104,21 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         estimate=alpha / (alpha + beta),
         end_s=runs["end_s"].to_numpy(),
         fill_ratio=runs["fill_ratio"].to_numpy(),
-        truth=_truths(scenario, runs["fill_ratio"].to_numpy()),
+        truth=truths(scenario, runs["fill_ratio"].to_numpy()),
         tiles=tiles,
         t_end_s=scenario.run.t_end_s,
     )
 
 
-def _truths(scenario: Scenario, fills: Array) -> Array:
+def end_s(last_decision_s: float, t_end_s: float) -> float:
+    """When a run ended for the cost: at the next look after its last decision (infinite: none), at most T_end, s."""
+    if math.isinf(last_decision_s):
+        return t_end_s
+    return min(math.ceil(last_decision_s / POLL_S) * POLL_S, t_end_s)
+
+
+def truths(scenario: Scenario, fills: Array) -> Array:
+    """1 where the fill ratio lies above the boundary, 0 below, not a number on it, (runs,)."""
     boundary = scenario.decision.decision_boundary
     return np.array([truth_of(float(fill), boundary) for fill in fills], dtype=np.float64)  # None: nan
 
@@ -169,17 +136,16 @@ def _outcomes(
     t_end_s, shape = scenario.run.t_end_s, (runs.size, scenario.swarm.robots)
     decision = robots["decision"].to_numpy().astype(np.int64).reshape(shape)
     decision_time = robots["decision_time_s"].to_numpy().reshape(shape)
-    end_s = np.full(runs.size, t_end_s)
-    all_there = (decision != -1).all(axis=1)
-    end_s[all_there] = np.minimum(np.ceil(decision_time[all_there].max(axis=1) / POLL_S) * POLL_S, t_end_s)
+    last_s = np.where(decision == -1, np.inf, decision_time).max(axis=1)
+    ends_s = np.array([end_s(float(last), t_end_s) for last in last_s])
     return Outcomes(
         run=runs,
         decision=decision,
         decision_time_s=decision_time,
-        estimate=_estimates(scenario, runs, end_s, time_s.to_numpy(), inference),
-        end_s=end_s,
+        estimate=_estimates(scenario, runs, ends_s, time_s.to_numpy(), inference),
+        end_s=ends_s,
         fill_ratio=fills,
-        truth=_truths(scenario, fills),
+        truth=truths(scenario, fills),
         tiles=tiles,
         t_end_s=t_end_s,
     )

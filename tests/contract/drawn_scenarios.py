@@ -1,0 +1,108 @@
+"""Scenarios whose messages and decisions go every way there is, to compare two accounts of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import strategies as st
+
+from vibroswarm.scenario import Scenario
+
+FLOORS: dict[str, dict[str, Any]] = {
+    "filling": {},
+    "border": {
+        "floor.source": "diagonal:0.46",
+        "floor.tile_width_m": 0.07,
+        "floor.tile_height_m": 0.06,
+        "floor.left_m": 0.15,
+        "floor.bottom_m": 0.1,
+    },
+    "cut": {
+        "floor.tiles": ["10", "01", "11"],
+        "floor.tile_width_m": 0.4,
+        "floor.tile_height_m": 0.45,
+        "floor.left_m": -0.1,
+        "floor.bottom_m": -0.2,
+    },
+}
+FELT: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "edges": {"sensor.edge_reach_m": 0.01, "sensor.edge_blur_m": 0.02},
+    "all": {
+        "sensor.edge_reach_m": -0.01,
+        "sensor.edge_blur_m": 0.01,
+        "sensor.tile_spread": 0.3,
+        "sensor.robot_spread": 0.2,
+    },
+    "robots": {"sensor.edge_reach_m": 0.03, "sensor.robot_spread": 0.4},
+}
+QUICK: dict[str, Any] = {
+    "run.t_end_s": 150.0,
+    "decision.min_observations": 12,
+    "decision.credible_threshold": 0.8,
+    "strategy.eta": 20.0,
+    "strategy.kappa": 0.5,
+}
+"""Short, with decisions early enough that every branch is taken."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One choice of everything that messages and decisions depend on."""
+
+    strategy: str = "none"
+    loss: float = 0.0
+    stop: str = "t_end"
+    gate: str = "total"
+    current: bool = False
+    revise: bool = False
+    timer: str = "reset_after_turn"
+    interrupts: bool = True
+    robots: int = 5
+    floor: str = "filling"
+    stop_ms: float = 1000.0
+    interval_ms: float = 2000.0
+    period_ms: int = 20
+    prior: tuple[int, int] = (1, 1)
+    felt: str = "plain"
+
+    def scenario(self, **more: Any) -> Scenario:
+        values = {
+            "strategy.name": self.strategy,
+            "network.loss": self.loss,
+            "run.stop": self.stop,
+            "decision.gate": self.gate,
+            "decision.gate_counts_current": self.current,
+            "decision.revise": self.revise,
+            "decision.prior_alpha": self.prior[0],
+            "decision.prior_beta": self.prior[1],
+            "sample.timer": self.timer,
+            "sample.interrupts_avoidance": self.interrupts,
+            "sample.stop_ms": self.stop_ms,
+            "sample.sample_interval_ms": self.interval_ms,
+            "swarm.robots": self.robots,
+            "run.control_period_ms": self.period_ms,
+        }
+        more = {name.replace("__", "."): value for name, value in more.items()}
+        return Scenario().with_values(QUICK | values | FLOORS[self.floor] | FELT[self.felt] | more)
+
+
+draws = st.builds(
+    Draw,
+    strategy=st.sampled_from(["none", "positive", "soft"]),
+    loss=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
+    stop=st.sampled_from(["t_end", "all_decided"]),
+    gate=st.sampled_from(["total", "received", "own"]),
+    current=st.booleans(),
+    revise=st.booleans(),
+    timer=st.sampled_from(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
+    interrupts=st.booleans(),
+    robots=st.sampled_from([1, 2, 5, 20]),
+    floor=st.sampled_from(sorted(FLOORS)),
+    stop_ms=st.sampled_from([1000.0, 0.0, 20.0, 30.0, 250.0]),
+    interval_ms=st.sampled_from([2000.0, 500.0, 100.0, 3778.0, 57.0]),
+    period_ms=st.sampled_from([20, 13, 50]),
+    prior=st.sampled_from([(1, 1), (4, 2)]),
+    felt=st.sampled_from(sorted(FELT)),
+)

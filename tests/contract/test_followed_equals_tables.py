@@ -1,0 +1,151 @@
+"""Runs that are followed as they move come to the same outcomes as their tables, and move no further than they must."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from drawn_scenarios import Draw, draws
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.motion import contract
+from vibroswarm.motion.contract import Source
+from vibroswarm.motion.event import EVENT
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.optimize import followed
+from vibroswarm.optimize.followed import PIECE_S, outcomes_of
+from vibroswarm.optimize.outcomes import Outcomes, from_result
+from vibroswarm.presets import preset
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate
+
+ARRAYS = ("run", "decision", "decision_time_s", "estimate", "end_s", "fill_ratio", "truth")
+
+
+def equal(one: Outcomes, other: Outcomes) -> None:
+    """Bit by bit."""
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert (one.tiles, one.t_end_s) == (other.tiles, other.t_end_s)
+
+
+def by_tables(scenario: Scenario, seed: int, runs: list[int], motion: str = "event") -> Outcomes:
+    return from_result(simulate(scenario, seed, runs, motion=motion, energies=False))
+
+
+@settings(
+    deadline=None,
+    max_examples=100,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+    database=None,
+)
+@given(draws, st.integers(0, 2**63 - 1), st.integers(0, 2**32 - 2))
+def test_followed_equals_tables(draw: Draw, seed: int, run: int) -> None:
+    scenario = replace(draw, stop="t_end").scenario()
+    (found,) = outcomes_of([scenario], seed, [run, run + 1])
+    equal(found, by_tables(scenario, seed, [run, run + 1]))
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-empirical", "text", "calibrated"])
+@pytest.mark.parametrize("strategy", ["none", "positive", "soft"])
+def test_whole_runs_of_the_presets(name: str, strategy: str) -> None:
+    values: dict[str, Any] = {"strategy.name": strategy, "decision.min_observations": 100}
+    scenarios = [
+        preset(name).with_values(values | more)
+        for more in (
+            {},
+            {"network.loss": 0.2},
+            {"floor.source": "random:0.32"},
+            {"decision.min_observations": 400},
+        )
+    ]
+    for scenario, found in zip(scenarios, outcomes_of(scenarios, 3, [0, 7]), strict=True):
+        equal(found, by_tables(scenario, 3, [0, 7]))
+
+
+@pytest.mark.parametrize("motion", ["event", "fixed-step"])
+def test_runs_in_any_order_and_alone(motion: str) -> None:
+    scenario = Draw(strategy="positive", loss=0.1).scenario()
+    (together,) = outcomes_of([scenario], 9, [4, 2, 3], motion)
+    for k, run in enumerate([4, 2, 3]):
+        alone = by_tables(scenario, 9, [run], motion)
+        equal(row(together, k), alone)
+
+
+def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run ends at a look, and what is sampled at that very period is in the estimate."""
+    monkeypatch.setattr(followed, "PIECE_S", 1.0)  # so that no run is moved beyond its end already
+    scenario = Draw(strategy="none", robots=20).scenario()
+    runs = list(range(120))
+    result = simulate(scenario, 1, runs, energies=False)
+    (found,) = outcomes_of([scenario], 1, runs)
+    equal(found, from_result(result))
+    ends = np.repeat(found.end_s, result.motion.group_by("run", maintain_order=True).len()["len"].to_numpy())
+    at_the_end = (result.motion["time_s"].to_numpy() == ends) & (ends < 150.0)
+    assert at_the_end.sum() > 3
+
+
+def test_where_a_run_stops_does_not_matter() -> None:
+    scenario = Draw(strategy="soft").scenario()
+    early = scenario.with_values({"run.stop": "all_decided"})
+    one, other = outcomes_of([scenario, early], 4, [0, 1, 2])
+    equal(one, other)
+    assert (one.end_s < 150.0).any()
+
+
+def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
+    reached: list[float] = []
+    start, go_on = KernelRun.start, KernelRun.go_on
+
+    def started(self: KernelRun, seed: int, run: int) -> None:
+        start(self, seed, run)
+        reached.append(0.0)
+
+    def went_on(self: KernelRun, until_s: float, take: Any) -> Any:
+        reached[-1] = until_s
+        return go_on(self, until_s, take)
+
+    monkeypatch.setattr(KernelRun, "start", started)
+    monkeypatch.setattr(KernelRun, "go_on", went_on)
+    scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
+    (found,) = outcomes_of([scenario], 3, range(20))
+    moved_s = np.array(reached[-20:])
+    assert (moved_s >= np.minimum(found.end_s, 1200.0)).all()
+    decided_s = found.decision_time_s.max(axis=1)
+    early = (found.decision != -1).all(axis=1) & (decided_s < 1000.0)
+    assert early.sum() > 10
+    assert (moved_s[early] <= np.maximum(decided_s + PIECE_S, found.end_s + 0.02)[early]).all()
+    assert (moved_s[(found.decision == -1).any(axis=1)] == 1200.0).all()
+
+
+def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> None:
+    """Negative control too: had they been left when all had decided, the outcomes would be others."""
+    draw = Draw(strategy="soft", revise=True)
+    scenario = draw.scenario(decision__min_observations=0, decision__credible_threshold=0.6)
+    runs = list(range(20))
+    (found,) = outcomes_of([scenario], 2, runs)
+    equal(found, by_tables(scenario, 2, runs))
+    (kept,) = outcomes_of([scenario.with_values({"decision.revise": False})], 2, runs)
+    assert (kept.decision != found.decision).any()
+
+
+def test_a_source_that_is_no_kernel_goes_by_its_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    class State:
+        """What ``init`` of a source gives that is written elsewhere."""
+
+        time_s = 0.0
+
+    source: Any = Source("elsewhere", lambda *a: State(), EVENT.batch)  # type: ignore[arg-type, return-value]
+    monkeypatch.setitem(contract._SOURCES, "elsewhere", source)
+    scenario = Draw(strategy="positive").scenario()
+    (found,) = outcomes_of([scenario], 5, [1, 2], "elsewhere")
+    equal(found, by_tables(scenario, 5, [1, 2]))
+
+
+def row(outcomes: Outcomes, k: int) -> Outcomes:
+    """One run alone."""
+    return replace(outcomes, **{name: getattr(outcomes, name)[k : k + 1] for name in ARRAYS})
