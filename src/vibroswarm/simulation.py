@@ -22,9 +22,10 @@ from vibroswarm.observation.model import observe
 from vibroswarm.outcome import outcome_tables
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import Scenario
+from vibroswarm.until_decided import until_all_decided
 
 PIECE_S = 100.0
-"""With stop = "all_decided" motion is advanced in pieces of this length."""
+"""Motion whose progress is told is advanced in pieces of this length."""
 
 Progress = Callable[[float], None]
 """Told now and then which share of the work is done, in [0, 1]."""
@@ -56,7 +57,7 @@ def simulate(
     chosen = check_runs(seed, runs)
     floors = floors_of(scenario, seed, chosen)
     if scenario.run.stop == "all_decided":
-        moved = _until_all_decided(scenario, seed, chosen, floors, motion, segments, progress)
+        moved = until_all_decided(scenario, seed, chosen, floors, motion, segments, progress)
     else:
         moved = _to_the_end(scenario, seed, chosen, motion, segments, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
@@ -136,49 +137,6 @@ def _to_the_end(
             pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
             progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
     return join(pieces)
-
-
-def _until_all_decided(
-    scenario: Scenario,
-    seed: int,
-    runs: Sequence[int],
-    floors: Mapping[int, Floor],
-    motion: str,
-    segments: bool,
-    progress: Progress | None,
-) -> Motion:
-    pieces = []
-    for done, run in enumerate(runs):
-        pieces.append(_one_until_all_decided(scenario, seed, run, floors, motion, segments))
-        if progress is not None:
-            progress((done + 1) / len(runs))
-    return join(pieces)
-
-
-def _one_until_all_decided(
-    scenario: Scenario, seed: int, run: int, floors: Mapping[int, Floor], motion: str, segments: bool
-) -> Motion:
-    """Motion up to the tick at which the last robot decides, in pieces and not beyond need."""
-    state = source(motion).init(scenario, seed, run, segments)
-    so_far: list[Motion] = []
-    while state.time_s < scenario.run.t_end_s:
-        before = state.copy()
-        piece = state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s))
-        moved = join([*so_far, piece])
-        observations = observe(scenario, seed, moved.samples, floors, energies=False)
-        inference, _ = infer(scenario, seed, moved, observations)
-        decided_s = _all_decided_s(moved, inference, scenario.swarm.robots)
-        if decided_s is not None:
-            return join([*so_far, before.advance(decided_s + scenario.tick_s)])
-        so_far.append(piece)
-    return join(so_far)
-
-
-def _all_decided_s(motion: Motion, inference: pl.DataFrame, robots: int) -> float | None:
-    """When the last robot of a run has decided for the first time, or None."""
-    decided = inference["decision"] != -1
-    first = motion.samples.filter(decided).group_by("robot").agg(pl.col("time_s").min())["time_s"]
-    return float(first.max()) if first.len() == robots else None  # type: ignore[arg-type]
 
 
 def summarise(

@@ -10,10 +10,11 @@ import pytest
 from drawn_scenarios import Draw, draws
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
 
 from vibroswarm.motion import contract
 from vibroswarm.motion.contract import Source
-from vibroswarm.motion.event import EVENT
+from vibroswarm.motion.event import EVENT, EventRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.optimize import followed
 from vibroswarm.optimize.followed import PIECE_S, outcomes_of
@@ -134,16 +135,35 @@ def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> Non
 
 
 def test_a_source_that_is_no_kernel_goes_by_its_tables(monkeypatch: pytest.MonkeyPatch) -> None:
-    class State:
-        """What ``init`` of a source gives that is written elsewhere."""
-
-        time_s = 0.0
-
-    source: Any = Source("elsewhere", lambda *a: State(), EVENT.batch)  # type: ignore[arg-type, return-value]
+    source: Any = Source("elsewhere", Elsewhere, EVENT.batch)
     monkeypatch.setitem(contract._SOURCES, "elsewhere", source)
     scenario = Draw(strategy="positive").scenario()
     (found,) = outcomes_of([scenario], 5, [1, 2], "elsewhere")
     equal(found, by_tables(scenario, 5, [1, 2]))
+    early = scenario.with_values({"run.stop": "all_decided"})
+    one, other = (simulate(early, 5, [1, 2], motion=name, segments=True) for name in ("event", "elsewhere"))
+    assert (one.ends["end_s"] < 150.0).any()
+    for name in ("motion", "ends", "segments", "inference", "robots", "runs"):
+        assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
+
+
+class Elsewhere:
+    """A run of a source that gives tables and nothing else."""
+
+    def __init__(self, *wanted: Any) -> None:
+        self.run: Any = EventRun(*wanted)
+
+    @property
+    def time_s(self) -> float:
+        return float(self.run.time_s)
+
+    def advance(self, until_s: float) -> Any:
+        return self.run.advance(until_s)
+
+    def copy(self) -> Elsewhere:
+        other = object.__new__(Elsewhere)
+        other.run = self.run.copy()
+        return other
 
 
 def row(outcomes: Outcomes, k: int) -> Outcomes:

@@ -44,6 +44,8 @@ class Notes(NamedTuple):
     """(robots,): how many it has taken."""
     filled: NDArray[np.int64]
     """(1,): how many rows there are."""
+    undecided: NDArray[np.int64]
+    """(2,): how many robots are undecided; the tick at which none was any more (-1: some are)."""
 
 
 def empty_notes(robots: int, room: int) -> Notes:
@@ -61,6 +63,7 @@ def empty_notes(robots: int, room: int) -> Notes:
         latest=np.empty(robots, dtype=np.int32),
         own=np.empty(robots, dtype=np.int32),
         filled=np.zeros(1, dtype=np.int64),
+        undecided=np.zeros(2, dtype=np.int64),
     )
 
 
@@ -71,6 +74,7 @@ def begin_notes(notes: Notes, minds: NDArray[np.void], program: MindProgram) -> 
     notes.filled[0] = 0
     notes.latest[:] = -1
     notes.own[:] = 0
+    notes.undecided[0], notes.undecided[1] = minds.size, -1
 
 
 @kernel
@@ -84,8 +88,8 @@ def follow(
     seed: int,
     run: int,
     loss: float,
-) -> int:
-    """Take in the samples that came next; gives how many robots are undecided.
+) -> None:
+    """Take in the samples that came next.
 
     Args:
         rows: ``motion.record.SAMPLE_ROW``. minds: (robots,).
@@ -104,6 +108,7 @@ def follow(
         else:
             hear_all(minds, i, notes.heard[k], notes.ones_sent, notes.own_ones)
         u = uniform(seed, run, i, MESSAGE, index, ALONE) if program.strategy == SOFT else 0.5
+        was_undecided = minds[i].decision == -1
         message = take_sample(minds, i, k, bit, u, program, beliefs, False)
         notes.message[k] = message
         notes.ones_sent[k + 1] = notes.ones_sent[k] + message
@@ -112,10 +117,10 @@ def follow(
         notes.latest[i] = k
         notes.own[i] += 1
         notes.filled[0] += 1
-    undecided = 0
-    for i in range(minds.size):
-        undecided += minds[i].decision == -1
-    return undecided
+        if was_undecided and minds[i].decision != -1:
+            notes.undecided[0] -= 1
+            if notes.undecided[0] == 0:
+                notes.undecided[1] = row.tick
 
 
 @kernel
@@ -162,7 +167,12 @@ class Follower:
             1 + int(scenario.sample.sample_interval_ms // tick_ms) + int(scenario.sample.stop_ms // tick_ms)
         )
         room = robots * (scenario.ticks // between + 2)
-        self.seed, self.tick_ms, self.loss = seed, tick_ms, scenario.network.loss
+        self.seed, self.tick_ms, self.tick_s, self.loss = (
+            seed,
+            tick_ms,
+            scenario.tick_s,
+            scenario.network.loss,
+        )
         self.program = mind_program(scenario)
         self.beliefs = beliefs(
             self.program.boundary, self.program.prior_alpha + self.program.prior_beta + room
@@ -171,12 +181,12 @@ class Follower:
 
     def begin(self, run: int, ground: Ground) -> None:
         """Go to the start of a run."""
-        self.run, self.ground, self.undecided = run, ground, self.minds.size
+        self.run, self.ground = run, ground
         begin_notes(self.notes, self.minds, self.program)
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Take in the samples that came next (``motion.record.SAMPLE_ROW``)."""
-        self.undecided = follow(
+        follow(
             rows,
             self.ground,
             self.notes,
@@ -199,6 +209,12 @@ class Follower:
     def estimates(self, end_s: float, estimate: NDArray[np.float64]) -> None:
         """The robots' posterior means after their last own samples up to ``end_s``, into an array of (robots,)."""
         estimates_at(self.notes, self.program, self.tick_ms, end_s, estimate)
+
+    @property
+    def all_decided_s(self) -> float | None:
+        """When the last robot decided for the first time, s; None while there are undecided ones."""
+        tick = int(self.notes.undecided[1])
+        return None if tick < 0 else tick * self.tick_ms / 1000.0
 
     @property
     def may_revise(self) -> bool:

@@ -72,7 +72,7 @@ def empty_record(robots: int, samples: int, segments: int) -> Record:
 def copy_record(record: Record) -> Record:
     """Buffers that do not change with the others."""
     # Zeroed pages take memory only when they are written.
-    samples, segments = np.zeros_like(record.samples), np.zeros_like(record.segments)
+    samples, segments = (zero_rows(rows.size, rows.dtype) for rows in (record.samples, record.segments))
     for mine, theirs, count in zip(
         (samples, segments), (record.samples, record.segments), record.filled, strict=True
     ):

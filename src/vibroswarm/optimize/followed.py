@@ -95,7 +95,7 @@ class _Course:
 
     def until_s(self, r: int, now_s: float) -> float:
         """Until when run ``r`` has to move; no further if that is not later than now."""
-        if self.follower.undecided or self.follower.may_revise:
+        if self.follower.all_decided_s is None or self.follower.may_revise:
             return min(now_s + PIECE_S, self.scenario.run.t_end_s)
         self.note(r)
         return min(float(self.end_s[r]) + self.scenario.tick_s, self.scenario.run.t_end_s)
