@@ -214,8 +214,14 @@ def test_other_versions_are_refused_unless_mixed(tmp_path: Path, whole: Found) -
     assert same(whole, run_search(small(), tmp_path / "s", mixed=True))
 
 
-def test_failed_runs_are_counted_and_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A machine that fails now and then costs a second try; one that fails always costs the candidate its chance."""
+@pytest.mark.parametrize("workers", [1, 8])
+def test_failed_runs_are_counted_and_shown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, workers: int
+) -> None:
+    """A machine that fails now and then costs a second try; one that fails always costs the candidate its chance.
+
+    What is counted is the same where workers share the runs of a candidate.
+    """
     right = evaluate.outcomes_of
     first_time: set[Any] = set()
 
@@ -228,7 +234,7 @@ def test_failed_runs_are_counted_and_shown(monkeypatch: pytest.MonkeyPatch, tmp_
         return right(scenarios, seed, runs, motion)
 
     monkeypatch.setattr(evaluate, "outcomes_of", failing)
-    found = run_search(small(), tmp_path / "s", workers=1)
+    found = run_search(small(), tmp_path / "s", workers=workers)
     assert found.archive.failed == 3
     (bad,) = [c for c in found.archive.candidates if c.failed]
     assert "ZeroDivisionError: a crash" in bad.why

@@ -50,6 +50,7 @@ class Archive:
         """Runs asked for so far."""
         self.failed = 0
         """Runs that failed."""
+        self._scores: dict[tuple[int, int], tuple[int, float]] = {}
         self._corrected: dict[int, tuple[int, float, float]] = {}
 
     def __getitem__(self, key: int) -> Candidate:
@@ -86,7 +87,12 @@ class Archive:
         found = self[key]
         if found.failed or not found.rows:
             return math.inf
-        return self.objectives[objective].score(found.all_rows()[:, :, self.columns[objective]])
+        count, known = self.count(key), self._scores.get((key, objective))
+        if known is None or known[0] != count:
+            rows = found.all_rows()[:, :, self.columns[objective]]
+            known = (count, self.objectives[objective].score(rows))
+            self._scores[key, objective] = known
+        return known[1]
 
     def scores(self, key: int) -> list[float]:
         """The score under each objective."""

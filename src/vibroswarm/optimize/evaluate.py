@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -122,9 +123,39 @@ def do_pieces(
 ) -> list[Rows | str]:
     """All pieces, in their order. One that fails is tried again, then its failure is what came of it.
 
+    What is left when each worker has had as many as any other is shared among all: a search waits for the last.
+
     Raises:
         InputError: a cost gives no number. RunError: the workers are gone.
     """
+    even = len(pieces) - len(pieces) % hands.width
+    parts = [_shared(piece, 1 if k < even else hands.width) for k, piece in enumerate(pieces)]
+    came = iter(_do_each([part for shared in parts for part in shared], objectives, hands, tell))
+    return [_together([next(came) for _ in shared]) for shared in parts]
+
+
+def _shared(piece: Piece, count: int) -> list[Piece]:
+    """A piece in up to so many parts."""
+    runs = piece.last - piece.first
+    count = min(count, runs)
+    bounds = [piece.first + runs * k // count for k in range(count + 1)]
+    return [replace(piece, first=first, last=last) for first, last in pairwise(bounds)]
+
+
+def _together(came: Sequence[Rows | str]) -> Rows | str:
+    """What came of a piece's parts; why its first part failed, if any did: what is counted is not who did it."""
+    failed = next((part for part in came if isinstance(part, str)), None)
+    return (
+        failed if failed is not None else np.concatenate([part for part in came if not isinstance(part, str)])
+    )
+
+
+def _do_each(
+    pieces: Sequence[Piece],
+    objectives: tuple[Objective, ...],
+    hands: Workers,
+    tell: Callable[[int], None],
+) -> list[Rows | str]:
     found: dict[int, Rows | str] = {}
     waiting, tries = list(reversed(range(len(pieces)))), dict.fromkeys(range(len(pieces)), 0)
     under_way: dict[Future[Rows | str], int] = {}
