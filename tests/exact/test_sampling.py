@@ -10,16 +10,16 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
 
 from vibroswarm.analysis.correlation import correlogram, lag_one, packet_loss
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.sampling import (
     WALK,
-    effective_over_runs,
     effective_samples,
     effective_with_sensor,
     walk_figures,
-    walk_figures_of,
 )
 from vibroswarm.errors import InputError
 from vibroswarm.motion.contract import MOTION
@@ -167,26 +167,33 @@ def test_the_variance_over_floors_is_as_the_equation_says() -> None:
 
 def test_visits_and_runs_agree_on_the_paper(paper: Result) -> None:
     """Two ways to the number of effective samples: one run's visits, and how the shares of runs vary."""
-    walk = walk_figures_of(paper)
+    walk = walk_figures(paper.motion, paper.observations, 25)
     rates = error_rates(paper.scenario.sensor)
     fill = float(paper.runs["fill_ratio"][0])
     of_visits = effective_with_sensor(
         walk["samples"].to_numpy(), walk["effective_samples"].to_numpy(), fill, *rates
     )
-    over_runs = effective_over_runs(walk["ones"].to_numpy(), level=0.99)
+    low, high = worth_over_runs(walk["ones"].to_numpy(), level=0.99)
     expected = 1 / np.mean(1 / of_visits)
-    assert over_runs.low < expected < over_runs.high
+    assert low < expected < high
     assert expected < 0.78 * walk["samples"].mean()  # neighbouring samples are alike
-    assert not over_runs.low < walk["samples"].mean() < over_runs.high
+    assert not low < walk["samples"].mean() < high
     assert walk_figures(paper.motion, paper.observations).equals(walk)  # 25 tiles, all visited
 
 
-def test_effective_samples_over_runs_hold_the_truth() -> None:
+def worth_over_runs(ones: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
+    """Limits (chi-square) of n_eff = q (1 - q) / Var(O), from the share of ones of each run on floors drawn anew."""
+    q, n = ones.mean(), ones.size
+    quantiles = stats.chi2.ppf([0.5 - level / 2, 0.5 + level / 2], n - 1) / (n - 1)
+    low, high = q * (1 - q) / ones.var(ddof=1) * quantiles
+    return float(low), float(high)
+
+
+def test_the_limits_over_runs_hold_the_truth() -> None:
     random = generator(3, "shares")
-    held = [effective_over_runs(random.binomial(200, 0.4, 80) / 200) for _ in range(500)]
-    assert 0.92 <= np.mean([i.low <= 200 <= i.high for i in held]) <= 0.98
-    assert np.mean([i.low <= 300 <= i.high for i in held]) < 0.4
-    assert math.isnan(effective_over_runs([0.5]).estimate)
+    limits = [worth_over_runs(random.binomial(200, 0.4, 80) / 200) for _ in range(500)]
+    assert 0.92 <= np.mean([low <= 200 <= high for low, high in limits]) <= 0.98
+    assert np.mean([low <= 300 <= high for low, high in limits]) < 0.4
 
 
 def test_no_figure_depends_on_the_runs_beside_it(paper: Result) -> None:

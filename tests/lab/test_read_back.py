@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.correlation import packet_loss
-from vibroswarm.analysis.sampling import walk_figures_of
+from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.cli.words import verdict_text
 from vibroswarm.floors.floor import Floor
@@ -142,7 +142,7 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert (said.consensus, said.decision, said.robots[0].estimate) == (None, None, None)
     assert "What the robots decided was not logged." in verdict_text(found, said)
     assert packet_loss(found)["packet_loss"].to_list() == [None]
-    assert walk_figures_of(found)["avoid_per_sample_s"].to_list() == [None]
+    assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
     shown = with_beliefs(found)
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")

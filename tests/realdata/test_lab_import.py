@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.correlation import lag_one, packet_loss
-from vibroswarm.analysis.sampling import walk_figures_of
+from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.files import read_tiles
@@ -97,7 +97,7 @@ def test_statistics_take_it(real: Recording, simulated: Recording) -> None:
     lost = packet_loss(real)["packet_loss"].to_list()
     assert all(0.005 < one < 0.035 for one in lost), lost
     assert packet_loss(simulated)["packet_loss"].abs().max() < 0.001  # none is lost there
-    walk = walk_figures_of(real)
+    walk = walk_figures(real.motion, real.observations, 25)
     assert walk["distance_m"].mean() == pytest.approx(0.0975, abs=0.0005)
     assert walk["avoid_per_sample_s"].mean() == pytest.approx(0.423, abs=0.003)
     assert verdict(real, 2).consensus == "right"

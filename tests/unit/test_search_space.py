@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from vibroswarm import preset
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.space import Dimension, Space, paper_space
+from vibroswarm.optimize.space import PAPER, Dimension, Space
 
 
 def test_the_papers_space_holds_its_parameters() -> None:
-    space = paper_space()
+    space = Space.of(PAPER)
     low, high = space.values(np.zeros(5)), space.values(np.ones(5))
     assert list(low.values()) == [0, 0, 1000, 50, 0]
     assert list(high.values()) == [20000, 20000, 6000, 150, 500]

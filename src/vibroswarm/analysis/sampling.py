@@ -33,11 +33,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv
 
-from vibroswarm.analysis.intervals import Interval, check_level, finite, undefined
 from vibroswarm.errors import InputError
-from vibroswarm.result import Result
 
 WALK: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -90,13 +87,6 @@ def walk_figures(
             "effective_samples": _effective(observations["tile"].to_numpy(), first, count, tiles),
         }
     return pl.DataFrame(table).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
-
-
-def walk_figures_of(result: Result) -> pl.DataFrame:
-    """``walk_figures`` of a result, whose floors say how many tiles there are."""
-    sizes = result.floors.select(tiles=pl.col("rows") * pl.col("columns"))["tiles"].unique()
-    tiles = int(sizes[0]) if sizes.len() == 1 else None
-    return walk_figures(result.motion, result.observations, tiles)
 
 
 def _runs(samples: pl.DataFrame) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
@@ -202,23 +192,3 @@ def effective_with_sensor(
         of_floor = (1 - a - b) ** 2 * f * (1 - f) / visits
         of_sensor = (f * b * (1 - b) + (1 - f) * a * (1 - a)) / n
         return np.asarray(q * (1 - q) / (of_floor + of_sensor))
-
-
-def effective_over_runs(ones: ArrayLike, level: float = 0.95) -> Interval:
-    """n_eff from the share of ones of each run, on floors drawn anew: q (1 - q) / Var(O), q their mean.
-
-    Limits from chi-square, as a share of many samples is near normal. Over runs on one fixed floor the variance
-    lacks the floor's luck, and this is no such number.
-    """
-    check_level(level)
-    shares = finite(ones)
-    n = int(shares.size)
-    variance = float(shares.var(ddof=1)) if n > 1 else 0.0
-    if variance <= 0.0:
-        return undefined(level, n, "chi-square")
-    worth = float(shares.mean() * (1.0 - shares.mean())) / variance
-    low, high = (
-        worth * float(2.0 * gammaincinv(0.5 * (n - 1), p)) / (n - 1)
-        for p in (0.5 - level / 2, 0.5 + level / 2)
-    )
-    return Interval(worth, low, high, level, n, "chi-square")
