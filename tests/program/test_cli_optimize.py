@@ -16,25 +16,9 @@ import pytest
 import vibroswarm
 from vibroswarm.cli import main
 
-SMALL = """
-seed = 3
-[scenario]
-preset = "paper"
-[scenario.run]
-t_end_s = 100.0
-[scenario.swarm]
-robots = 2
-[space]
-"sample.sample_interval_ms" = { from = 1000, to = 6000 }
-"decision.min_observations" = { from = 0, to = 60 }
-[search]
-budget = 150
-fresh = 100
-[pso]
-particles = 4
-evaluations = 3
-extra = 3
-"""
+SMALL = (
+    Path(__file__).parents[1] / "small_search.toml"
+).read_text() + "[search]\nbudget = 150\nfresh = 100\n"
 GRID = """
 runs = 20
 [scenario]

@@ -22,26 +22,13 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.truth import truth_of
 from vibroswarm.study import executors
 
-SMALL = """
-seed = 3
-start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]
-[scenario]
-preset = "paper"
-[scenario.run]
-t_end_s = 100.0
-[scenario.swarm]
-robots = 2
-[space]
-"sample.sample_interval_ms" = { from = 1000, to = 6000 }
-"decision.min_observations" = { from = 0, to = 60 }
+SMALL = f"""
+start = [{{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }}]
+{(Path(__file__).parents[1] / "small_search.toml").read_text()}
+iterations = 6
 [search]
 final = 60
 finalists = 2
-[pso]
-particles = 4
-iterations = 6
-evaluations = 3
-extra = 3
 """
 
 
@@ -322,7 +309,7 @@ def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
         ("final = 60", "method = 'psi'", "did you mean 'pso'"),
         ("final = 60", "finale = 60", "did you mean 'final'"),
         ("[pso]", "[psu]", "psu"),
-        ("[pso]", "method = 'pso'\n[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[pso]", "nsga2"),
+        ("[search]", "[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[search]\nmethod='pso'", "nsga2"),
         ("[space]", "[grid]\n'sample.sample_interval_ms' = [1.0, 2.0]\n[space]", "varied by the cases too"),
         ('preset = "paper"', 'preset = "paper"\n[scenario.floor]\nsource = "random:0.5"\nrows = 10\ncolumns = 10',
          "boundary"),
