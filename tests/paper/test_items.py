@@ -13,7 +13,7 @@ from vibroswarm.paper.cells import Came, Cell, CellCame, summed_up
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
-from vibroswarm.paper.items import all_items, experiments, search
+from vibroswarm.paper.items import all_items, experiments_cells, search
 from vibroswarm.paper.published import published
 from vibroswarm.simulation import simulate
 from vibroswarm.study.work import _walk
@@ -116,12 +116,12 @@ def test_the_search_is_the_papers(tables: dict[str, Tables]) -> None:
 
 def test_losses_are_of_messages_addressed_to_a_robot() -> None:
     plotted = published("experiments.packet_loss_percent")
-    assert experiments.loss_of(5) == pytest.approx(plotted[0] / 100 * 5 / 4)
-    assert experiments.loss_of(10) == pytest.approx(0.0901, abs=1e-4)
+    assert experiments_cells.loss_of(5) == pytest.approx(plotted[0] / 100 * 5 / 4)
+    assert experiments_cells.loss_of(10) == pytest.approx(0.0901, abs=1e-4)
 
 
 def test_loss_changes_nothing_but_the_network() -> None:
-    cells = experiments.cells(Settings(columns=("paper",)))
+    cells = experiments_cells.cells(Settings(columns=("paper",)))
     with_loss = cells["paper", "with loss", 1.55, "own", 8, "none"].scenario
     without = cells["paper", "without loss", 1.55, "own", 8, "none"].scenario
     assert with_loss.with_values({"network.loss": 0.0}) == without
