@@ -50,6 +50,18 @@ def test_the_command_leaves_report_tables_and_figures(folder: Path) -> None:
     assert (cells.select(shares).to_series() - 1.0).abs().max() < 1e-9  # type: ignore[operator]
 
 
+def test_pictures_stand_before_long_tables_and_these_are_folded(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    item = page[page.index("Fill ratios</h2>") :]
+    assert (
+        item.index("<table") < item.index("<svg") < item.index("All numbers</h3>") < item.index('id="s3-7p1"')
+    )
+    assert "<details>\n<summary>" in item[: item.index("All numbers</h3>")]
+    difficulty = page[page.index("Difficulty of the five patterns</h2>") : page.index("Fill ratios</h2>")]
+    assert "<details>" not in difficulty  # it has no picture
+    assert '<td class="good">reproduced\n−' in item
+
+
 def test_every_number_of_the_page_is_in_a_table(folder: Path) -> None:
     """Cells of the page's tables hold values of the kept tables, digit by digit."""
     page = (folder / "report.html").read_text(encoding="utf-8")

@@ -58,20 +58,36 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+@pytest.fixture(scope="module")
+def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of many sections, each with two pictures beside each other and a folded table."""
+    counts = pl.DataFrame({"cell": ["a", "b"], "right": [5, 2], "wrong": [1, 1]})
+    below = tuple(
+        Section(f"Picture {n}", parts=(picture_of(draw_outcomes(counts), f"p{n}"),)) for n in (1, 2)
+    )
+    table = Section("All numbers", parts=(ReportTable(FRAME),), folded=True)
+    sections = tuple(
+        Section(f"Item {n}", ("Text.",), (), (*below, table), side_by_side=True) for n in range(20)
+    )
+    file = tmp_path_factory.mktemp("long") / "report.html"
+    write_report(file, Report("Long", sections=sections))
+    return file
+
+
 @pytest.fixture
-def open_report(browser: Any, path: Path) -> Iterator[Open]:
-    """Opens the report; at the end, whatever it logged or asked for fails the test."""
+def open_report(browser: Any, path: Path, long_path: Path) -> Iterator[Open]:
+    """Opens the report, or the long one; at the end, whatever it logged or asked for fails the test."""
     noise: list[str] = []
     contexts: list[Any] = []
 
-    def opened(hash_: str = "", **options: Any) -> Any:
+    def opened(hash_: str = "", *, long: bool = False, **options: Any) -> Any:
         options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
         contexts.append(browser.new_context(**options))
         page = contexts[-1].new_page()
         page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: noise.append(f"error: {error}"))
         page.on("dialog", lambda dialog: noise.append(f"dialog: {dialog.message}"))
-        own = path.as_uri()
+        own = (long_path if long else path).as_uri()
 
         def asked(request: Any) -> None:
             if request.url.split("#")[0] != own and not request.url.startswith("data:"):
@@ -222,6 +238,62 @@ def test_contents_lead_to_folded_sections(open_report: Open) -> None:
     page.locator("nav a", has_text="Hidden").click()
     assert hidden.is_visible()
     assert open_report("#s4-1").locator("#s4-1").is_visible()
+
+
+WHERE = "document.querySelector('.contents [aria-current]').textContent"
+
+
+def test_long_contents_mark_where_one_reads_and_scroll_by_themselves(open_report: Open) -> None:
+    page = open_report(long=True, viewport={"width": 1280, "height": 420})
+    entries = page.locator("nav a")
+    assert entries.count() == 80
+    assert page.evaluate(WHERE) == "Item 0"
+    visible = [
+        text
+        for text in entries.all_text_contents()
+        if page.locator("nav a", has_text=text).first.is_visible()
+    ]
+    assert visible.count("Item 19") == 1
+    assert page.locator("nav ol ol").nth(0).is_visible()
+    assert not page.locator("nav ol ol").nth(12).is_visible()
+    page.evaluate("document.getElementById('s13-2').scrollIntoView()")
+    page.wait_for_function(f"{WHERE} === 'Picture 2'")
+    assert page.locator("nav ol ol").nth(12).is_visible()
+    assert not page.locator("nav ol ol").nth(0).is_visible()
+    marked = page.locator("nav [aria-current]")
+    assert marked.count() == 1
+    nav, at = page.locator("nav").bounding_box(), marked.bounding_box()
+    assert nav["y"] <= at["y"]
+    assert at["y"] + at["height"] <= nav["y"] + nav["height"]  # which it would not be without scrolling
+    assert page.evaluate("document.querySelector('nav').scrollTop") > 0
+    page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
+    page.wait_for_function(f"{WHERE} === 'All numbers'")
+    short = open_report()
+    assert short.locator("nav ol ol").first.is_visible()  # few entries are all shown, wherever one is
+    assert (
+        not open_report(long=True, viewport={"width": 375, "height": 800})
+        .locator("nav ol ol")
+        .first.is_visible()
+    )
+
+
+@pytest.mark.parametrize(("width", "in_a_row"), [(1280, 2), (375, 1)])
+def test_pictures_stand_beside_each_other_where_there_is_room(
+    open_report: Open, width: int, in_a_row: int
+) -> None:
+    page = open_report(long=True, viewport={"width": width, "height": 800})
+    first, second = (page.locator(f"#s1-{n}p1").bounding_box() for n in (1, 2))
+    assert (first["y"] == second["y"]) == (in_a_row == 2)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    folded = page.locator("#s1-3").bounding_box()
+    assert folded["y"] > max(first["y"] + first["height"], second["y"] + second["height"])
+
+
+def test_captions_of_wide_tables_are_read_without_scrolling(open_report: Open) -> None:
+    page = open_report(viewport={"width": 375, "height": 800})
+    caption = page.locator("caption span").first.bounding_box()
+    assert caption["x"] >= 0
+    assert caption["x"] + caption["width"] <= 375
 
 
 def test_without_scripts_all_is_there(open_report: Open) -> None:

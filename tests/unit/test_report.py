@@ -205,6 +205,36 @@ def test_long_reports_have_contents_and_short_ones_none():
     assert "Contents</h2>" not in report_html(replace(report(), sections=(Section("one"),)))
 
 
+def test_prose_has_room_and_verdicts_have_marks():
+    frame = pl.DataFrame(
+        {"says": ["It does."] * 5, "verdict": ["good", "not good", "good indeed", "else", None]}
+    )
+    columns = {
+        "says": Column(prose=True),
+        "verdict": Column(tones={"good": "good", "not good": "bad", "good i": "fair", "el": "no such tone"}),
+    }
+    page = Page(report_html(Report("x", sections=(Section("y", parts=(ReportTable(frame, columns),)),))))
+    kinds = [attributes.get("class") for tag, attributes in page.tags if tag == "td"]
+    assert kinds == ["prose", "good", "prose", "bad", "prose", "fair", "prose", None, "prose", None]
+
+
+def test_sections_stand_side_by_side_only_where_asked():
+    below = (Section("a", folded=True), Section("b"))
+    beside = report_html(Report("x", sections=(Section("y", sections=below, side_by_side=True),)))
+    assert beside.count('<div class="beside">') == 1
+    assert beside.index('<div class="beside">') < beside.index("<details>")
+    assert '<div class="beside">' not in report_html(Report("x", sections=(Section("y", sections=below),)))
+
+
+def test_contents_of_many_sections_say_that_they_are_long():
+    few, many = (
+        report_html(Report("x", sections=(Section("y", sections=(Section("z"),) * count),)))
+        for count in (28, 29)
+    )
+    assert '<nav class="contents" ' in few
+    assert '<nav class="contents long" ' in many
+
+
 @settings(max_examples=50)
 @given(st.text(alphabet=st.characters(codec=None)))
 def test_escaped_text_is_only_text(text: str):

@@ -28,6 +28,8 @@ from vibroswarm.page.report_parts import code_html, escape, picture_html, table_
 
 CONTENTS_FROM = 4
 """Sections, subsections counted; fewer need no table of contents."""
+LONG_FROM = 30
+"""Entries of a table of contents; with more, only the part that one reads is unfolded."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,10 @@ class Column:
     """Significant digits of a number that is not whole; the CSV has all."""
     percent: bool = False
     """Whether a share from 0 to 1 is written in percent."""
+    prose: bool = False
+    """Whether it holds sentences, which are given room."""
+    tones: Mapping[str, str] = field(default_factory=dict)
+    """Marks of cells, beside their words: of ``TONES``, by what a cell begins with (the longest that fits)."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,8 @@ class Section:
     sections: tuple[Section, ...] = ()
     folded: bool = False
     """Whether it is closed until it is asked for (in print it is open)."""
+    side_by_side: bool = False
+    """Whether its sections stand two in a row where there is room, but for folded ones."""
 
 
 @dataclass(frozen=True)
@@ -165,20 +173,23 @@ def _section(section: Section, key: str, level: int) -> str:
     for place, part in enumerate(section.parts, start=1):
         at = f"{key}p{place}"
         inner += table_html(part, at) if isinstance(part, ReportTable) else picture_html(part, at)
-    inner += "".join(
-        _section(below, f"{key}-{place}", min(level + 1, 4))
-        for place, below in enumerate(section.sections, start=1)
+    below = "".join(
+        _section(one, f"{key}-{place}", min(level + 1, 4))
+        for place, one in enumerate(section.sections, start=1)
     )
+    inner += f'<div class="beside">\n{below}</div>\n' if section.side_by_side else below
     folded = f"<details>\n<summary>{heading}</summary>\n{inner}</details>\n"
     inner = folded if section.folded else f"{heading}\n{inner}"
     return f'<section aria-labelledby="{key}">\n{inner}</section>\n'
 
 
 def _contents(sections: tuple[Section, ...]) -> str:
-    if sum(1 + len(section.sections) for section in sections) < CONTENTS_FROM:
+    count = sum(1 + len(section.sections) for section in sections)
+    if count < CONTENTS_FROM:
         return ""
+    kind = "contents long" if count >= LONG_FROM else "contents"
     return (
-        '<nav class="contents" aria-labelledby="contents">\n<h2 id="contents">Contents</h2>\n'
+        f'<nav class="{kind}" aria-labelledby="contents">\n<h2 id="contents">Contents</h2>\n'
         f"{_entries(sections, 's')}</nav>\n"
     )
 

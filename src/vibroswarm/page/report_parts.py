@@ -15,6 +15,8 @@ from vibroswarm.page.svg import inline_svg
 if TYPE_CHECKING:
     from vibroswarm.page.report import Column, ReportPicture, ReportTable
 
+TONES: Final = ("good", "fair", "bad", "open")
+"""Marks of cells; each has a sign and a colour of its own."""
 CSV_UP_TO: Final = 500_000
 """Bytes of numbers that are put into the page to be saved; more stay beside it."""
 
@@ -43,7 +45,7 @@ def table_html(table: ReportTable, key: str) -> str:
         "<tr>" + "".join(_cell(value, kinds[name], numeric[name]) for name, value in row.items()) + "</tr>\n"
         for row in shown.iter_rows(named=True)
     )
-    caption = f"<caption>{code_html(table.caption)}</caption>" if table.caption else ""
+    caption = f"<caption><span>{code_html(table.caption)}</span></caption>" if table.caption else ""
     label = escape(table.caption or table.name)
     note = (
         f"First {shown.height:,} of {table.frame.height:,} rows. "
@@ -60,11 +62,18 @@ def table_html(table: ReportTable, key: str) -> str:
 def _heading(name: str, column: Column, numeric: bool) -> str:
     unit = "%" if column.percent else column.unit
     tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
-    kind = ' class="number"' if numeric else ""
     return (
-        f'<th scope="col" aria-sort="none"{kind}><button type="button">{escape(column.title or name)}{tail}'
-        '<span class="arrow" aria-hidden="true"></span></button></th>'
+        f'<th scope="col" aria-sort="none"{_kind(column, numeric)}><button type="button">{escape(column.title or name)}'
+        f'{tail}<span class="arrow" aria-hidden="true"></span></button></th>'
     )
+
+
+def _kind(column: Column, numeric: bool, words: str = "") -> str:
+    """The classes of a cell, as an attribute."""
+    fitting = [start for start in column.tones if words.startswith(start)] if words else []
+    tone = column.tones[max(fitting, key=len)] if fitting else ""
+    kinds = [kind for kind, of in (("number", numeric), ("prose", column.prose), (tone, tone in TONES)) if of]
+    return f' class="{" ".join(kinds)}"' if kinds else ""
 
 
 def _cell(value: Any, column: Column, numeric: bool) -> str:
@@ -73,7 +82,8 @@ def _cell(value: Any, column: Column, numeric: bool) -> str:
         words = (
             "–" if missing else {True: "yes", False: "no"}.get(value, value) if _hashable(value) else value
         )
-        return f"<td{' data-missing' if missing else ''}>{escape(words)}</td>"
+        kind = _kind(column, numeric, "" if missing else str(words))
+        return f"<td{kind}{' data-missing' if missing else ''}>{escape(words)}</td>"
     if missing:
         return '<td class="number" data-missing>–</td>'
     return f'<td class="number" data-value="{value!r}">{number_text(value, column)}</td>'

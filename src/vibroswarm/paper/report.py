@@ -20,8 +20,10 @@ from vibroswarm.simulation import versions
 REPORT: Final = "report.html"
 FIGURES, TABLES = "figures", "tables"
 MARKER: Final = "index.csv"
-ROWS_IN_SIGHT: Final = 40
-"""Longer tables are folded."""
+ROWS_IN_SIGHT: Final = 12
+"""Longer tables are folded below the pictures that show them."""
+ROWS_WITHOUT_PICTURES: Final = 40
+"""As many where there is no picture."""
 Tell = Callable[[float], None]
 
 
@@ -165,7 +167,7 @@ def report_of(made: Reproduction, decided: Sequence[Decided], pictures: dict[str
         lead=(
             f"{settings.runs:,} runs a cell, seed {settings.seed}. " + _counts(decided),
             "Every number here was computed but those called printed or published, which are the paper's. "
-            "Below each table stands the command that gives it alone; rows of cells have their own command "
+            "Above each table stands the command that gives it alone; rows of cells have their own command "
             "in the CSV.",
         ),
         warnings=tuple(warnings),
@@ -186,6 +188,7 @@ def _counts(decided: Sequence[Decided]) -> str:
 
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     table = claims_table(decided).select("item", "claim", "says", "holds if", *COLUMNS)
+    table = table.select(*(_typeset(name) for name in table.columns))
     return Section(
         "Verdicts",
         text=(
@@ -194,7 +197,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
             "hold. Otherwise it cannot be told. "
             "Intervals are corrected for the number of claims of a column (Holm).",
         ),
-        parts=(ReportTable(table, {}, f"Alone: `{command_of(settings)}`", "claims"),),
+        parts=(ReportTable(table, _CLAIMS, f"Alone: `{command_of(settings)}`", "claims"),),
         sections=(
             Section(
                 "What was measured for each claim",
@@ -203,6 +206,20 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
             ),
         ),
     )
+
+
+_TONES: Final = {"reproduced": "good", "in part": "fair", "not reproduced": "bad", "cannot be told": "open"}
+_CLAIMS: Final = {"says": Column(prose=True), "measured": Column(prose=True)} | {
+    column: Column(tones=_TONES) for column in COLUMNS
+}
+
+
+def _typeset(column: str) -> pl.Expr:
+    """Text with true minus signs; a verdict has a line of its own, what a claim holds by does not break."""
+    text = pl.col(column).str.replace_all(r"(^|\s|\[)-(\d)", "${1}\u2212${2}")
+    if column in COLUMNS:
+        return text.str.replace(r" \((.*)\)", "\n${1}")
+    return text.str.replace_all(" ", "\u00a0") if column == "holds if" else text
 
 
 _CELLS: Final = {"level": Column("level", digits=6), "low": Column("from"), "high": Column("to")}
@@ -217,24 +234,26 @@ def _item(one: Made, decided: Sequence[Decided], pictures: Sequence[Drawn], sett
     verdicts = claims_table(decided, [one.item.name])
     if not verdicts.is_empty():
         asked = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
-        both = [pl.format("{}: {}", column, f"{column}: ours").alias(column) for column in asked]
+        both = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in asked]
         shown_claims = verdicts.select("says", "measured", "holds if", *both)
+        shown_claims = shown_claims.select(*(_typeset(name) for name in shown_claims.columns))
         caption = (
             f"Claims, with the value measured and its corrected interval, or the range of several. {alone}"
         )
-        parts.append(ReportTable(shown_claims, {}, caption, f"{one.item.name}-claims"))
+        parts.append(ReportTable(shown_claims, _CLAIMS, caption, f"{one.item.name}-claims"))
     long: list[ReportTable] = []
+    in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
     for place, shown in enumerate(one.item.shown):
         table = _table(one, shown, f"{one.item.name}-{place + 1}", alone)
         if table is not None:
-            (long if table.frame.height > ROWS_IN_SIGHT else parts).append(table)
+            (long if table.frame.height > in_sight else parts).append(table)
     below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.aside]
     aside = tuple(Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if drawn.aside)
     if long:
-        below.insert(0, Section("All cells", parts=tuple(long), folded=True))
+        below.append(Section("All numbers", parts=tuple(long), folded=True))
     if aside:
-        below.append(Section("Pictures of the other presets", sections=aside, folded=True))
-    return Section(title, one.item.about, tuple(parts), tuple(below))
+        below.append(Section("Pictures of the other presets", sections=aside, folded=True, side_by_side=True))
+    return Section(title, one.item.about, tuple(parts), tuple(below), side_by_side=len(pictures) > 1)
 
 
 def _table(one: Made, shown: Shown, name: str, alone: str) -> ReportTable | None:

@@ -12,6 +12,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.model import vibrating_at
+from vibroswarm.plots.palette import FAINT, INK, LINE, OUTCOMES, PAPER
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 
@@ -20,14 +21,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 POINTS_PER_S = 2
-TILE, INK, WRONG = "#d9d4c7", "#2b2b2b", "#b3261e"
+WRONG = OUTCOMES["wrong"]
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
     """Floor, paths and samples of one run, drawn to scale; legible in grey.
 
     Vibrating tiles are hatched. A sample is a mark at its place: filled when it read "vibrating", open when
-    "still", in red with a cross when the reading is not the tile's kind.
+    "still", in red with a cross when the reading is not the tile's kind. Colours are the palette's, so that a page may
+    show it in dark ones.
+
+    Args:
+        run: one of the result's runs, which has to have a floor; paths are drawn where segments were kept.
     """
     from matplotlib.figure import Figure
 
@@ -43,10 +48,11 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     _draw_samples(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
+    feedback = "no" if scenario.strategy.name == "none" else scenario.strategy.name
     made = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     axes.set_title(
         f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{scenario.strategy.name} feedback, {made}: {summary['consensus'] or 'decisions not logged'}",
+        f"{feedback} feedback, {made}: {summary['consensus'] or 'decisions not logged'}",
         fontsize=9,
         wrap=True,
     )
@@ -55,23 +61,21 @@ def run_figure(result: Result, run: int = 0) -> Figure:
 
 
 def _draw_floor(axes: Axes, result: Result, run: int) -> None:
+    from matplotlib import rc_context
     from matplotlib.patches import Rectangle
 
     floor = result.floor(run)
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    labelled = False
-    for row, column in np.argwhere(floor.tiles == 1):
-        corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)
-        label = None if labelled else "vibrating tile"
-        axes.add_patch(
-            Rectangle(
-                corner, tile_w, tile_h, facecolor=TILE, edgecolor="#b8b09c", hatch="////", lw=0, label=label
+    label: str | None = "vibrating tile"
+    with rc_context({"hatch.color": FAINT}):  # from matplotlib 3.11 on; before, it is the edge's
+        for row, column in np.argwhere(floor.tiles == 1):
+            corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)
+            tile = Rectangle(
+                corner, tile_w, tile_h, facecolor=LINE, edgecolor=FAINT, hatch="////", lw=0, label=label
             )
-        )
-        labelled = True
-    outline = Rectangle(
-        (left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor="#8a8577", lw=0.8
-    )
+            axes.add_patch(tile)
+            label = None
+    outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
     axes.add_patch(outline)
 
 
@@ -85,7 +89,7 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
         axes.plot(
             path[:, 0], path[:, 1], color="#4c78a8", lw=0.35, alpha=0.5, label="path" if robot == 0 else None
         )
-        axes.annotate(str(robot), (x_m, y_m), ha="center", va="center", fontsize=6, color="white", zorder=5)
+        axes.annotate(str(robot), (x_m, y_m), ha="center", va="center", fontsize=6, color=PAPER, zorder=5)
     axes.plot(ends["x_m"], ends["y_m"], "o", ms=9, color=INK, ls="", zorder=4, label="robot at the end")
 
 
@@ -99,9 +103,9 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     for chosen, face, edge, marker, label in (
         ((bit == 1) & ~amiss, INK, INK, "o", "read as vibrating"),
-        ((bit == 0) & ~amiss, "white", INK, "o", "read as still"),
+        ((bit == 0) & ~amiss, PAPER, INK, "o", "read as still"),
         ((bit == 1) & amiss, WRONG, WRONG, "X", "vibrating, wrongly"),
-        ((bit == 0) & amiss, "white", WRONG, "X", "still, wrongly"),
+        ((bit == 0) & amiss, PAPER, WRONG, "X", "still, wrongly"),
     ):
         axes.scatter(
             x[chosen],
@@ -117,7 +121,11 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
 
 
 def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
-    """Draw one run into a file: PNG, SVG or PDF by its suffix."""
+    """Draw one run into a file: PNG, SVG or PDF by its suffix.
+
+    Raises:
+        InputError: another suffix, or a folder that cannot be written.
+    """
     if path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
     with whole_file(path) as part, MATPLOTLIB_LOCK:

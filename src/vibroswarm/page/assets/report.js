@@ -67,6 +67,46 @@ function unfold() {
 addEventListener("hashchange", unfold);
 unfold();
 
+// The contents show where one reads, and scroll by themselves to keep that in sight.
+const contents = document.querySelector(".contents");
+
+function follow() {
+  const links = [...contents.querySelectorAll("a")];
+  const entries = links.map((link) => [link, document.getElementById(link.hash.slice(1))]);
+  let marked = null;
+
+  function mark() {
+    const seen = entries.filter(([, heading]) => heading.getClientRects().length > 0);
+    const passed = seen.filter(([, heading]) => heading.getBoundingClientRect().top < 0.2 * innerHeight);
+    const atEnd = scrollY > 0 && scrollY + innerHeight >= root.scrollHeight - 2;
+    const [link] = (atEnd ? seen.at(-1) : passed.at(-1)) ?? seen[0];
+    if (link === marked) return;
+    marked?.removeAttribute("aria-current");
+    link.setAttribute("aria-current", "location");
+    marked = link;
+    for (const item of contents.querySelectorAll("li")) item.classList.toggle("here", item.contains(link));
+    const frame = contents.getBoundingClientRect();
+    const at = link.getBoundingClientRect();
+    if (at.top < frame.top + 40) contents.scrollTop += at.top - frame.top - 40;
+    if (at.bottom > frame.bottom - 40) contents.scrollTop += at.bottom - frame.bottom + 40;
+  }
+
+  let waiting = false;
+  function soon() {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      mark();
+    });
+  }
+  contents.classList.add("follows");
+  for (const moment of ["scroll", "resize", "load"]) addEventListener(moment, soon, { passive: true });
+  document.addEventListener("toggle", soon, true);
+  mark();
+}
+if (contents) follow();
+
 const opened = [];
 addEventListener("beforeprint", () => {
   for (const details of document.querySelectorAll("details:not([open])")) {
