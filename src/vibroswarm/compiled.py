@@ -87,7 +87,7 @@ def is_cached() -> bool:
     return folder is not None and any(any(folder.rglob(f"{engine}.*.nbc")) for engine in ENGINES)
 
 
-def zero_rows(count: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
+def zero_rows(count: int | tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray[np.void]:
     """Zeroed rows whose fields kernels read as attributes (``rows[i].x_m``), compiled or plain."""
     zeros = np.zeros(count, dtype=dtype)
     return zeros if _compiles() else zeros.view(np.recarray)

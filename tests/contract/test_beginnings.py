@@ -6,9 +6,9 @@ import pytest
 
 from vibroswarm import preset
 from vibroswarm.motion.contract import source
+from vibroswarm.study.came import beginning
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.spec import Study
-from vibroswarm.study.work import beginning
 
 RUNS = list(range(5))
 

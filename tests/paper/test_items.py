@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.analysis.sampling import walk_figures_of
 from vibroswarm.paper.cells import Came, Cell, CellCame, summed_up
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS
@@ -16,7 +17,6 @@ from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiments_cells, search
 from vibroswarm.paper.published import published
 from vibroswarm.simulation import simulate
-from vibroswarm.study.work import _walk
 
 RUNS = 4
 SETTINGS = Settings(runs=RUNS)
@@ -27,8 +27,7 @@ def template() -> CellCame:
     """What came of one real cell."""
     cell = SETTINGS.cell("paper", {"run.t_end_s": 300.0})
     result = simulate(cell.scenario, 1, RUNS)
-    walk = _walk(result.motion, result.observations, result.floor(0))
-    runs = result.runs.join(walk.drop("samples"), on="run")
+    runs = result.runs.join(walk_figures_of(result).drop("samples"), on="run")
     return summed_up(cell, result.robots, runs)
 
 

@@ -68,32 +68,60 @@ def walk_figures(
     """
     if motion_samples.height != observations.height:
         raise ValueError("motion and observations have not the same rows")
-    if motion_samples.is_empty():
-        return pl.DataFrame(schema=WALK)
-    runs, first, count = _runs(motion_samples)
-    before, after = _consecutive(motion_samples, first, count)
-    x, y, t = (motion_samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
-    per_step = _mean_of_steps(after, first)
-    distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
-    avoid = motion_samples["avoid_s"].cast(pl.Float64).fill_null(np.nan).to_numpy()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        table = {
-            "run": runs,
-            "samples": count,
-            "avoid_per_sample_s": _mean_of_known(avoid, first),
-            "distance_m": per_step(distance),
-            "spacing_s": per_step(t[after] - t[before]),
-            "ones": np.add.reduceat(observations["observation"].to_numpy(), first, dtype=np.int64) / count,
-            "effective_samples": _effective(observations["tile"].to_numpy(), first, count, tiles),
-        }
-    return pl.DataFrame(table).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
+    tile, observation = (observations[name].to_numpy() for name in ("tile", "observation"))
+    figures = Walk(motion_samples).figures(tile, observation, tiles)
+    return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
 
 
-def _runs(samples: pl.DataFrame) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
-    """The runs of a table sorted by run, where each begins, and how many rows it has."""
-    run = samples["run"].to_numpy()
-    first = np.flatnonzero(np.append(True, run[1:] != run[:-1]))
-    return run[first], first, np.diff(np.append(first, run.size))
+class Walk:
+    """``walk_figures`` of one motion for many floors and sensors: what does not depend on those is worked out once.
+
+    Args:
+        motion_samples: table of a result.
+    """
+
+    def __init__(self, motion_samples: pl.DataFrame) -> None:
+        run = motion_samples["run"].to_numpy()
+        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
+        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size))
+        self.of_motion = {"run": run[self.first], "samples": self.count, **self._steps(motion_samples)}
+        self._effective: tuple[NDArray[np.int32], int | None, NDArray[np.float64]] | None = None
+
+    def figures(
+        self, tile: NDArray[np.int32], observation: NDArray[np.uint8], tiles: int | None = None
+    ) -> dict[str, NDArray[Any]]:
+        """The columns of ``walk_figures``, a value a run that has samples; not a number in place of null.
+
+        Args:
+            tile, observation: (rows,), of the observation table. tiles: as ``walk_figures`` has them.
+        """
+        if self.first.size == 0:
+            return {name: np.empty(0) for name in WALK}
+        ones = np.add.reduceat(observation, self.first, dtype=np.int64) / self.count
+        return {**self.of_motion, "ones": ones, "effective_samples": self._effective_of(tile, tiles)}
+
+    def _effective_of(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:
+        known = self._effective
+        if known is None or known[0] is not tile or known[1] != tiles:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                worth = _effective(tile, self.first, self.count, tiles)
+            known = self._effective = (tile, tiles, worth)
+        return known[2]
+
+    def _steps(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
+        if samples.is_empty():
+            return {}
+        before, after = _consecutive(samples, self.first, self.count)
+        x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
+        per_step = _mean_of_steps(after, self.first)
+        distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
+        avoid = samples["avoid_s"].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return {
+                "avoid_per_sample_s": _mean_of_known(avoid, self.first),
+                "distance_m": per_step(distance),
+                "spacing_s": per_step(t[after] - t[before]),
+            }
 
 
 def _consecutive(

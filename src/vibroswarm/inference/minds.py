@@ -183,27 +183,33 @@ def take_sample(
     return mind.message
 
 
+def final_columns(minds: NDArray[np.void], time_s: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """The columns of ``FINALS`` but run and robot, each of the shape of ``minds``; not a number where there is none.
+
+    Args:
+        time_s: (rows,) of the samples.
+    """
+    decided = minds["decision"] != -1
+    decision_time_s = np.full(minds.shape, np.nan)
+    decision_time_s[decided] = time_s[minds["decided_row"][decided]]
+    return {
+        "decision": minds["decision"].astype(np.int8),
+        "decision_time_s": decision_time_s,
+        "belief_at_decision": minds["belief_at_decision"].copy(),
+        "belief": np.where(decided, minds["belief_at_decision"], minds["belief"]),
+        "alpha": minds["alpha"].astype(np.uint32),
+        "beta": minds["beta"].astype(np.uint32),
+        "samples": minds["own"].astype(np.uint32),
+        "received": minds["received"].astype(np.uint32),
+    }
+
+
 def final_frame(ends: pl.DataFrame, minds: NDArray[np.void], time_s: NDArray[np.float64]) -> pl.DataFrame:
     """What became of each robot, in the order of the ends.
 
     Args:
         time_s: (rows,) of the samples.
     """
-    decided = minds["decision"] != -1
-    decision_time_s = np.full(minds.size, np.nan)
-    decision_time_s[decided] = time_s[minds["decided_row"][decided]]
-    belief = np.where(decided, minds["belief_at_decision"], minds["belief"])
-    return pl.DataFrame(
-        [
-            ends["run"],
-            ends["robot"],
-            pl.Series("decision", minds["decision"].astype(np.int8)),
-            pl.Series("decision_time_s", decision_time_s, nan_to_null=True),
-            pl.Series("belief_at_decision", minds["belief_at_decision"].copy(), nan_to_null=True),
-            pl.Series("belief", belief, nan_to_null=True),
-            pl.Series("alpha", minds["alpha"].astype(np.uint32)),
-            pl.Series("beta", minds["beta"].astype(np.uint32)),
-            pl.Series("samples", minds["own"].astype(np.uint32)),
-            pl.Series("received", minds["received"].astype(np.uint32)),
-        ]
-    )
+    columns = final_columns(minds, time_s).items()
+    found = [pl.Series(name, column, nan_to_null=column.dtype == np.float64) for name, column in columns]
+    return pl.DataFrame([ends["run"], ends["robot"], *found])

@@ -187,13 +187,36 @@ def outcomes(
     return _replayed(scenario, seed, timeline_of(scenario, motion), observations, empty_columns(0))
 
 
+def replay_to(
+    minds: NDArray[np.void], scenario: Scenario, seed: int, timeline: Timeline, observation: NDArray[np.uint8]
+) -> None:
+    """``outcomes`` as rows: what the robots have in mind at the end of each run.
+
+    Args:
+        minds: (runs * robots,) of ``minds.MIND``, overwritten. observation: (rows,), of the timeline's samples.
+    """
+    _replay(minds, scenario, seed, timeline, observation, empty_columns(0))
+
+
 def _replayed(
     scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame, columns: Columns
 ) -> pl.DataFrame:
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table has not the rows of the motion table")
-    program, rows = mind_program(scenario), timeline.robot.size
     minds = zero_rows(timeline.runs.size * timeline.robots, MIND)
+    _replay(minds, scenario, seed, timeline, observations["observation"].to_numpy(), columns)
+    return final_frame(timeline.ends, minds, timeline.time_s)
+
+
+def _replay(
+    minds: NDArray[np.void],
+    scenario: Scenario,
+    seed: int,
+    timeline: Timeline,
+    observation: NDArray[np.uint8],
+    columns: Columns,
+) -> None:
+    program, rows = mind_program(scenario), timeline.robot.size
     counts = program.prior_alpha + program.prior_beta + timeline.longest
     replay_runs(
         timeline.bounds,
@@ -202,7 +225,7 @@ def _replayed(
         timeline.sample,
         timeline.heard,
         timeline.heard_at_end,
-        read_only(observations["observation"].to_numpy()),
+        read_only(observation),
         timeline.message_numbers(seed) if program.strategy == SOFT else np.empty(0),
         minds,
         columns.message if columns.message.size else np.empty(rows, dtype=np.uint8),
@@ -215,7 +238,6 @@ def _replayed(
         scenario.network.loss,
         timeline.not_heard(seed, scenario.network.loss),
     )
-    return final_frame(timeline.ends, minds, timeline.time_s)
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

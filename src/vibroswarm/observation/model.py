@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -77,10 +77,11 @@ def read_samples(
     first_tiles: NDArray[np.int64],
     tiles: NDArray[np.uint8],
     response: Response,
+    known: bool,
     tile: NDArray[np.int32],
+    numbers: NDArray[np.float64],
     observation: NDArray[np.uint8],
     vibrating: NDArray[np.bool_],
-    numbers: NDArray[np.float64],
     factors: NDArray[np.float64],
 ) -> None:
     """What the samples read.
@@ -88,24 +89,84 @@ def read_samples(
     Args:
         bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to y_m: (rows,).
         places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
-        tile, observation: (rows,), written. vibrating, numbers, factors: (rows,), written, or of no rows: of the
-            tile that was felt.
+        known: tile and numbers have been written before. tile, numbers: (rows,), written, or read where known.
+        observation: (rows,), written. vibrating, factors: (rows,), written, or of no rows: of the tile that was felt.
     """
-    wanted = numbers.size > 0
+    wanted = vibrating.size > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
         own = tiles[first_tiles[r] : first_tiles[r] + place.rows * place.columns]
         for k in range(bounds[r], bounds[r + 1]):
-            at = tile_below(x_m[k], y_m[k], place)
             i, number = signed(robot[k]), signed(sample[k])
-            felt = felt_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
+            if not known:
+                tile[k] = tile_below(x_m[k], y_m[k], place)
+                numbers[k] = uniform(seed, runs[r], i, SENSING, number, ALONE)
+            felt = felt_tile(x_m[k], y_m[k], signed(tile[k]), place, own, response, seed, runs[r], i, number)
             vibrates = felt >= 0 and own[felt] == 1
             row = factor_row(response, r, i, felt)
-            u = uniform(seed, runs[r], i, SENSING, number, ALONE)
-            tile[k], observation[k] = at, u > response.shares_below[row, int(vibrates)]
+            observation[k] = numbers[k] > response.shares_below[row, int(vibrates)]
             if wanted:
-                vibrating[k], numbers[k], factors[k] = vibrates, u, response.factors[row]
+                vibrating[k], factors[k] = vibrates, response.factors[row]
+
+
+class Readings(NamedTuple):
+    """What samples read, (rows,) each."""
+
+    tile: NDArray[np.int32]
+    numbers: NDArray[np.float64]
+    """Uniform, by which the energies are drawn."""
+    observation: NDArray[np.uint8]
+    vibrating: NDArray[np.bool_]
+    factors: NDArray[np.float64]
+    """Of no rows where they were not asked for, like ``vibrating``: of the tile that was felt."""
+
+
+class Places:
+    """The samples of a motion as sensors meet them; what is the same for many floors and sensors is made once.
+
+    Args:
+        seed: of the runs. samples: the motion table.
+    """
+
+    def __init__(self, seed: int, samples: pl.DataFrame) -> None:
+        self.seed, self.samples = seed, samples
+        run = samples["run"].to_numpy()
+        begins = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
+        self.runs = run[begins].astype(np.int64)
+        self.bounds = np.append(begins, run.size)
+        self._robot, self._sample = (read_only(samples[name].to_numpy()) for name in ("robot", "sample"))
+        self._x_m, self._y_m = (read_only(samples[name].to_numpy()) for name in ("x_m", "y_m"))
+        self._met: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
+        self._responses: dict[Any, Response] = {}
+
+    def read(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool = False) -> Readings:
+        """What the samples read.
+
+        Args:
+            floors: the floor of each run. energies: also what their energies depend on.
+        """
+        count, own = self.samples.height, [floors[run] for run in self.runs.tolist()]
+        places, first_tiles, tiles = _laid_out(own)
+        response = self._response(scenario, [floor.tiles.size for floor in own])
+        met, known = self._met.get(places.tobytes()), True
+        if met is None:
+            met, known = (np.empty(count, dtype=np.int32), np.empty(count)), False
+            self._met[places.tobytes()] = met
+        kept = count if energies else 0
+        observation, vibrating = np.empty(count, dtype=np.uint8), np.empty(kept, dtype=np.bool_)
+        found = Readings(*met, observation, vibrating, np.empty(kept))
+        read_samples(
+            self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, places, first_tiles,
+            tiles, response, known, found.tile, found.numbers, found.observation, found.vibrating, found.factors,
+        )  # fmt: skip
+        return found
+
+    def _response(self, scenario: Scenario, tiles: Sequence[int]) -> Response:
+        key = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
+        if key not in self._responses:
+            self._responses[key] = response_of(scenario, self.seed, self.runs, tiles)
+        return self._responses[key]
 
 
 def observe(
@@ -123,42 +184,24 @@ def observe(
         floors: the floor of each run.
         energies: also compute the energies (else null); the bits are the same.
     """
-    run, count = samples["run"].to_numpy(), samples.height
-    begins = np.r_[0, np.flatnonzero(run[1:] != run[:-1]) + 1] if count else np.zeros(0, dtype=np.int64)
-    runs = run[begins].astype(np.int64)
-    own_floors = [floors[number] for number in runs.tolist()]
-    places, first_tiles, tiles = _laid_out(own_floors)
-    tile, observation = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.uint8)
-    kept = count if energies else 0
-    vibrating, numbers, factors = np.empty(kept, dtype=np.bool_), np.empty(kept), np.empty(kept)
-    read_samples(
-        seed,
-        np.append(begins, count),
-        runs,
-        read_only(samples["robot"].to_numpy()),
-        read_only(samples["sample"].to_numpy()),
-        read_only(samples["x_m"].to_numpy()),
-        read_only(samples["y_m"].to_numpy()),
-        places,
-        first_tiles,
-        tiles,
-        response_of(scenario, seed, runs, [floor.tiles.size for floor in own_floors]),
-        tile,
-        observation,
-        vibrating,
-        numbers,
-        factors,
-    )
-    energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, count)
+    read = Places(seed, samples).read(scenario, floors, energies)
+    return observation_frame(scenario, samples, read, energies)
+
+
+def observation_frame(
+    scenario: Scenario, samples: pl.DataFrame, read: Readings, energies: bool
+) -> pl.DataFrame:
+    """The observation table of what the samples of a motion table read."""
+    energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, samples.height)
     if energies:
-        differ = factors if factors_differ(scenario.sensor) else None
-        energy = pl.Series("energy", energies_of(scenario.sensor, vibrating, numbers, differ))
+        differ = read.factors if factors_differ(scenario.sensor) else None
+        energy = pl.Series("energy", energies_of(scenario.sensor, read.vibrating, read.numbers, differ))
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),
-            pl.Series("tile", tile),
+            pl.Series("tile", read.tile),
             energy,
-            pl.Series("observation", observation),
+            pl.Series("observation", read.observation),
         ]
     )
 

@@ -18,12 +18,12 @@ import polars as pl
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.simulation import simulate
+from vibroswarm.study.came import SAMPLES
 from vibroswarm.study.looks import Settled, runs_that_count, settled
 from vibroswarm.study.plan import Group, Plan, plan_of
 from vibroswarm.study.runner import Share, Tell, run_study
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.store import Store
-from vibroswarm.study.work import SAMPLES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,0 +1,202 @@
+"""What came of some runs of a group: motion once, each floor and sensor once, then strategy by strategy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.sampling import Walk
+from vibroswarm.compiled import zero_rows
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.minds import MIND, final_columns
+from vibroswarm.inference.replay import INFERENCE, infer, replay_to
+from vibroswarm.inference.timeline import timeline_of
+from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
+from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
+from vibroswarm.outcome import belief_in_truth, consensus_columns, end_columns, fills_and_truth
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.study.plan import Texts
+from vibroswarm.study.rows import Columns, columns_of, walked
+
+SAMPLES: Final[dict[str, Any]] = {
+    "cell": pl.UInt32,
+    **MOTION,
+    **{k: v for k, v in OBSERVATIONS.items() if k not in MOTION},
+    **{k: v for k, v in INFERENCE.items() if k not in MOTION},
+}
+"""One row a cell and sample, kept on request."""
+
+
+class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
+    """The study was stopped while a batch was under way."""
+
+
+class CameOf(NamedTuple):
+    """What came of some runs of some cells: as ``BatchRows.put`` takes it, and the samples if they are kept."""
+
+    cells: Sequence[Sequence[int]]
+    robots: Columns
+    runs: Columns
+    samples: list[pl.DataFrame]
+
+
+class Asked(NamedTuple):
+    """Which runs, from which seed, by which source of motion, and whether samples are kept."""
+
+    runs: range
+    seed: int
+    motion: str
+    samples: bool
+    cancelled: Callable[[], bool] = lambda: False
+
+    def check(self) -> None:
+        """Raise Cancelled if so it is."""
+        if self.cancelled():
+            raise Cancelled
+
+
+def came_of(observed: Texts, asked: Asked) -> Iterator[CameOf]:
+    """What came of the runs, floor by floor and sensor by sensor.
+
+    Args:
+        observed: see ``work.Work``.
+    Raises:
+        Cancelled: between two steps.
+    """
+    first = scenario_of(observed[0][0][0])
+    if first.run.stop == "all_decided":
+        ((text, cells),) = observed[0]
+        yield _until_all_decided(scenario_of(text), cells, asked)
+        return
+    asked.check()
+    whole = source(asked.motion).batch(first, asked.seed, asked.runs, False)
+    moved, end_s = _Moved(first, whole, asked), first.run.t_end_s
+    for inferences in observed:
+        seen = scenario_of(inferences[0][0])
+        if seen.run.t_end_s != end_s:
+            moved, end_s = _Moved(seen, beginning(whole, seen), asked), seen.run.t_end_s
+        asked.check()
+        yield moved.came_of([scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences])
+
+
+def _until_all_decided(scenario: Scenario, cells: Sequence[int], asked: Asked) -> CameOf:
+    """Runs that end when all have decided: of one cell, or several that are equal."""
+    result = simulate(scenario, asked.seed, asked.runs, motion=asked.motion, energies=asked.samples)
+    tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
+    walk = Walk(result.motion).figures(tile, observation, result.floor(asked.runs[0]).tiles.size)
+    robots, of_runs = columns_of(result)
+    tables = (result.motion, result.observations, result.inference)
+    samples = samples_of(*tables, cells) if asked.samples else []
+    return CameOf([cells], robots, {**of_runs, **walked(walk, asked.runs)}, samples)
+
+
+class _Moved:
+    """Some runs of a motion, and what floors, sensors and strategies share of them."""
+
+    def __init__(self, scenario: Scenario, motion: Motion, asked: Asked) -> None:
+        self.motion, self.asked = motion, asked
+        self.timeline = timeline_of(scenario, motion)
+        self.places, self.walk = Places(asked.seed, motion.samples), Walk(motion.samples)
+        ends = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots)
+        self.of_ends = end_columns(ends.max(axis=1), scenario.run.t_end_s)
+        self._floors: dict[Any, dict[int, Floor]] = {}
+
+    def came_of(self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]]) -> CameOf:
+        """What came of scenarios that differ in how robots decide and speak only."""
+        seen, runs, seed = scenarios[0], self.asked.runs, self.asked.seed
+        floors = self._floors_of(seen)
+        read = self.places.read(seen, floors, self.asked.samples)
+        minds = zero_rows((len(scenarios), self.timeline.ends.height), MIND)
+        for scenario, row in zip(scenarios, minds, strict=True):
+            self.asked.check()
+            replay_to(row, scenario, seed, self.timeline, read.observation)
+        finals = final_columns(minds, self.timeline.time_s)
+        finals = {name: one.reshape(len(scenarios), len(runs), -1) for name, one in finals.items()}
+        fills, truth = _of_floors(scenarios, floors, runs)
+        robots = {
+            **finals,
+            "belief_in_truth": belief_in_truth(finals["belief"], truth[..., None]),
+            "sent": finals["samples"],
+        }
+        walk = self.walk.figures(read.tile, read.observation, floors[runs[0]].tiles.size)
+        of_runs = {
+            "fill_ratio": fills,
+            "truth": truth,
+            **consensus_columns(finals["decision"], finals["decision_time_s"], truth),
+            **self.of_ends,
+            **walked(walk, runs),
+        }
+        samples = self._samples(scenarios, cells, read) if self.asked.samples else []
+        return CameOf(cells, robots, of_runs, samples)
+
+    def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
+        """The floor of each run, laid once for all sensors."""
+        if scenario.floor not in self._floors:
+            self._floors[scenario.floor] = floors_of(scenario, self.asked.seed, self.asked.runs)
+        return self._floors[scenario.floor]
+
+    def _samples(
+        self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], read: Readings
+    ) -> list[pl.DataFrame]:
+        motion = self.motion.samples
+        observations = observation_frame(scenarios[0], motion, read, energies=True)
+        found = []
+        for scenario, same in zip(scenarios, cells, strict=True):
+            inference, _ = infer(scenario, self.asked.seed, self.timeline, observations)
+            found += samples_of(motion, observations, inference, same)
+        return found
+
+
+def _of_floors(
+    scenarios: Sequence[Scenario], floors: Mapping[int, Floor], runs: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The fill ratio of each run, (runs,), and what is true of it by each scenario's boundary, (scenarios, runs)."""
+    known: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for scenario in scenarios:
+        boundary = scenario.decision.decision_boundary
+        if boundary not in known:
+            known[boundary] = fills_and_truth(scenario, floors, list(runs))
+    truths = [known[scenario.decision.decision_boundary][1] for scenario in scenarios]
+    return next(iter(known.values()))[0], np.stack(truths)
+
+
+def samples_of(
+    motion: pl.DataFrame, observations: pl.DataFrame, inference: pl.DataFrame, cells: Sequence[int]
+) -> list[pl.DataFrame]:
+    """The table ``SAMPLES`` of each of some cells that are equal."""
+    others = (table.drop("run", "robot", "sample") for table in (observations, inference))
+    rows = pl.concat([motion, *others], how="horizontal")
+    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *list(SAMPLES)[1:]) for cell in cells]
+
+
+def beginning(motion: Motion, scenario: Scenario) -> Motion:
+    """The beginning of a motion, up to the end of a scenario that moves alike but not as long: what its own would be.
+
+    A sample belongs to the tick before its time; a robot that took one at the last tick still stands in it. Where
+    robots are at the end is not told (null), since the table of samples does not know.
+    """
+    tick_s = scenario.tick_s
+    end_s, key = scenario.ticks * scenario.run.control_period_ms / 1000.0, ["run", "robot"]
+    before = pl.col("time_s") < end_s - tick_s / 4
+    samples, later = motion.samples.filter(before), motion.samples.filter(~before)
+    following = later.group_by(key).agg(following=pl.col("stop_start_s").first())
+    last = samples.filter(pl.col("time_s") > end_s - 1.25 * tick_s).select(*key, last="stop_start_s")
+    ends = motion.ends.join(following, on=key, how="left", maintain_order="left")
+    ends = ends.join(last, on=key, how="left", maintain_order="left")
+    under_way = pl.coalesce("following", "stop_start_s")
+    since = pl.when(under_way < end_s - tick_s / 4).then(under_way)
+    unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
+    ends = ends.with_columns(end_s=pl.lit(end_s), stop_start_s=pl.coalesce("last", since), **unknown)
+    return Motion(samples, ends.select(list(ENDS)), None)
+
+
+@lru_cache(maxsize=4096)
+def scenario_of(text: str) -> Scenario:
+    """A scenario from its TOML; read once."""
+    return Scenario.from_toml(text)
