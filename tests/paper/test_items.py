@@ -9,13 +9,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.sampling import walk_figures_of
+from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.paper.cells import Came, Cell, CellCame, summed_up
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiments_cells, search
 from vibroswarm.paper.published import published
+from vibroswarm.paper.sums import READ
 from vibroswarm.simulation import simulate
 
 RUNS = 4
@@ -27,8 +28,10 @@ def template() -> CellCame:
     """What came of one real cell."""
     cell = SETTINGS.cell("paper", {"run.t_end_s": 300.0})
     result = simulate(cell.scenario, 1, RUNS)
-    runs = result.runs.join(walk_figures_of(result).drop("samples"), on="run")
-    return summed_up(cell, result.robots, runs)
+    runs = result.runs.join(walk_figures(result.motion, result.observations, 25).drop("samples"), on="run")
+    rows = result.robots.join(runs, on="run").with_columns(cell=0).select(READ)
+    (came,) = summed_up([cell], rows, [0], RUNS, cell.scenario.swarm.robots)
+    return came
 
 
 def _made_up(cells: list[Cell], template: CellCame) -> Came:
@@ -43,9 +46,9 @@ def _made_up(cells: list[Cell], template: CellCame) -> Came:
         "estimate",
     )
     for cell in cells:
-        factor = random.uniform(0.9, 1.1, (len(shaken), template.figures.height))
-        columns = [pl.col(name) * pl.Series(f) for name, f in zip(shaken, factor, strict=True)]
-        found[cell.key] = replace(template, figures=template.figures.with_columns(columns))
+        factor = random.uniform(0.9, 1.1, (len(shaken), RUNS))
+        other = {name: template.figures[name] * f for name, f in zip(shaken, factor, strict=True)}
+        found[cell.key] = replace(template, figures={**template.figures, **other})
     return Came(SETTINGS.seed, RUNS, found)
 
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
+import os
 import shlex
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,12 +18,12 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.analysis.per_run import capped_time_s, run_figures
-from vibroswarm.analysis.swarm import summary
 from vibroswarm.floors.source import is_random
+from vibroswarm.outcome import as_series
 from vibroswarm.paper.columns import COLUMNS
+from vibroswarm.paper.sums import READ, Figures, as_arrays, digest_of, figures_of, row_of
 from vibroswarm.presets import preset
 from vibroswarm.result import ROBOTS
 from vibroswarm.scenario import Scenario
@@ -33,8 +33,6 @@ from vibroswarm.study.runner import Told
 from vibroswarm.study.spec import Study
 from vibroswarm.study.varied import LABEL
 
-WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-SHOWN: Final = ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong")
 FIRST_RUNS: Final = 10
 """Runs of a cell whose robots an archive holds one by one."""
 ROWS_AT_A_TIME: Final = 400_000
@@ -104,9 +102,9 @@ class CellCame:
     """What came of one cell."""
 
     row: dict[str, Any]
-    """Summed up, see ``summed_up``."""
-    figures: pl.DataFrame
-    """One row a run: ``analysis.per_run``, how the robots sampled, and the swarm's mean estimate of the fill ratio."""
+    """Summed up, see ``sums.row_of``."""
+    figures: Figures
+    """Of each run, (runs,) each: see ``sums.figures_of``."""
     digest: str
     """Of the table of robots, all runs, bit by bit."""
     first: pl.DataFrame
@@ -124,55 +122,14 @@ class Came:
     def __getitem__(self, cell: Cell) -> CellCame:
         return self.cells[cell.key]
 
-    def values(self, cell: Cell, name: str) -> np.ndarray[Any, Any]:
+    def values(self, cell: Cell, name: str) -> NDArray[np.float64]:
         """One figure of each run, (runs,); not a number where a run has none."""
-        column = self[cell].figures[name].cast(pl.Float64)
-        found: np.ndarray[Any, Any] = column.fill_null(math.nan).to_numpy()
-        return found
+        return self[cell].figures[name]
 
     def row(self, cell: Cell) -> dict[str, Any]:
         """The cell summed up, with the command that gives it alone."""
         about = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
         return self[cell].row | about
-
-
-def summed_up(cell: Cell, robots: pl.DataFrame, runs: pl.DataFrame) -> CellCame:
-    """A cell in the two forms, from its tables of robots and runs.
-
-    The paper's: means of time and belief, with the standard deviation over robots over the root of the runs as
-    bar. As they should be: intervals over runs, and what became of the robots and of the swarms.
-    """
-    t_end_s = cell.scenario.run.t_end_s
-    figures = run_figures(robots, runs, t_end_s).hstack(runs.sort("run").select(WALKED))
-    estimates = robots.select("run", estimate=pl.col("alpha") / (pl.col("alpha") + pl.col("beta")))
-    figures = figures.hstack(estimates.group_by("run", maintain_order=True).mean().select("estimate"))
-    found = summary(robots, runs, t_end_s).as_row()
-    row: dict[str, Any] = {"runs": runs.height}
-    for name in ("decision_time_s", "belief_in_truth"):
-        row |= {f"{name}{end}": found[f"{name}{end}"] for end in ("", "_low", "_high")}
-    row["decision_time_s_bar"] = float(capped_time_s(robots, t_end_s).std()) / math.sqrt(runs.height)
-    belief = robots["belief_in_truth"].drop_nulls().to_numpy()
-    row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs.height) if belief.size else None
-    for name in SHOWN:
-        row |= {f"{name}{end}": found[f"{name}{end}"] for end in ("", "_low", "_high")}
-    for name in WALKED[:2]:
-        ends = mean_interval(figures[name].drop_nulls().to_numpy())[:3]
-        row |= {
-            f"{name}{end}": v if math.isfinite(v) else None
-            for end, v in zip(("", "_low", "_high"), ends, strict=True)
-        }
-    return CellCame(row, figures, robots_digest(robots), robots.filter(pl.col("run") < FIRST_RUNS))
-
-
-def robots_digest(robots: pl.DataFrame) -> str:
-    """SHA-256 of the values of a table of robots, bit by bit; a missing value counts as one."""
-    found = hashlib.sha256()
-    missing, filled = robots.select(pl.all().is_null()), robots.select(pl.all().fill_null(0))
-    for name in robots.columns:
-        kind = "<f8" if robots.schema[name].is_float() else "<i8"
-        found.update(name.encode() + b"\0" + missing[name].to_numpy().tobytes())
-        found.update(filled[name].to_numpy().astype(kind).tobytes())
-    return found.hexdigest()
 
 
 def run_cells(
@@ -202,22 +159,45 @@ def run_cells(
 def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellCame]:
     """Sum up all cells of a study, some at a time: reading them one by one would read all of them each time."""
     found: dict[str, CellCame] = {}
-    for group in result.plan.groups:
-        numbers = [cell.number for cell in group.cells]
-        step = max(ROWS_AT_A_TIME // (runs * group.first.swarm.robots), 1)
-        for first in range(0, len(numbers), step):
-            some = numbers[first : first + step]
-            parts = result.rows(*some).collect().partition_by("cell", as_dict=True)
-            with ThreadPoolExecutor(workers) as pool:
-                came = pool.map(_sum_up, [cells[number] for number in some], [parts[(n,)] for n in some])
-                found |= {cells[number].key: one for number, one in zip(some, came, strict=True)}
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        for group in result.plan.groups:
+            numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
+            step = max(ROWS_AT_A_TIME // (runs * robots), 1)
+            for first in range(0, len(numbers), step):
+                some = numbers[first : first + step]
+                rows = result.unsorted_rows(*some).select(READ).collect()
+                mine = [cells[number] for number in some]
+                came = summed_up(mine, rows, some, runs, robots, pool.map)
+                found |= {cell.key: one for cell, one in zip(mine, came, strict=True)}
     return found
 
 
-def _sum_up(cell: Cell, rows: pl.DataFrame) -> CellCame:
-    of_run = [name for name in rows.columns if name not in ROBOTS and name != "cell"]
-    runs = rows.filter(pl.col("robot") == 0).select("run", *of_run)
-    return summed_up(cell, rows.select(list(ROBOTS)), runs)
+def summed_up(
+    cells: Sequence[Cell],
+    rows: pl.DataFrame,
+    numbers: Sequence[int],
+    runs: int,
+    robots: int,
+    map_: Callable[..., Iterable[CellCame]] = map,
+) -> list[CellCame]:
+    """Cells with swarms of one size summed up.
+
+    Args:
+        rows: of a study, the columns ``sums.READ``. numbers: of the cells there, ascending. runs: of each cell.
+        map_: by which cells are gone through.
+    """
+    of_robots, of_runs = as_arrays(rows, numbers, runs, robots)
+    t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
+    figures = figures_of(of_robots, of_runs, t_end_s)
+
+    def one(k: int) -> CellCame:
+        mine = {name: column[k] for name, column in of_robots.items()}
+        each = {name: column[k].copy() for name, column in figures.items()}
+        first = {name: column[:FIRST_RUNS].ravel() for name, column in mine.items()}
+        table = pl.DataFrame([as_series(name, first[name], kind) for name, kind in ROBOTS.items()])
+        return CellCame(row_of(mine, each, float(t_end_s[k])), each, digest_of(mine), table)
+
+    return list(map_(one, range(len(cells))))
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:

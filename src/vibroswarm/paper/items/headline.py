@@ -8,12 +8,14 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.page.report import Column
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
 from vibroswarm.paper.measure import Row, frame, mean
+from vibroswarm.paper.sums import Figures
 from vibroswarm.plots import draw_error_bars
 
 STEPPED_RUNS: Final = 200
@@ -57,17 +59,18 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
     row["holds_zero"] = not change.excludes(0.0)
     stepped = work.cells[(*key, "fixed-step")]
     here, there = (work.came[work.cells[(*key, name)]].figures for name in ("first", "fixed-step"))
-    row |= {"stepped_runs": there.height, "stepped_alike": int(_alike(here.head(there.height), there).sum())}
+    alike = _alike(here, there)
+    row |= {"stepped_runs": alike.size, "stepped_alike": int(alike.sum())}
     return row | {"stepped_command": stepped.command(work.came.runs, work.came.seed)}
 
 
-def _alike(first: pl.DataFrame, second: pl.DataFrame) -> Any:
-    """Which runs have the same decisions at the same times, (runs,)."""
-    same = np.ones(second.height, dtype=np.bool_)
-    for name in ("decision_time_s", "right_share", "wrong_share", "swarm_time_s"):
-        one, other = (table[name].cast(pl.Float64).to_numpy() for table in (first, second))
-        same &= np.isclose(one, other, rtol=0.0, atol=1e-6, equal_nan=True)
-    return same
+def _alike(first: Figures, second: Figures) -> NDArray[np.bool_]:
+    """Which runs of the second, which may be fewer, have the same decisions at the same times, (runs,)."""
+    names = ("decision_time_s", "right_share", "wrong_share", "swarm_time_s")
+    pairs = [(first[name][: second[name].size], second[name]) for name in names]
+    same = [np.isclose(one, other, rtol=0.0, atol=1e-6, equal_nan=True) for one, other in pairs]
+    alike: NDArray[np.bool_] = np.all(same, axis=0)
+    return alike
 
 
 def _against(work: Work, key: tuple[str, str], which: str) -> Any:
