@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +27,7 @@ from vibroswarm.presets import preset
 from vibroswarm.result import ROBOTS
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.compare import second_seed
+from vibroswarm.study.executors import processors
 from vibroswarm.study.result import StudyResult, run
 from vibroswarm.study.runner import Told
 from vibroswarm.study.spec import Study
@@ -159,7 +159,7 @@ def run_cells(
 def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellCame]:
     """Sum up all cells of a study, some at a time: reading them one by one would read all of them each time."""
     found: dict[str, CellCame] = {}
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers or processors()) as pool:
         for group in result.plan.groups:
             numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
             step = max(ROWS_AT_A_TIME // (runs * robots), 1)

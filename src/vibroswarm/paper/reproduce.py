@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import polars as pl
 
+from vibroswarm.paper.beside import Bar, Check, beside
 from vibroswarm.paper.cells import Came, Cell, run_cells
 from vibroswarm.paper.claims import Decided, decide
 from vibroswarm.paper.fingerprint import fingerprint
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Settings, Tables, Work, no_claims
 from vibroswarm.paper.items import all_items
 from vibroswarm.paper.kept import keep, read_kept
+from vibroswarm.study.executors import processors
 
 ITEMS: Final = "items"
 RUNS: Final = "runs"
+CELLS: Final = "cells of all items"
 CELLS_SHARE: Final = 0.6
 """Of the bar, for the cells; the items share the rest."""
 
@@ -81,24 +84,73 @@ def reproduce(
     came = None
     if missing or again:
         wanted = [cell for item in (items if again else missing) for cell in cells[item.name].values()]
-        came = run_cells(
-            wanted, settings.runs, settings.seed, folder / RUNS, settings.workers,
-            lambda share: tell("cells of all items", CELLS_SHARE * share),
-        )  # fmt: skip
-    for done, item in enumerate(missing):
-        assert came is not None
-        first = CELLS_SHARE + (1 - CELLS_SHARE) * done / len(missing)
-
-        def told(share: float, first: float = first, item: Item = item) -> None:
-            tell(item.name, first + (1 - CELLS_SHARE) * share / len(missing))
-
-        told(0.0)
-        place = folder / ITEMS / item.name
-        work = Work(settings, cells[item.name], came, folder / RUNS / item.name, told)
-        tables = item.compute(work)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        keep(place, prints[item.name], tables)
-        there[item.name] = tables
+        todo = _Todo(settings, folder, missing, cells, prints, tell)
+        came = todo.done(wanted)
+        there |= todo.made
     made = tuple(Made(item, there[item.name] or {}, skipped[item.name]) for item in items)
     by_key = {cell.key: cell for one in cells.values() for cell in one.values()}
     return Reproduction(settings, made, by_key, came)
+
+
+class _Todo:
+    """Items that are missing, with their cells."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        folder: Path,
+        items: Sequence[Item],
+        cells: Mapping[str, Cells],
+        prints: Mapping[str, str],
+        tell: Tell,
+    ) -> None:
+        self.settings, self.folder, self.items, self.cells, self.prints = (
+            settings,
+            folder,
+            items,
+            cells,
+            prints,
+        )
+        each = (1 - CELLS_SHARE) / max(len(items), 1)
+        self.bar = Bar(tell, {CELLS: CELLS_SHARE, **{item.name: each for item in items}})
+        self.made: dict[str, Tables] = {}
+
+    def done(self, wanted: Sequence[Cell]) -> Came:
+        """Run the cells and compute the items: those that need no cells beside them, where workers are several."""
+        alone = [item for item in self.items if not self.cells[item.name]]
+        aside = alone if wanted and (self.settings.workers or processors()) > 1 else []
+        with beside((lambda check: self._compute(aside, None, check)) if aside else None) as check:
+            came = self._run(wanted, check)
+            self._compute([item for item in self.items if item not in aside], came, check)
+            self.bar.shown = None
+        return came
+
+    def _run(self, wanted: Sequence[Cell], check: Check) -> Came:
+        settings, self.bar.shown = self.settings, CELLS
+
+        def told(share: float) -> None:
+            check()
+            self.bar.told(CELLS, share)
+
+        return run_cells(wanted, settings.runs, settings.seed, self.folder / RUNS, settings.workers, told)
+
+    def _compute(self, items: Sequence[Item], came: Came | None, check: Check) -> None:
+        for item in items:
+            if came is not None:
+                self.bar.shown = item.name
+            self._one(item, came or Came(self.settings.seed, self.settings.runs, {}), check)
+
+    def _one(self, item: Item, came: Came, check: Check) -> None:
+        def told(share: float) -> None:
+            check()
+            self.bar.told(item.name, share)
+
+        told(0.0)
+        place = self.folder / ITEMS / item.name
+        tables = item.compute(
+            Work(self.settings, self.cells[item.name], came, self.folder / RUNS / item.name, told)
+        )
+        place.parent.mkdir(parents=True, exist_ok=True)
+        keep(place, self.prints[item.name], tables)
+        self.made[item.name] = tables
+        told(1.0)

@@ -82,9 +82,9 @@ def workers_for(
     if isinstance(executor, Executor):
         yield Workers(executor, count or _width(executor), type(executor).__name__)
     elif executor == "threads":
-        yield from _threads(count or _processors())
+        yield from _threads(count or processors())
     elif executor == "processes":
-        yield from _processes(count or _processors())
+        yield from _processes(count or processors())
     elif executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json"):
         yield from _dask(executor, mixed)
     else:
@@ -95,7 +95,7 @@ def workers_for(
         )
 
 
-def _processors() -> int:
+def processors() -> int:
     """Processors that this process may use; a batch system gives fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 
@@ -19,6 +20,7 @@ from vibroswarm.paper.published import published
 from vibroswarm.paper.real_floor import REAL_FLOOR, real_floor
 from vibroswarm.paper.show import two_forms
 from vibroswarm.plots import draw_density
+from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
 """Runs whose samples are looked at one by one."""
@@ -44,7 +46,9 @@ def cells(settings: Settings) -> Cells:
 def compute(work: Work) -> Tables:
     """Cells, corner densities, where samples fell, claims."""
     columns = work.settings.columns
-    placed = {(column, timer): _placed(work, column, timer) for column in columns for timer in TIMERS}
+    keys = [(column, timer) for column in columns for timer in TIMERS]
+    with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
+        placed = dict(zip(keys, pool.map(lambda key: _placed(work, *key), keys), strict=True))
     corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
     rows = [
         {"column": column, "timer": timer, "density": found.estimate, "low": found.low, "high": found.high,
