@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.per_run import run_figures
-from vibroswarm.analysis.sampling import walk_figures_of
+from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.analysis.swarm import summary
 from vibroswarm.paper.cells import FIRST_RUNS, Cell, CellCame, summed_up
 from vibroswarm.paper.sums import READ, WALKED, digest_of
@@ -40,7 +40,7 @@ def results() -> list[Result]:
 def rows(results: list[Result]) -> pl.DataFrame:
     parts = []
     for number, one in zip(NUMBERS, results, strict=True):
-        runs = one.runs.join(walk_figures_of(one).drop("samples"), on="run")
+        runs = one.runs.join(walk_figures(one.motion, one.observations, 25).drop("samples"), on="run")
         parts.append(one.robots.join(runs, on="run").with_columns(cell=number).select(READ))
     return pl.concat(parts)
 
@@ -66,7 +66,7 @@ def test_rows_are_those_of_the_summary_whatever_their_order(
 def test_figures_are_those_of_each_run(came: list[CellCame], results: list[Result]) -> None:
     for one, cell, result in zip(came, CELLS, results, strict=True):
         table = run_figures(result.robots, result.runs, cell.scenario.run.t_end_s)
-        walk = walk_figures_of(result)
+        walk = walk_figures(result.motion, result.observations, 25)
         for name, values in one.figures.items():
             if name != "estimate":
                 there = (walk if name in WALKED else table)[name].cast(pl.Float64).to_numpy()

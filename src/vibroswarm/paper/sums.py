@@ -86,7 +86,7 @@ def figures_of(robots: Arrays, runs: Arrays, t_end_s: NDArray[np.float64]) -> di
         **{f"swarm_{word}": values for word, values in swarm.items()},
         "swarm_time_s": swarm_time_s,
         **{name: runs[name] for name in WALKED},
-        "estimate": _kept_sum(estimate) / count,
+        "estimate": _mean(estimate),
     }
 
 
@@ -104,16 +104,6 @@ def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore", divide="ignore"):
         means: NDArray[np.float64] = (total / there.sum(axis=-1).ravel()).reshape(values.shape[:-1])
     return means
-
-
-def _kept_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums over the last axis, with what rounding takes from one step given to the next (Kahan 1965)."""
-    total, lost = np.zeros(values.shape[:-1]), np.zeros(values.shape[:-1])
-    for k in range(values.shape[-1]):
-        more = values[..., k] - lost
-        new = total + more
-        lost, total = (new - total) - more, new
-    return total
 
 
 def row_of(robots: Arrays, figures: Arrays, t_end_s: float) -> dict[str, Any]:

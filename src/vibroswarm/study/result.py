@@ -142,7 +142,13 @@ class StudyResult:
         return self.unsorted_rows(*cells).sort("cell", "run", "robot")
 
     def unsorted_rows(self, *cells: int) -> pl.LazyFrame:
-        """``rows`` in the order of the store, which is faster where that of the rows does not matter."""
+        """``rows`` in the order of the store, which is faster where that of the rows does not matter.
+
+        Args:
+            cells: by number; without, all that are selected.
+        Raises:
+            InputError: none of these cells has runs yet.
+        """
         return self._scan("robots", cells)
 
     def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
