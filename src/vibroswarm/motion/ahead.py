@@ -148,25 +148,32 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
     near_low, near_high = min(low, own_low) < sag, max(high, own_high) > setup.height_m - sag
     if not (near_left or near_right or near_low or near_high):
         return NEVER
-    tick = row.tick + 1
+    tick, heeds = row.tick + 1, heeds_tick(row, setup)
     while tick <= row.own_tick:
         x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
-        free = SIDE_TICKS
+        free, looks = SIDE_TICKS, tick >= heeds
         # A wall is looked at along its normal: the distance to it, and the heading turned into its frame.
         if near_left:
-            free = min(free, free_ticks_to_wall(row, setup, inset, x, -cos_h, -sin_h))
+            free = min(free, free_ticks_to_wall(row, setup, inset, x, -cos_h, -sin_h, looks))
         if near_right:
-            free = min(free, free_ticks_to_wall(row, setup, inset, setup.width_m - x, cos_h, sin_h))
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.width_m - x, cos_h, sin_h, looks))
         if near_low:
-            free = min(free, free_ticks_to_wall(row, setup, inset, y, -sin_h, cos_h))
+            free = min(free, free_ticks_to_wall(row, setup, inset, y, -sin_h, cos_h, looks))
         if near_high:
-            free = min(free, free_ticks_to_wall(row, setup, inset, setup.height_m - y, sin_h, -cos_h))
-        if setup.outside_m > 0.0:
-            free = min(free, ticks_to_start_outside(row, setup, x, y))
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.height_m - y, sin_h, -cos_h, looks))
         if free <= 0.0:
             return int(tick)
-        tick += max(1, int(free))
+        later = tick + max(1, int(free))
+        tick = later if looks else min(later, heeds)
     return NEVER
+
+
+@inlined
+def heeds_tick(row: Planner, setup: Setup) -> int:
+    """The first tick after its plan's at which a robot that drives heeds its rays: not at once after a turn."""
+    if setup.blind_ms <= 0.0:
+        return int(row.tick + 1)
+    return int(row.tick + 1 + max(0, math.ceil((row.sees_from_ms - row.driven_ms) / setup.tick_ms)))
 
 
 @inlined
@@ -174,7 +181,6 @@ def outline(
     row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
     """The box round a robot's body with its inset, and its rays: left, right, low, high, m."""
-    inset = max(inset, setup.outside_m)  # rays that may start beyond a wall
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
@@ -182,38 +188,44 @@ def outline(
         end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
         left, right = min(left, end_x), max(right, end_x)
         low, high = min(low, end_y), max(high, end_y)
+        if setup.outside_m > 0.0:  # rays that may start beyond a wall
+            along, beside = row.ray_forward_m, setup.ray_side_m[k]
+            end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+            left, right = min(left, end_x), max(right, end_x)
+            low, high = min(low, end_y), max(high, end_y)
     return left, right, low, high
 
 
 @inner
-def ticks_to_start_outside(row: Planner, setup: Setup, x_m: float, y_m: float) -> float:
-    """Ticks that surely pass before a ray may start beyond a wall: it is short then, wherever it ends."""
-    wall_m = min(min(x_m, setup.width_m - x_m), min(y_m, setup.height_m - y_m))
-    return (wall_m - setup.outside_m) / (row.rate_m + ROUNDING_M)
-
-
-@inner
 def free_ticks_to_wall(
-    row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float
+    row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
     """Ticks that surely pass before a ray's end is beyond a wall or the body nearer than its inset; 0 if one is.
 
-    A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall.
+    A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall, or its start does.
 
     Args:
         distance_m: from the centre to the wall. toward, aside: cosine and sine of the heading, seen from the
             wall's normal (1, 0: straight at it); a point (a, b) of the robot's frame is a toward - b aside nearer.
+        looks: whether rays matter.
     """
     step = row.speed_m_s * setup.tick_s
     bend = row.rate_rad_s * setup.tick_s
     most = row.rate_m + abs(bend) * setup.ray_reach_m
     free = side_ticks(distance_m - inset, step * toward, abs(bend) * row.rate_m)
+    if not looks:
+        return free
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
         beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
         nearer = along * toward - beside * aside
         closing = step * toward - bend * (along * aside + beside * toward)
         free = min(free, side_ticks(distance_m - nearer, closing, abs(bend) * most))
+        if setup.outside_m > 0.0:
+            along, beside = row.ray_forward_m, setup.ray_side_m[k]
+            nearer = along * toward - beside * aside
+            closing = step * toward - bend * (along * aside + beside * toward)
+            free = min(free, side_ticks(distance_m - nearer - ROUNDING_M, closing, abs(bend) * most))
     return free
 
 
@@ -287,13 +299,13 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
     if a.mode == DRIVE or b.mode == DRIVE:
         reach = max(touch, setup.sight_m)
     roughly = is_turning(a) or is_turning(b)
-    now = tick + 1
+    now, a_heeds, b_heeds = tick + 1, heeds_tick(a, setup), heeds_tick(b, setup)
     while now <= last:
         free = apart_ticks(a, b, reach, now)
         if free >= last - now + 1:
             return NEVER
         if free < 1.0:
-            sight, contact = clear_ticks(a, b, setup, touch, now, roughly)
+            sight, contact = clear_ticks(a, b, setup, touch, now, roughly, now >= a_heeds, now >= b_heeds)
             if roughly and min(sight, contact) < 1.0:
                 roughly = not roughly
                 continue
@@ -306,6 +318,10 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
             ):
                 return int(now)
             free = min(sight, contact)
+            if now < a_heeds:
+                free = min(free, a_heeds - now)
+            if now < b_heeds:
+                free = min(free, b_heeds - now)
         now += max(1, int(free))
     return NEVER
 
@@ -350,7 +366,14 @@ def apart_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
 
 @inner
 def clear_ticks(
-    a: Planner, b: Planner, setup: Setup, touch: float, tick: int, roughly: bool
+    a: Planner,
+    b: Planner,
+    setup: Setup,
+    touch: float,
+    tick: int,
+    roughly: bool,
+    a_looks: bool,
+    b_looks: bool,
 ) -> tuple[float, float]:
     """Ticks that surely pass from ``tick`` before one sees the other, and before they are nearer than ``touch``.
 
@@ -358,6 +381,7 @@ def clear_ticks(
 
     Args:
         roughly: robots that turn are taken as standing somewhere within their slack, which is mostly enough.
+        a_looks, b_looks: whether their rays matter, if they drive.
     """
     a_x, a_y, a_sin, a_cos = about(a, setup, tick, roughly)
     b_x, b_y, b_sin, b_cos = about(b, setup, tick, roughly)
@@ -382,12 +406,12 @@ def clear_ticks(
     contact = side_ticks(apart - touch - slack, creep - (x * dx + y * dy) / apart, swerve)
     sight = SIDE_TICKS
     far = apart + SIDE_TICKS * (a.rate_m + b.rate_m)
-    if a.mode == DRIVE:
+    if a.mode == DRIVE and a_looks:
         spin = abs(a_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(a_bend) * far)
         sight = fan_ticks(
             setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
         )
-    if b.mode == DRIVE and sight > 0.0:
+    if b.mode == DRIVE and b_looks and sight > 0.0:
         spin = abs(b_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(b_bend) * far)
         sight = min(
             sight,
