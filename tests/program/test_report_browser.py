@@ -257,7 +257,7 @@ def test_long_contents_mark_where_one_reads_and_scroll_by_themselves(open_report
     assert page.locator("nav ol ol").nth(0).is_visible()
     assert not page.locator("nav ol ol").nth(12).is_visible()
     page.evaluate("document.getElementById('s13-2').scrollIntoView()")
-    page.wait_for_function(f"{WHERE} === 'Picture 2'")
+    page.wait_for_function(f"{WHERE} === 'Picture 1'")  # which stands beside it
     assert page.locator("nav ol ol").nth(12).is_visible()
     assert not page.locator("nav ol ol").nth(0).is_visible()
     marked = page.locator("nav [aria-current]")

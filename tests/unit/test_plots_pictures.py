@@ -394,6 +394,31 @@ def test_outcome_bars_are_the_shares_and_fill_the_row():
     assert picture.numbers["runs"].to_list() == [200] * 3
 
 
+@pytest.mark.parametrize(
+    ("xs", "ticks"),
+    [
+        ([5, 6, 7, 8, 9, 10], [5, 6, 7, 8, 9, 10]),
+        ([0.44, 0.48, 0.52, 0.56], [0.44, 0.48, 0.52, 0.56]),
+        ([-1.5, 0.0, 2.0], [-1.5, 0.0, 2.0]),
+        ([7], [7]),
+    ],
+)
+def test_numbers_stand_at_the_values_where_these_are_few(xs, ticks):
+    (axes,) = draw_error_bars(estimates(xs, ["none", "soft"])).figure.axes
+    assert axes.get_xticks().tolist() == ticks
+    shown = [axes.xaxis.get_major_formatter()(tick) for tick in ticks]
+    assert shown == [f"{tick:g}".replace("-", "\u2212") for tick in ticks]
+
+
+@pytest.mark.parametrize("xs", [[1, 2, 500], list(range(5, 40))])
+def test_of_values_that_are_many_or_crowded_whole_numbers_are_shown(xs):
+    picture = draw_error_bars(estimates(xs, ["none"]))
+    picture.figure.draw_without_rendering()
+    ticks = picture.figure.axes[0].get_xticks()
+    assert all(float(tick).is_integer() for tick in ticks)
+    assert len(ticks) < 9
+
+
 def test_error_bars_are_where_the_frame_says():
     frame = estimates([3, 1, 2], ["only"]).with_columns(
         estimate=pl.when(pl.col("x") == 2).then(None).otherwise(pl.col("estimate"))

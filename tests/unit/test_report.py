@@ -36,7 +36,7 @@ NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; 
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter
 SAID = NASTY.replace("\udcff", "?").replace("\x00", "")
 
-VOID = {"meta", "link", "img", "br", "hr"}
+VOID = {"meta", "link", "img", "br", "hr", "wbr"}
 
 
 class Page(HTMLParser):

@@ -62,9 +62,12 @@ def table_html(table: ReportTable, key: str) -> str:
 def _heading(name: str, column: Column, numeric: bool) -> str:
     unit = "%" if column.percent else column.unit
     tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
+    title = escape(column.title or name).replace(
+        "_", "_<wbr>"
+    )  # names of columns are long, and have no space
     return (
-        f'<th scope="col" aria-sort="none"{_kind(column, numeric)}><button type="button">{escape(column.title or name)}'
-        f'{tail}<span class="arrow" aria-hidden="true"></span></button></th>'
+        f'<th scope="col" aria-sort="none"{_kind(column, numeric)}><button type="button">{title}{tail}'
+        '<span class="arrow" aria-hidden="true"></span></button></th>'
     )
 
 

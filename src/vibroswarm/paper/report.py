@@ -189,6 +189,9 @@ def _counts(decided: Sequence[Decided]) -> str:
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     table = claims_table(decided).select("item", "claim", "says", "holds if", *COLUMNS)
     table = table.select(*(_typeset(name) for name in table.columns))
+    measured = cells_table(decided)
+    if measured.height:
+        measured = measured.with_columns(_typeset("holds if"))
     return Section(
         "Verdicts",
         text=(
@@ -201,7 +204,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
         sections=(
             Section(
                 "What was measured for each claim",
-                parts=(ReportTable(cells_table(decided), _CELLS, "", "claims-measured", rows_up_to=1000),),
+                parts=(ReportTable(measured, _CELLS, "", "claims-measured", rows_up_to=1000),),
                 folded=True,
             ),
         ),
@@ -222,7 +225,10 @@ def _typeset(column: str) -> pl.Expr:
     return text.str.replace_all(" ", "\u00a0") if column == "holds if" else text
 
 
-_CELLS: Final = {"level": Column("level", digits=6), "low": Column("from"), "high": Column("to")}
+_CELLS: Final = {
+    "level": Column("level", digits=6), "low": Column("from"), "high": Column("to"),
+    "holds": Column("value", tones={"holds": "good", "fails": "bad", "open": "open"}),
+}  # fmt: skip
 
 
 def _item(one: Made, decided: Sequence[Decided], pictures: Sequence[Drawn], settings: Settings) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vibroswarm.plots.palette import FAINT, LINE
@@ -85,6 +86,21 @@ def few_ticks(axis: Any, style: Style) -> None:
 def whole_ticks(axis: Any) -> None:
     """Whole numbers only along an axis of counts."""
     axis.get_major_locator().set_params(integer=True)
+
+
+def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
+    """Numbers at the values themselves where these are few and stand apart; else whole ones where all are whole."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter
+
+    places = sorted({float(value) for value in values})
+    wide_pt = max(width_pt(f"{place:g}", style.font_pt) for place in places) + 0.7 * style.font_pt
+    span = places[-1] - places[0]
+    room_pt = [0.7 * 72 * style.width_in * (after - before) / span for before, after in pairwise(places)]
+    if all(room > wide_pt for room in room_pt):
+        axis.set_major_locator(FixedLocator(places))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
+    elif all(place.is_integer() for place in places):
+        whole_ticks(axis)
 
 
 def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:

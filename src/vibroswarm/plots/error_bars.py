@@ -16,6 +16,7 @@ from vibroswarm.plots.canvas import (
     percent_axis,
     plain_axes,
     rows_of,
+    ticks_at,
 )
 from vibroswarm.plots.frames import check_bounds, check_once, run_counts, tidy, with_series
 from vibroswarm.plots.palette import FAINT, PAPER, look
@@ -160,6 +161,8 @@ def _along(
         draw_estimates(axes, style, part, index, shift=shift, log=log)
     if log:
         log_x(axes, frame["x"].to_list())
+    else:
+        ticks_at(axes.xaxis, style, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
     _legend(figure, style, series)

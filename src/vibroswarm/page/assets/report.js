@@ -77,9 +77,11 @@ function follow() {
 
   function mark() {
     const seen = entries.filter(([, heading]) => heading.getClientRects().length > 0);
-    const passed = seen.filter(([, heading]) => heading.getBoundingClientRect().top < 0.2 * innerHeight);
+    const top = ([, heading]) => heading.getBoundingClientRect().top;
+    const passed = seen.filter((entry) => top(entry) < 0.2 * innerHeight);
     const atEnd = scrollY > 0 && scrollY + innerHeight >= root.scrollHeight - 2;
-    const [link] = (atEnd ? seen.at(-1) : passed.at(-1)) ?? seen[0];
+    const last = (atEnd ? seen.at(-1) : passed.at(-1)) ?? seen[0];
+    const [link] = seen.find((entry) => Math.abs(top(entry) - top(last)) < 2); // of those side by side, the first
     if (link === marked) return;
     marked?.removeAttribute("aria-current");
     link.setAttribute("aria-current", "location");
