@@ -122,6 +122,10 @@ def decidability_of_share(
     Args:
         share: of ones. truth: 1 if more than the boundary vibrates, else 0; None: neither.
         effective_samples: as many independent samples as the share rests on; None: it is exact.
+        level: of the share's interval. error: of the samples needed.
+
+    Raises:
+        InputError: a share, level or error outside its range.
     """
     if not 0.0 <= share <= 1.0:
         raise InputError(f"{share!r} is no share; give a number from 0 to 1", field="share")
@@ -152,7 +156,7 @@ def decidability_of_share(
 
 
 def tiled_share(floor: Floor, width_m: float, height_m: float) -> float:
-    """Share of the arena's area that lies on tiles."""
+    """Share of the arena's area (its width and height in m, from its corner at 0, 0) that lies on tiles."""
     rows, columns, tile_width, tile_height, left, bottom = floor.geometry
     across = min(left + columns * tile_width, width_m) - max(left, 0.0)
     up = min(bottom + rows * tile_height, height_m) - max(bottom, 0.0)
@@ -242,6 +246,9 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
 
     Exact (binomial; a share on the boundary counts as an error) up to some 100,000, normal beyond; None on the
     boundary. Divide by effective samples a second to have a time.
+
+    Raises:
+        InputError: an error that is not between 0 and 0.5.
     """
     if not 0.0 < error < 0.5:
         raise InputError(f"{error!r} is no error to aim at; give a share below 0.5", field="error")

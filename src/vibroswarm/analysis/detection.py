@@ -45,6 +45,9 @@ def detection_curve(
 ) -> pl.DataFrame:
     """Misses against the fill ratio at each horizon; a row a cell and horizon, by robots, fill ratio, horizon.
 
+    Args:
+        cells: tables ``robots`` and ``runs`` of each. t_end_s: end of their runs, s. horizons_s: times, s, up to it.
+        level: of the intervals. seed: of the bootstrap.
     Returns: fill_ratio, robots, runs, horizon_s, and missed, wrong, robots_missed, robots_wrong, each with ``_low``
         and ``_high``; null where no decision is right.
     """
@@ -109,10 +112,12 @@ def needed(
     """How long each cell needs until the upper limit of its miss lies below ``error``.
 
     Args:
-        error: the wanted probability of a miss. of: of a right consensus, or of a robot that has decided right (then
-            to the next of 481 times).
+        t_end_s: end of the runs, s. error: the wanted probability of a miss.
+        of: of a right consensus, or of a robot that has decided right (then to the next of 481 times).
     Returns: fill_ratio, robots, runs, needed_s (null: not by t_end), missed and missed_high at t_end, and ``fewest``:
         whether no cell of this fill ratio gets there with fewer robots; by fill ratio and robots.
+    Raises:
+        InputError: an error or level outside 0 to 1, neither swarm nor robots.
     """
     check_level(level)
     if not 0.0 < error < 1.0:

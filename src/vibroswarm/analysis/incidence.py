@@ -35,6 +35,9 @@ def robot_incidence(
 ) -> pl.DataFrame:
     """Shares of robots that by each time had decided right, wrong, or not yet; limits over runs.
 
+    Args:
+        robots, runs: tables of a result. t_end_s: end of the runs, s. times_s: when, s; without, a grid up to the end.
+        level: of the limits. seed: of the bootstrap.
     Returns: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``; a row a time. Right
     and wrong are of the runs whose truth is known, null where there are none.
     """
@@ -109,7 +112,7 @@ def swarm_incidence(
 ) -> pl.DataFrame:
     """Shares of runs that by each time had a right consensus, a wrong one, or none; Wilson's limits.
 
-    Returns: as ``robot_incidence``, with ``open`` (no consensus yet, or split) in place of ``undecided``.
+    Args and returns: as ``robot_incidence``, with ``open`` (no consensus yet, or split) in place of ``undecided``.
     """
     check_level(level)
     table = run_figures(robots, runs, t_end_s)

@@ -320,6 +320,9 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
 
     Values may be infinite (a run that never got there): the estimate is the ceil(share n)-th smallest (the mean of
     the middle two for the median of an even number).
+
+    Raises:
+        InputError: a share or level that is not between 0 and 1.
     """
     check_level(level)
     if not 0.0 < share < 1.0:

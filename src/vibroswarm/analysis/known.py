@@ -176,7 +176,11 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
 
 
 def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.int64]:
-    """Indices of the tiles of which some part lies in the arena."""
+    """Indices of the tiles of which some part lies in the arena, of this width and height in m; shape (tiles,).
+
+    Raises:
+        InputError: none does.
+    """
     rows, columns, tile_width, tile_height, left, bottom = floor.geometry
     x, y = left + tile_width * np.arange(columns), bottom + tile_height * np.arange(rows)[::-1]
     across = (x < width_m - 1e-9) & (x + tile_width > 1e-9)
@@ -205,7 +209,11 @@ def _sums_over_time(
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:
-    """ln pi_k, shape (tiles + 1,)."""
+    """ln pi_k, shape (tiles + 1,).
+
+    Raises:
+        InputError: a prior of another name, or weights that are negative, all 0, or not tiles + 1.
+    """
     if isinstance(prior, str):
         if prior == "tiles":
             return np.asarray(_log_choose(tiles) - tiles * math.log(2.0))

@@ -35,7 +35,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from vibroswarm.analysis.intervals import Interval, check_level, finite, plain, sign_flip
+from vibroswarm.analysis.intervals import Interval, check_level, plain, sign_flip
 from vibroswarm.errors import InputError, nearest
 
 FIGURES: Final = {
@@ -142,11 +142,6 @@ def _with_p(paired: Paired, p_holm: float) -> Paired:
     return Paired(**{**paired.__dict__, "p_holm": p_holm})
 
 
-def comparison_frame(compared: Sequence[Paired]) -> pl.DataFrame:
-    """The comparisons as a table, a row a figure."""
-    return pl.DataFrame([paired.as_row() for paired in compared])
-
-
 def holm(p_values: ArrayLike) -> list[float]:
     """p-values corrected over their family, in their order; those that are not defined count for nothing."""
     p = np.asarray(p_values, dtype=np.float64).ravel()
@@ -215,13 +210,3 @@ def equivalent(interval: Interval, margin: float) -> bool:
     if not margin > 0:
         raise InputError(f"{margin!r} is no margin; give a number above 0", field="margin")
     return bool(-margin < interval.low and interval.high < margin)
-
-
-def in_words(paired: Paired, margin: float | None = None) -> str:
-    """What a comparison says and no more: higher, lower, equal within the margin, or not told apart."""
-    way = side(paired.difference)
-    if margin is not None and equivalent(paired.difference, margin):
-        return f"equal to within {margin:g}"
-    if way:
-        return "the first is higher" if way > 0 else "the first is lower"
-    return "not told apart (which is not equal)" if finite(paired.difference[:1]).size else "not defined"

@@ -212,7 +212,11 @@ def effective_with_sensor(
     false_positive: float,
     false_negative: float,
 ) -> NDArray[np.float64]:
-    """q (1 - q) / Var(O | w): n_eff of runs with these samples and n_v, the sensor's errors taken in."""
+    """q (1 - q) / Var(O | w): n_eff of runs with these samples and n_v, the sensor's errors taken in.
+
+    Args:
+        samples, effective_visits: n and n_v, shape (runs,) or one each. The three others are f, a and b, shares.
+    """
     n, visits = np.asarray(samples, dtype=np.float64), np.asarray(effective_visits, dtype=np.float64)
     f, a, b = fill_ratio, false_positive, false_negative
     q = f * (1 - b) + (1 - f) * a

@@ -99,6 +99,8 @@ def draw_estimates(
 ) -> None:
     """One series of x, estimate, low, high along a numeric x: a line that a missing value breaks, marks, bars.
 
+    Args:
+        part: rows of the series. index: of its look. shift: along x, in its unit (decades on a logarithmic axis).
     Raises:
         InputError: x is not positive on a logarithmic axis.
     """
