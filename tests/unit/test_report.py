@@ -218,6 +218,17 @@ def test_prose_has_room_and_verdicts_have_marks():
     assert kinds == ["prose", "good", "prose", "bad", "prose", "fair", "prose", None, "prose", None]
 
 
+def test_long_headings_of_numbers_have_room():
+    frame = pl.DataFrame({"gamma_0": [1.0], "a_heading_of_many_more_words": [2.0]})
+    page = Page(report_html(Report("x", sections=(Section("y", parts=(ReportTable(frame),)),))))
+    assert [attributes.get("class") for tag, attributes in page.tags if tag == "th"] == [
+        "number",
+        "number wordy",
+    ]
+    assert page.texts["th"] == ["gamma_0", "a_heading_of_many_more_words"]
+    assert [tag for tag, _ in page.tags].count("wbr") == 5
+
+
 def test_sections_stand_side_by_side_only_where_asked():
     below = (Section("a", folded=True), Section("b"))
     beside = report_html(Report("x", sections=(Section("y", sections=below, side_by_side=True),)))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 TONES: Final = ("good", "fair", "bad", "open")
 """Marks of cells; each has a sign and a colour of its own."""
+WORDY_FROM: Final = 26
+"""Letters of a heading above numbers; longer ones are given room, else each word has a line."""
 CSV_UP_TO: Final = 500_000
 """Bytes of numbers that are put into the page to be saved; more stay beside it."""
 
@@ -62,11 +64,11 @@ def table_html(table: ReportTable, key: str) -> str:
 def _heading(name: str, column: Column, numeric: bool) -> str:
     unit = "%" if column.percent else column.unit
     tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
-    title = escape(column.title or name).replace(
-        "_", "_<wbr>"
-    )  # names of columns are long, and have no space
+    title = column.title or name
+    kind = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _kind(column, numeric)
+    broken = re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(title))
     return (
-        f'<th scope="col" aria-sort="none"{_kind(column, numeric)}><button type="button">{title}{tail}'
+        f'<th scope="col" aria-sort="none"{kind}><button type="button">{broken}{tail}'
         '<span class="arrow" aria-hidden="true"></span></button></th>'
     )
 
