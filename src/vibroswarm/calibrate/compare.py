@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vibroswarm.calibrate.classifier import ToldApart, tell_apart
-from vibroswarm.calibrate.energy_distance import EnergyDistance, compare_distance
+from vibroswarm.calibrate.energy_distance import EnergyDistance, Known, compare_distance
 from vibroswarm.calibrate.features import FEATURES, sessions_of
 from vibroswarm.calibrate.similarity import Similarity, compare_feature
 from vibroswarm.result import Result
@@ -31,11 +31,12 @@ class Comparison:
         }
 
 
-def compare(real: Result, simulated: Result) -> Comparison:
+def compare(real: Result, simulated: Result, known: Known | None = None) -> Comparison:
     """Compare the samples of two results, each run being a session.
 
     Args:
         real: recordings, or what takes their place. simulated: of the same floor and settings.
+        known: what was found of the same ``real`` before; added to.
     Raises:
         InputError: no energies, or fewer than two robots.
     """
@@ -44,7 +45,8 @@ def compare(real: Result, simulated: Result) -> Comparison:
     for feature in FEATURES:
         values = one.values(feature), other.values(feature)
         published = one.values(feature, as_published=True), other.values(feature, as_published=True)
-        alike, apart = compare_feature(feature, *values, published), compare_distance(feature, *values)
+        alike = compare_feature(feature, *values, published)
+        apart = compare_distance(feature, *values, known=known)
         if alike is None or apart is None:
             missing.append(feature)
             continue

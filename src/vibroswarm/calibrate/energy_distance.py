@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,31 @@ class EnergyDistance:
         return {"feature": self.feature, "effect": plain(self.effect), "real": plain(self.real)}
 
 
-def mean_distance(one: Floats, other: Floats | None = None) -> float:
-    """E abs(X - Y); of one sample: without each value's pair with itself."""
+def mean_distance(one: Floats, other: Floats | None = None, room: Floats | None = None) -> float:
+    """E abs(X - Y); of one sample: without each value's pair with itself.
+
+    Args:
+        room: at least as many numbers as pairs, overwritten: memory that was used before is there at once.
+    """
+    columns = one if other is None else other
+    out = None if room is None else room[: len(one) * len(columns)].reshape(len(one), len(columns))
+    table = cdist(one, columns, out=out)
     if other is None:
-        n = len(one)
-        return float(cdist(one, one).sum()) / (n * (n - 1))
-    return float(cdist(one, other).mean())
+        return float(table.sum()) / (len(one) * (len(one) - 1))
+    return float(table.mean())
+
+
+class Inside(NamedTuple):
+    """What a comparison finds of the real sessions alone."""
+
+    each: tuple[float, ...]
+    """Mean distance within each."""
+    against: Interval | None
+    """Effect size of each against the others; None of one."""
+
+
+Known = dict[str, Inside]
+"""By feature."""
 
 
 def effect_size(one: Floats, other: Floats) -> float:
@@ -71,32 +90,49 @@ def effect_size(one: Floats, other: Floats) -> float:
 
 
 def compare_distance(
-    feature: str, real: Sequence[Floats], simulated: Sequence[Floats], level: float = 0.95
+    feature: str,
+    real: Sequence[Floats],
+    simulated: Sequence[Floats],
+    level: float = 0.95,
+    known: Known | None = None,
 ) -> EnergyDistance | None:
-    """One feature of two sources, session by session; None where a session has fewer than 10 values."""
+    """One feature of two sources, session by session; None where a session has fewer than 10 values.
+
+    Args:
+        known: what was found of the same real sessions before, at the same level; added to.
+    """
     if min(len(one) for one in (*real, *simulated)) < 10:
         return None
     scale = np.concatenate(real).std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     a, b = ([_thinned(one) / scale for one in each] for each in (real, simulated))
-    inside_a, inside_b = [mean_distance(one) for one in a], [mean_distance(one) for one in b]
-
-    def effect(x: Floats, y: Floats, of_x: float, of_y: float) -> float:
-        across = mean_distance(x, y)
-        return (2 * across - of_x - of_y) / (2 * across) if across > 0 else math.nan
-
+    room = np.empty(max(len(one) for one in (*a, *b)) ** 2)
+    known = {} if known is None else known
+    if feature not in known:
+        known[feature] = _inside(a, level, room)
+    inside = known[feature]
+    inside_b = [mean_distance(one, room=room) for one in b]
     against = [
-        float(np.mean([effect(x, y, of_x, of_y) for y, of_y in zip(b, inside_b, strict=True)]))
-        for x, of_x in zip(a, inside_a, strict=True)
+        float(np.mean([_effect(x, y, of_x, of_y, room) for y, of_y in zip(b, inside_b, strict=True)]))
+        for x, of_x in zip(a, inside.each, strict=True)
     ]
-    within = None
-    if len(a) > 1:
-        pairs = np.full((len(a), len(a)), np.nan)
-        for i in range(len(a)):
-            for j in range(i):
-                pairs[i, j] = pairs[j, i] = effect(a[i], a[j], inside_a[i], inside_a[j])
-        within = mean_interval(np.nanmean(pairs, axis=1).tolist(), level)
-    return EnergyDistance(feature, mean_interval(against, level), within)
+    return EnergyDistance(feature, mean_interval(against, level), inside.against)
+
+
+def _inside(sessions: Sequence[Floats], level: float, room: Floats) -> Inside:
+    each = tuple(mean_distance(one, room=room) for one in sessions)
+    if len(sessions) < 2:
+        return Inside(each, None)
+    pairs = np.full((len(sessions), len(sessions)), np.nan)
+    for i in range(len(sessions)):
+        for j in range(i):
+            pairs[i, j] = pairs[j, i] = _effect(sessions[i], sessions[j], each[i], each[j], room)
+    return Inside(each, mean_interval(np.nanmean(pairs, axis=1).tolist(), level))
+
+
+def _effect(x: Floats, y: Floats, of_x: float, of_y: float, room: Floats) -> float:
+    across = mean_distance(x, y, room)
+    return (2 * across - of_x - of_y) / (2 * across) if across > 0 else math.nan
 
 
 def _thinned(values: Floats) -> Floats:

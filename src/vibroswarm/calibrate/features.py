@@ -14,7 +14,7 @@ the walls count. A robot's first sample has no step. Steps over a lost row are t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -142,19 +142,35 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
 
 
 def histogram(values: Floats, feature: str) -> Floats:
-    """The authors' histogram of these values, flattened."""
+    """The authors' histogram of these values, flattened: bins hold their lower edge, the last one both."""
     if feature in ("vibrating", "still"):
-        return np.histogram(values[:, 0], _ENERGY_EDGES)[0].astype(float)
-    if feature == "avoidance":
-        return np.histogram(values[:, 0], _AVOID_EDGES)[0].astype(float)
-    edges: Sequence[Floats] | int
-    if feature == "places":
-        edges = PLACE_BINS
+        edges: tuple[Floats, ...] = (_ENERGY_EDGES,)
+    elif feature == "avoidance":
+        edges = (_AVOID_EDGES,)
+    elif feature == "places":
+        edges = tuple(np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1))
     elif feature == "distances":
         edges = (_TIME_EDGES, _DISTANCE_EDGES)
     else:
         edges = (_STEP_EDGES, _STEP_EDGES)
-    return np.histogram2d(values[:, 0], values[:, 1], edges)[0].ravel()
+    place, bins = np.zeros(len(values), dtype=np.int64), 1
+    inside = np.ones(len(values), dtype=np.bool_)
+    for axis, own in enumerate(edges):
+        column = values[:, axis]
+        inside &= (column >= own[0]) & (column <= own[-1])
+        place = place * (own.size - 1) + _bin_of(column, own)
+        bins *= own.size - 1
+    return np.bincount(place[inside], minlength=bins).astype(np.float64)
+
+
+def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
+    """The bin between even edges in which each value lies; of those beyond, the first or last."""
+    last = edges.size - 2
+    even = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
+    near: NDArray[np.int64] = np.clip(even, 0, last).astype(np.int64)
+    near -= (values < edges[near]) & (near > 0)  # rounding may put it one too far
+    near += (values >= edges[near + 1]) & (near < last)
+    return near
 
 
 def shapeless(feature: str, u: Floats) -> Floats:

@@ -130,27 +130,12 @@ def hear(
 
 
 @inner
-def hear_told(
-    minds: NDArray[np.void],
-    i: int,
-    until: int,
-    bits: NDArray[np.uint8],
-    missed: NDArray[np.uint64],
-) -> None:
-    """``hear`` where it is known beforehand who does not hear what.
-
-    Args:
-        bits: (messages,). missed: (messages,), of ``Timeline.not_heard``.
-    """
-    ones = zeros = 0
-    for k in range(minds[i].heard, until):
-        if (missed[k] >> np.uint64(i)) & np.uint64(1) == np.uint64(0):
-            bit = signed(bits[k])
-            ones += bit
-            zeros += 1 - bit
-    minds[i].heard = until
-    if ones + zeros > 0:
-        store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))
+def come_to(minds: NDArray[np.void], i: int, ones: int, heard: int) -> None:
+    """Robot ``i`` has now heard so many messages in all, of which so many are ones."""
+    new_ones = ones - minds[i].ones
+    new_zeros = heard - minds[i].received - new_ones
+    minds[i].ones = ones
+    store_mind(minds, i, receive(load_mind(minds, i), new_ones, new_zeros))
 
 
 @inner

@@ -17,18 +17,16 @@ from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
 from vibroswarm.inference.minds import (
     MIND,
     begin_minds,
+    come_to,
     final_frame,
     hear,
-    hear_told,
-    load_mind,
     mind_program,
-    store_mind,
     take_sample,
 )
-from vibroswarm.inference.timeline import HEARD_ROWS, LAST_OWN, OTHERS, Timeline, timeline_of
+from vibroswarm.inference.timeline import HEARD_ROWS, LAST_OWN, OTHERS, Reach, Timeline, in_lane, timeline_of
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
-from vibroswarm.strategies.program import SOFT, MindProgram, receive
+from vibroswarm.strategies.program import SOFT, MindProgram
 
 INFERENCE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -91,10 +89,7 @@ def hear_all(
     ones = ones_sent[heard[HEARD_ROWS]]
     if heard[LAST_OWN] >= 0:
         ones -= own_ones[heard[LAST_OWN]]
-    new_ones = ones - minds[i].ones
-    new_zeros = heard[OTHERS] - minds[i].received - new_ones
-    minds[i].ones = ones
-    store_mind(minds, i, receive(load_mind(minds, i), new_ones, new_zeros))
+    come_to(minds, i, ones, signed(heard[OTHERS]))
 
 
 @kernel
@@ -111,12 +106,13 @@ def replay_runs(
     message: NDArray[np.uint8],
     ones_sent: NDArray[np.int32],
     own_ones: NDArray[np.int32],
+    ones_reached: NDArray[np.uint64],
     columns: Columns,
     program: MindProgram,
     beliefs: Beliefs,
     seed: int,
     loss: float,
-    missed: NDArray[np.uint64],
+    reach: Reach,
 ) -> None:
     """The runs, one after the other, each from the prior to its end.
 
@@ -124,22 +120,26 @@ def replay_runs(
         bounds to heard_at_end: of the ``Timeline``. observation: (rows,). numbers: (rows,) for the messages of
             soft feedback, else of any length.
         minds: (runs * robots,), overwritten. message: (rows,), overwritten. ones_sent: (rows of the longest run
-            + 1,) and own_ones: (rows of the longest run,): scratch.
-        columns: overwritten; of no rows: only the minds are wanted. missed: ``Timeline.not_heard``.
+            + 1,), own_ones: (rows of the longest run,) and ones_reached: (rows of the longest run + 1, words):
+            scratch.
+        columns: overwritten; of no rows: only the minds are wanted. reach: ``Timeline.reach``.
     """
     robots = minds.size // max(runs.size, 1)
     in_full = columns.belief.size > 0
     begin_minds(minds, program)
     ones_sent[0] = 0
+    words = reach.words.shape[1]
+    told = words > 0
+    for w in range(words):
+        ones_reached[0, w] = 0
     for r in range(runs.size):
         low, high, run = bounds[r], bounds[r + 1], runs[r]
         swarm = minds[r * robots : (r + 1) * robots]
         senders, samples, bits = robot[low:high], sample[low:high], message[low:high]
-        told = missed[low:high]
         for k in range(low, high):
             i = signed(robot[k])
-            if told.size > 0:
-                hear_told(swarm, i, heard[k, HEARD_ROWS], bits, told)
+            if told:
+                come_to(swarm, i, in_lane(ones_reached[heard[k, HEARD_ROWS]], i), signed(reach.others[k]))
             elif loss > 0.0:
                 hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
@@ -149,14 +149,18 @@ def replay_runs(
             message[k] = bit
             ones_sent[k - low + 1] = ones_sent[k - low] + bit
             own_ones[k - low] = swarm[i].own_ones
+            for w in range(words):
+                more = reach.words[k, w] if bit == 1 else np.uint64(0)
+                ones_reached[k - low + 1, w] = ones_reached[k - low, w] + more
             if in_full:
                 write_row(columns, k, swarm, i)
         for i in range(robots):
             if swarm[i].own > 0 and not in_full:
                 swarm[i].belief = belief_of(beliefs, swarm[i].alpha, swarm[i].beta)
             last = heard_at_end[r * robots + i]
-            if told.size > 0:
-                hear_told(swarm, i, last[HEARD_ROWS], bits, told)
+            if told:
+                at_end = signed(reach.others_at_end[r * robots + i])
+                come_to(swarm, i, in_lane(ones_reached[last[HEARD_ROWS]], i), at_end)
             elif loss > 0.0:
                 hear(swarm, i, last[HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
@@ -217,6 +221,7 @@ def _replay(
     columns: Columns,
 ) -> None:
     program, rows = mind_program(scenario), timeline.robot.size
+    reach = timeline.reach(seed, scenario.network.loss)
     counts = program.prior_alpha + program.prior_beta + timeline.longest
     replay_runs(
         timeline.bounds,
@@ -231,12 +236,13 @@ def _replay(
         columns.message if columns.message.size else np.empty(rows, dtype=np.uint8),
         np.empty(timeline.longest + 1, dtype=np.int32),
         np.empty(timeline.longest, dtype=np.int32),
+        np.empty((timeline.longest + 1, reach.words.shape[1]), dtype=np.uint64),
         columns,
         program,
         beliefs(program.boundary, counts),
         seed,
         scenario.network.loss,
-        timeline.not_heard(seed, scenario.network.loss),
+        reach,
     )
 
 

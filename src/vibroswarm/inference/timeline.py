@@ -9,6 +9,7 @@ what is said.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -20,9 +21,27 @@ from vibroswarm.inference.minds import lost
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
-BITS = 64
+LANES, LANE_BITS = 4, 16
+"""Robots' counts in a word of 64 bits, each in so many."""
+MOST_ROBOTS = 64
+"""Of more, whom a message reaches is not kept."""
 HEARD_ROWS, LAST_OWN, OTHERS = 0, 1, 2
 """Columns of ``Timeline.heard``."""
+
+
+class Reach(NamedTuple):
+    """Whom messages reach where some are lost."""
+
+    words: NDArray[np.uint64]
+    """(rows, words): a 1 for each robot that hears the message of this row, each in its own ``LANE_BITS``: so all
+    robots' counts are added up at once."""
+    others: NDArray[np.int32]
+    """(rows,): how many messages the robot had heard when it took this sample."""
+    others_at_end: NDArray[np.int32]
+    """(runs * robots,): the same at the end of the run."""
+
+
+NO_REACH = Reach(np.empty((0, 0), np.uint64), np.empty(0, np.int32), np.empty(0, np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +69,7 @@ class Timeline:
     heard_at_end: NDArray[np.int32]
     """(runs * robots, 3): the same at the end of the run."""
     _message_numbers: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
-    _not_heard: dict[tuple[int, float], NDArray[np.uint64]] = field(default_factory=dict, repr=False)
+    _reach: dict[tuple[int, float], Reach] = field(default_factory=dict, repr=False)
 
     @property
     def longest(self) -> int:
@@ -65,18 +84,18 @@ class Timeline:
             )
         return self._message_numbers[seed]
 
-    def not_heard(self, seed: int, loss: float) -> NDArray[np.uint64]:
-        """Who does not hear each sample's message, its sender and those who lose it, a bit a robot, (rows,).
+    def reach(self, seed: int, loss: float) -> Reach:
+        """Whom each sample's message reaches, the same under every strategy.
 
-        The same under every strategy; of no rows where nothing is lost, or robots are more than the bits of a number.
+        Of no rows where nothing is lost, robots are too many, or messages of a run are more than can be counted so.
         """
-        if loss <= 0.0 or self.robots > BITS:
-            return np.empty(0, dtype=np.uint64)
-        if (seed, loss) not in self._not_heard:
-            self._not_heard[seed, loss] = not_heard(
-                seed, self.runs, self.bounds, self.robot, self.sample, self.robots, loss
-            )
-        return self._not_heard[seed, loss]
+        if loss <= 0.0 or self.robots > MOST_ROBOTS or self.longest >= 1 << LANE_BITS:
+            return NO_REACH
+        if (seed, loss) not in self._reach:
+            self._reach[seed, loss] = Reach(*reaching(
+                seed, self.runs, self.bounds, self.robot, self.sample, self.heard, self.heard_at_end, loss
+            ))  # fmt: skip
+        return self._reach[seed, loss]
 
 
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
@@ -200,24 +219,55 @@ def write_heard(
 
 
 @allocating_kernel
-def not_heard(
+def reaching(
     seed: int,
     runs: NDArray[np.int64],
     bounds: NDArray[np.int64],
     robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
-    robots: int,
+    heard: NDArray[np.int32],
+    heard_at_end: NDArray[np.int32],
     loss: float,
-) -> NDArray[np.uint64]:
-    """``Timeline.not_heard``."""
-    out = np.zeros(robot.size, dtype=np.uint64)
+) -> tuple[NDArray[np.uint64], NDArray[np.int32], NDArray[np.int32]]:
+    """``Reach``.
+
+    Args:
+        runs to heard_at_end: of the ``Timeline``.
+    """
+    robots = heard_at_end.shape[0] // max(runs.size, 1)
+    words = np.zeros((robot.size, (robots + LANES - 1) // LANES), dtype=np.uint64)
+    others = np.empty(robot.size, dtype=np.int32)
+    at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
+    past = np.empty(robots, dtype=np.int32)  # rows of the run that the robot has come past
+    count = np.empty(robots, dtype=np.int32)
     for r in range(runs.size):
-        for k in range(bounds[r], bounds[r + 1]):
-            sender, index = signed(robot[k]), signed(sample[k])
+        low, high = bounds[r], bounds[r + 1]
+        past[:] = 0
+        count[:] = 0
+        for k in range(low, high + robots):
+            ended = k >= high
+            receiver = k - high if ended else signed(robot[k])
+            e = r * robots + receiver
+            until = heard_at_end[e, HEARD_ROWS] if ended else heard[k, HEARD_ROWS]
+            while past[receiver] < until:
+                count[receiver] += signed(in_lane(words[low + past[receiver]], receiver))
+                past[receiver] += 1
+            if ended:
+                at_end[e] = count[receiver]
+                continue
+            others[k] = count[receiver]
+            sender, index = receiver, signed(sample[k])
             for i in range(robots):
-                if i == sender or lost(seed, runs[r], i, sender, index, loss):
-                    out[k] |= np.uint64(1) << np.uint64(i)
-    return out
+                if i != sender and not lost(seed, runs[r], i, sender, index, loss):
+                    words[k, i // LANES] |= np.uint64(1) << np.uint64(i % LANES * LANE_BITS)
+    return words, others, at_end
+
+
+@inner
+def in_lane(words: NDArray[np.uint64], i: int) -> int:
+    """Robot ``i``'s part of a row of words."""
+    shifted = words[i // LANES] >> np.uint64(i % LANES * LANE_BITS)
+    return signed(shifted & np.uint64((1 << LANE_BITS) - 1))
 
 
 @allocating_kernel

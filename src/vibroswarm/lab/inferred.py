@@ -366,6 +366,7 @@ def _from_received(
             & (between.new_received > 0)
             & ~np.isnan(between.spacing_s)
         )
+        found: list[tuple[float, ...]] = []
         for k in rows:
             end = between.time_s[k] - STOP_S
             first, last = np.searchsorted(times, [end - between.spacing_s[k] - LAG_S, end + LAG_S])
@@ -375,9 +376,13 @@ def _from_received(
             if others.size == 0 or not 0 <= ones <= n:
                 continue
             used += n
-            for one in STRATEGIES:
-                share = float(np.clip(chance[one][others].mean(), FLOOR_SHARE, 1 - FLOOR_SHARE))
-                total[one] += float(stats.binom.logpmf(ones, n, share))
+            found.append((ones, n, *(float(chance[one][others].mean()) for one in STRATEGIES)))
+        if not found:
+            continue
+        of_ones, of_all, *shares = np.array(found).T
+        for one, share in zip(STRATEGIES, shares, strict=True):
+            likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
+            total[one] += math.fsum(stats.binom.logpmf(of_ones, of_all, likely))
     return total, used, "bits received"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import floors_of, simulate
 from vibroswarm.study.plan import Texts
 from vibroswarm.study.rows import Columns, columns_of, walked
+from vibroswarm.study.texts import scenario_of
 
 SAMPLES: Final[dict[str, Any]] = {
     "cell": pl.UInt32,
@@ -194,9 +194,3 @@ def beginning(motion: Motion, scenario: Scenario) -> Motion:
     unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
     ends = ends.with_columns(end_s=pl.lit(end_s), stop_start_s=pl.coalesce("last", since), **unknown)
     return Motion(samples, ends.select(list(ENDS)), None)
-
-
-@lru_cache(maxsize=4096)
-def scenario_of(text: str) -> Scenario:
-    """A scenario from its TOML; read once."""
-    return Scenario.from_toml(text)

@@ -19,6 +19,7 @@ from typing import Final
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.texts import text_of
 
 Texts = tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
 
@@ -65,7 +66,7 @@ class Group:
     def texts(self) -> Texts:
         """``observed`` in plain values: each scenario as TOML, and the numbers of its cells."""
         return tuple(
-            tuple((same[0].scenario.to_toml(), tuple(cell.number for cell in same)) for same in inferences)
+            tuple((text_of(same[0].scenario), tuple(cell.number for cell in same)) for same in inferences)
             for inferences in self.observed
         )
 

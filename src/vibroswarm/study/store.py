@@ -89,6 +89,8 @@ class Store:
                 return store
             # A writer that was killed at its beginning, or one that begins just now, is no obstacle.
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
+                if (folder / HEAD).exists():  # it was written a moment ago
+                    return cls.existing(folder, study)
                 raise InputError("is there and no study; give the name of a new folder", field=str(folder))
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}", field=str(folder)) from None
@@ -323,13 +325,18 @@ class Store:
         text = self.study.to_toml()
         if self.hash != self.study.hash:
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
-        about = {"format": FORMAT, "hash": self.hash, "text": _fingerprint(text), "versions": versions()}
         marker, head = self.folder / MARKER, self.folder / HEAD
         try:
             if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
                 with whole_file(marker) as part:
                     part.write_text(text, encoding="utf-8")
             if not head.is_file():
+                about = {
+                    "format": FORMAT,
+                    "hash": self.hash,
+                    "text": _fingerprint(text),
+                    "versions": versions(),
+                }
                 with whole_file(head) as part:
                     part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
             (self.folder / SHARDS).mkdir(exist_ok=True)

@@ -14,10 +14,11 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.simulation import versions
-from vibroswarm.study.came import Asked, Cancelled, came_of, scenario_of
+from vibroswarm.study.came import Asked, Cancelled, came_of
 from vibroswarm.study.plan import Group, Texts
 from vibroswarm.study.rows import BatchRows
 from vibroswarm.study.spec import Study
+from vibroswarm.study.texts import scenario_of
 
 ROWS_AT_A_TIME: Final = 200_000
 """Samples that are in memory at a time, roughly."""

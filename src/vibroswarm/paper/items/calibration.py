@@ -9,6 +9,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.compare import Comparison, compare
+from vibroswarm.calibrate.energy_distance import Known
 from vibroswarm.calibrate.features import WORDS
 from vibroswarm.calibrate.figures import FIGURES, figures_of
 from vibroswarm.page.report import Column
@@ -58,8 +59,9 @@ def compute(work: Work) -> Tables:
     many = {column: _simulated(settings, column) for column in settings.columns}
     sources: dict[str, Result] = {SIMULATOR: authors} | {c: _first_set(one) for c, one in many.items()}
     found: dict[str, Comparison] = {}
+    known: Known = {}
     for place, (name, one) in enumerate(sources.items()):
-        found[name] = compare(real, one)
+        found[name] = compare(real, one, known)
         work.tell(0.2 + 0.6 * (place + 1) / len(sources))
     sets = {column: alike_by_set(real, one) for column, one in many.items()}
     measured = authors_rows(found[SIMULATOR])

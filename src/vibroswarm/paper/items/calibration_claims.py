@@ -40,12 +40,14 @@ def alike_by_set(real: Result, simulated: Result) -> Sets:
     found: Sets = {}
     for feature in FEATURES:
         all_real = np.concatenate(there.values(feature))
+        even: dict[int, float] = {}
         values = here.values(feature)
         for first in range(0, len(values), SESSIONS):
             some = np.concatenate(values[first : first + SESSIONS])
             count = min(len(all_real), len(some))
-            pair = (similarity(feature, all_real, some), null(feature, all_real, count))
-            found.setdefault(feature, []).append(pair)
+            if count not in even:
+                even[count] = null(feature, all_real, count)
+            found.setdefault(feature, []).append((similarity(feature, all_real, some), even[count]))
     return found
 
 
