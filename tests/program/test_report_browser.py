@@ -60,17 +60,19 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report of many sections, each with two pictures beside each other and a folded table."""
+    """A report of many sections, each with two pictures beside each other and a folded table; and a table of claims."""
     counts = pl.DataFrame({"cell": ["a", "b"], "right": [5, 2], "wrong": [1, 1]})
     below = tuple(
         Section(f"Picture {n}", parts=(picture_of(draw_outcomes(counts), f"p{n}"),)) for n in (1, 2)
     )
     table = Section("All numbers", parts=(ReportTable(FRAME),), folded=True)
-    sections = tuple(
-        Section(f"Item {n}", ("Text.",), (), (*below, table), side_by_side=True) for n in range(20)
-    )
+    prose, marked = Column(prose=True), Column(tones={"not": "bad"})
+    kinds = {"says": prose, "measured": prose, "paper": marked, "text": marked, "calibrated": marked}
+    claims = ReportTable(pl.DataFrame([dict.fromkeys(kinds, "not so, but nearly all of it")]), kinds)
+    first = Section("Item 0", ("Text.",), (claims,), (*below, table), side_by_side=True)
+    others = (Section(f"Item {n}", ("Text.",), (), (*below, table), side_by_side=True) for n in range(1, 20))
     file = tmp_path_factory.mktemp("long") / "report.html"
-    write_report(file, Report("Long", sections=sections))
+    write_report(file, Report("Long", sections=(first, *others)))
     return file
 
 
@@ -240,6 +242,16 @@ def test_contents_lead_to_folded_sections(open_report: Open) -> None:
     assert open_report("#s4-1").locator("#s4-1").is_visible()
 
 
+def test_sentences_and_verdicts_fit_a_printed_page(open_report: Open) -> None:
+    """Room that is given on a screen, where a table can be scrolled, would be cut on paper."""
+    page = open_report(long=True, viewport={"width": 640, "height": 900})
+    table = page.locator("#s1p1").first
+    assert table.bounding_box()["width"] > 640
+    page.emulate_media(media="print")
+    assert table.bounding_box()["width"] <= 640
+    assert page.evaluate("document.documentElement.scrollWidth") <= 640
+
+
 WHERE = "nav [aria-current]"
 
 
@@ -275,10 +287,10 @@ def test_pictures_stand_beside_each_other_where_there_is_room(
     open_report: Open, width: int, in_a_row: int
 ) -> None:
     page = open_report(long=True, viewport={"width": width, "height": 800})
-    first, second = (page.locator(f"#s1-{n}p1").bounding_box() for n in (1, 2))
+    first, second = (page.locator(f"#s2-{n}p1").bounding_box() for n in (1, 2))
     assert (first["y"] == second["y"]) == (in_a_row == 2)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    folded = page.locator("#s1-3").bounding_box()
+    folded = page.locator("#s2-3").bounding_box()
     assert folded["y"] > max(first["y"] + first["height"], second["y"] + second["height"])
 
 
