@@ -170,8 +170,3 @@ class Space:
         """What a scenario has in these fields."""
         data = scenario.model_dump()
         return {name: data[name.partition(".")[0]][name.partition(".")[2]] for name in self.names}
-
-
-def paper_space() -> Space:
-    """The paper's five parameters with its bounds (Table of the PSO parameters)."""
-    return Space.of(PAPER)
