@@ -115,7 +115,7 @@ class Walk:
         x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
         per_step = _mean_of_steps(after, self.first)
         distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
-        avoid = samples["avoid_s"].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null: not a number
         with np.errstate(invalid="ignore", divide="ignore"):
             return {
                 "avoid_per_sample_s": _mean_of_known(avoid, self.first),

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from vibroswarm.scenario import Scenario
 
 FAR = 6.0
 """Blurs beyond the reach from which on an edge is not felt at all (one sample in 10^9)."""
+CLEAR: Final = 2.4
+CLEAR_SHARE: Final = 0.0083
+"""So many blurs from its middle, all but fewer samples than this share feel the edge alike: Phi(-2.4) = 0.0082."""
 
 
 class Place(NamedTuple):
@@ -100,15 +103,29 @@ def felt_share(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
 ) -> tuple[float, int]:
     """Probability that a sample here feels vibration, and the nearest tile of the other kind; -1: none is near."""
+    past_m, other = past_edge(x_m, y_m, at, place, tiles, reach_m, blur_m)
+    if other < 0:
+        return (1.0 if at >= 0 and tiles[at] == 1 else 0.0), other
+    return share_past(past_m, blur_m), other
+
+
+@kernel
+def past_edge(
+    x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
+) -> tuple[float, int]:
+    """How far a sample here is within what is felt as vibrating, m, and the nearest tile of the other kind or -1."""
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
     other, distance = nearest_of_kind(x_m, y_m, 0 if on_vibrating else 1, within_m, place, tiles)
-    if other < 0:
-        return (1.0 if on_vibrating else 0.0), other
-    past = reach_m + distance if on_vibrating else reach_m - distance
+    return reach_m + distance if on_vibrating else reach_m - distance, other
+
+
+@kernel
+def share_past(past_m: float, blur_m: float) -> float:
+    """Probability that a sample so far past the middle of an edge feels vibration."""
     if blur_m > 0.0:
-        return 0.5 * math.erfc(-past / blur_m * math.sqrt(0.5)), other
-    return (1.0 if past > 0.0 else 0.0), other
+        return 0.5 * math.erfc(-past_m / blur_m * math.sqrt(0.5))
+    return 1.0 if past_m > 0.0 else 0.0
 
 
 @kernel
@@ -119,10 +136,15 @@ def felt_tile(
     """The tile that a sample feels: that below (``at``), or near an edge the nearest one of the other kind."""
     if not response.edges:
         return at
-    share, other = felt_share(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
+    past_m, other = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
     if other < 0:
         return at
-    vibrates = uniform(seed, run, robot, SENSING, sample, OF_EDGE) < share
+    u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
+    # Far from the edge nearly all numbers tell, without the error function.
+    if abs(past_m) > CLEAR * response.blur_m and CLEAR_SHARE < u < 1.0 - CLEAR_SHARE:
+        vibrates = past_m > 0.0
+    else:
+        vibrates = u < share_past(past_m, response.blur_m)
     return at if vibrates == (at >= 0 and tiles[at] == 1) else other
 
 

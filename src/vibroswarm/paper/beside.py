@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Final
 
+SWITCH_S: Final = 5e-4
+"""After so long at most Python's lock goes to another thread that waits for it. Kernels take some ms without it; were
+each to wait 5 ms for it afterwards, as is Python's way, processors would idle."""
 Check = Callable[[], None]
 """To be called now and then, on either side: raises what ends this side's work."""
 
@@ -46,6 +51,8 @@ def beside(work: Callable[[Check], None] | None) -> Iterator[Check]:
 
     # A daemon: a second Ctrl-C, while this waits for it, leaves at once.
     thread = threading.Thread(target=there, name="vibroswarm-beside", daemon=True)
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
     thread.start()
     try:
         yield check_here
@@ -53,6 +60,7 @@ def beside(work: Callable[[Check], None] | None) -> Iterator[Check]:
     finally:
         stop.set()
         thread.join()
+        sys.setswitchinterval(before_s)
     check_here()
 
 
