@@ -130,12 +130,11 @@ def hear(
 
 
 @inner
-def come_to(minds: NDArray[np.void], i: int, ones: int, heard: int) -> None:
-    """Robot ``i`` has now heard so many messages in all, of which so many are ones."""
-    new_ones = ones - minds[i].ones
-    new_zeros = heard - minds[i].received - new_ones
+def come_to(minds: NDArray[np.void], i: int, ones: int, heard: int) -> Mind:
+    """What robot ``i`` has in mind when it has heard so many messages in all, of which so many are ones; not stored."""
+    mind, new_ones = load_mind(minds, i), ones - minds[i].ones
     minds[i].ones = ones
-    store_mind(minds, i, receive(load_mind(minds, i), new_ones, new_zeros))
+    return receive(mind, new_ones, heard - mind.received - new_ones)
 
 
 @inner
@@ -155,7 +154,24 @@ def take_sample(
         row: of the sample in the motion table. u: the uniform number of its message.
         in_full: also find the belief where nothing depends on it.
     """
-    seen = observe(load_mind(minds, i), observation)
+    mind = load_mind(minds, i)
+    return sample_with(mind, minds, i, row, observation, u, program, beliefs, in_full)
+
+
+@inner
+def sample_with(
+    mind: Mind,
+    minds: NDArray[np.void],
+    i: int,
+    row: int,
+    observation: int,
+    u: float,
+    program: MindProgram,
+    beliefs: Beliefs,
+    in_full: bool,
+) -> int:
+    """``take_sample`` of a robot that has this in mind, and not what stands in its row."""
+    seen = observe(mind, observation)
     belief = np.nan
     if in_full or needs_belief(seen, program):
         belief = belief_of(beliefs, seen.alpha, seen.beta)

@@ -20,13 +20,15 @@ from vibroswarm.inference.minds import (
     come_to,
     final_frame,
     hear,
+    load_mind,
     mind_program,
-    take_sample,
+    sample_with,
+    store_mind,
 )
 from vibroswarm.inference.timeline import HEARD_ROWS, LAST_OWN, OTHERS, Reach, Timeline, in_lane, timeline_of
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
-from vibroswarm.strategies.program import SOFT, MindProgram
+from vibroswarm.strategies.program import SOFT, Mind, MindProgram
 
 INFERENCE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -79,8 +81,8 @@ def hear_all(
     heard: NDArray[np.int32],
     ones_sent: NDArray[np.int32],
     own_ones: NDArray[np.int32],
-) -> None:
-    """Robot ``i`` has come past so many messages (a row of ``Timeline.heard``), of which none was lost.
+) -> Mind:
+    """``come_to`` of robot ``i`` that has come past so many messages (a row of ``Timeline.heard``), none of them lost.
 
     Args:
         ones_sent: (rows + 1,): ones among the run's messages before each row. own_ones: (rows,): ones among the
@@ -89,7 +91,7 @@ def hear_all(
     ones = ones_sent[heard[HEARD_ROWS]]
     if heard[LAST_OWN] >= 0:
         ones -= own_ones[heard[LAST_OWN]]
-    come_to(minds, i, ones, signed(heard[OTHERS]))
+    return come_to(minds, i, ones, signed(heard[OTHERS]))
 
 
 @kernel
@@ -139,13 +141,15 @@ def replay_runs(
         for k in range(low, high):
             i = signed(robot[k])
             if told:
-                come_to(swarm, i, in_lane(ones_reached[heard[k, HEARD_ROWS]], i), signed(reach.others[k]))
+                ones = in_lane(ones_reached[heard[k, HEARD_ROWS]], i)
+                mind = come_to(swarm, i, ones, signed(reach.others[k]))
             elif loss > 0.0:
                 hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
+                mind = load_mind(swarm, i)
             else:
-                hear_all(swarm, i, heard[k], ones_sent, own_ones)
+                mind = hear_all(swarm, i, heard[k], ones_sent, own_ones)
             u = numbers[k] if program.strategy == SOFT else 0.5
-            bit = take_sample(swarm, i, k, signed(observation[k]), u, program, beliefs, in_full)
+            bit = sample_with(mind, swarm, i, k, signed(observation[k]), u, program, beliefs, in_full)
             message[k] = bit
             ones_sent[k - low + 1] = ones_sent[k - low] + bit
             own_ones[k - low] = swarm[i].own_ones
@@ -160,11 +164,11 @@ def replay_runs(
             last = heard_at_end[r * robots + i]
             if told:
                 at_end = signed(reach.others_at_end[r * robots + i])
-                come_to(swarm, i, in_lane(ones_reached[last[HEARD_ROWS]], i), at_end)
+                store_mind(swarm, i, come_to(swarm, i, in_lane(ones_reached[last[HEARD_ROWS]], i), at_end))
             elif loss > 0.0:
                 hear(swarm, i, last[HEARD_ROWS], senders, samples, bits, seed, run, loss)
             else:
-                hear_all(swarm, i, last, ones_sent, own_ones)
+                store_mind(swarm, i, hear_all(swarm, i, last, ones_sent, own_ones))
 
 
 def infer(
