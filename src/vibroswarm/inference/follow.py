@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import kernel, signed, zero_rows
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.inference.beliefs import Beliefs, beliefs
-from vibroswarm.inference.minds import MIND, begin_minds, hear, mind_program, take_sample
+from vibroswarm.inference.minds import MIND, begin_minds, hear, load_mind, mind_program, sample_with
 from vibroswarm.inference.replay import hear_all
 from vibroswarm.inference.timeline import HEARD_ROWS, write_heard
 from vibroswarm.observation.ground import Ground, read
@@ -105,11 +105,11 @@ def follow(
         if loss > 0.0:
             until = notes.heard[k, HEARD_ROWS]
             hear(minds, i, until, notes.robot, notes.sample, notes.message, seed, run, loss)
+            mind = load_mind(minds, i)
         else:
-            hear_all(minds, i, notes.heard[k], notes.ones_sent, notes.own_ones)
+            mind = hear_all(minds, i, notes.heard[k], notes.ones_sent, notes.own_ones)
         u = uniform(seed, run, i, MESSAGE, index, ALONE) if program.strategy == SOFT else 0.5
-        was_undecided = minds[i].decision == -1
-        message = take_sample(minds, i, k, bit, u, program, beliefs, False)
+        message = sample_with(mind, minds, i, k, bit, u, program, beliefs, False)
         notes.message[k] = message
         notes.ones_sent[k + 1] = notes.ones_sent[k] + message
         notes.own_ones[k] = minds[i].own_ones
@@ -117,7 +117,7 @@ def follow(
         notes.latest[i] = k
         notes.own[i] += 1
         notes.filled[0] += 1
-        if was_undecided and minds[i].decision != -1:
+        if mind.decision == -1 and minds[i].decision != -1:
             notes.undecided[0] -= 1
             if notes.undecided[0] == 0:
                 notes.undecided[1] = row.tick
