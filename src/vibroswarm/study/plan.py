@@ -29,8 +29,8 @@ Range = tuple[int, int]
 OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
 MANY_CELLS: Final = 20
-CELL_S: Final = 0.1
-"""Of the first blocks of a group of more cells than that, s a cell: each costs some 2 ms a block, beside its runs."""
+CELL_S: Final = 0.02
+"""Of the first blocks of a group of more cells than that, s a cell: each costs some 0.1 ms a block, beside its runs."""
 LARGEST_BLOCK_S: Final = 10.0
 MOST_ROWS: Final = 100_000
 """Rows of a block; a worker holds some 1 kB a row while it makes them."""
@@ -89,9 +89,9 @@ class Group:
     def run_s(self) -> float:
         """Time that a run roughly takes on one core, s; only the size of batches depends on it."""
         robots, share = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
-        motion = 0.4e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
-        each = robots * (1e-5 * len(self.observed) + 3e-5 * self.inferences)
-        return 3e-4 + 1e-4 * self.inferences + share * (motion + each)
+        motion = 0.15e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
+        each = robots * (1e-5 * len(self.observed) + 3e-6 * self.inferences)
+        return 5e-4 + 4e-5 * self.inferences + share * (motion + each)
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
         """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past last."""
