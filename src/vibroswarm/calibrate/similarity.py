@@ -102,14 +102,28 @@ def subsample(values: Floats, count: int, draw: int, which: int) -> Floats:
     return np.asarray(values[np.argpartition(u, count - 1)[:count]])
 
 
-def at_equal_counts(feature: str, one: Floats, other: Floats, count: int) -> float:
-    """S of subsamples of ``count`` values each, mean over draws."""
+Drawn = dict[tuple[int, int, int, int], Floats]
+"""Histograms of subsamples, by the place in memory of the values, count, draw and data set."""
+
+
+def at_equal_counts(
+    feature: str, one: Floats, other: Floats, count: int, drawn: Drawn | None = None
+) -> float:
+    """S of subsamples of ``count`` values each, mean over draws.
+
+    Args:
+        drawn: what was drawn before of this feature's values, which are all still there; added to.
+    """
+    drawn = {} if drawn is None else drawn
     draws = 1 if count >= max(len(one), len(other)) else DRAWS
-    found = [
-        similarity(feature, subsample(one, count, draw, 0), subsample(other, count, draw, 1))
-        for draw in range(draws)
-    ]
-    return float(np.mean(found))
+
+    def counts(values: Floats, draw: int, which: int) -> Floats:
+        key = (id(values), count, draw, which)
+        if key not in drawn:
+            drawn[key] = histogram(subsample(values, count, draw, which), feature)
+        return drawn[key]
+
+    return float(np.mean([cosine(counts(one, draw, 0), counts(other, draw, 1)) for draw in range(draws)]))
 
 
 def null(feature: str, real: Floats, count: int) -> float:
@@ -137,8 +151,9 @@ def compare_feature(
         return None
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
-    across = [at_equal_counts(feature, a, b, least) for a, b in product(real, simulated)]
-    within = [at_equal_counts(feature, a, b, least) for a, b in combinations(real, 2)]
+    drawn: Drawn = {}
+    across = [at_equal_counts(feature, a, b, least, drawn) for a, b in product(real, simulated)]
+    within = [at_equal_counts(feature, a, b, least, drawn) for a, b in combinations(real, 2)]
     return Similarity(
         feature=feature,
         as_published=similarity(feature, *(np.concatenate(one) for one in published or (real, simulated))),
