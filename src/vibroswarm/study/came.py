@@ -181,16 +181,26 @@ def beginning(motion: Motion, scenario: Scenario) -> Motion:
     A sample belongs to the tick before its time; a robot that took one at the last tick still stands in it. Where
     robots are at the end is not told (null), since the table of samples does not know.
     """
-    tick_s = scenario.tick_s
-    end_s, key = scenario.ticks * scenario.run.control_period_ms / 1000.0, ["run", "robot"]
-    before = pl.col("time_s") < end_s - tick_s / 4
-    samples, later = motion.samples.filter(before), motion.samples.filter(~before)
-    following = later.group_by(key).agg(following=pl.col("stop_start_s").first())
-    last = samples.filter(pl.col("time_s") > end_s - 1.25 * tick_s).select(*key, last="stop_start_s")
-    ends = motion.ends.join(following, on=key, how="left", maintain_order="left")
-    ends = ends.join(last, on=key, how="left", maintain_order="left")
-    under_way = pl.coalesce("following", "stop_start_s")
-    since = pl.when(under_way < end_s - tick_s / 4).then(under_way)
+    tick_s, end_s = scenario.tick_s, scenario.ticks * scenario.run.control_period_ms / 1000.0
+    samples, ends = motion.samples, motion.ends
+    time_s, stop_s = samples["time_s"].to_numpy(), samples["stop_start_s"].to_numpy()
+    place = _place_in(ends, samples, scenario.swarm.robots)
+    before = time_s < end_s - tick_s / 4
+    last, following = np.full(ends.height, np.nan), np.full(ends.height, np.nan)
+    latest, later = before & (time_s > end_s - 1.25 * tick_s), np.flatnonzero(~before)[::-1]
+    last[place[latest]] = stop_s[latest]
+    following[place[later]] = stop_s[later]  # from the end, so that the first one stays
+    under_way = np.where(np.isnan(following), ends["stop_start_s"].to_numpy(), following)
+    since = np.where(under_way < end_s - tick_s / 4, under_way, np.nan)
+    standing = pl.Series("stop_start_s", np.where(np.isnan(last), since, last), nan_to_null=True)
     unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
-    ends = ends.with_columns(end_s=pl.lit(end_s), stop_start_s=pl.coalesce("last", since), **unknown)
-    return Motion(samples, ends.select(list(ENDS)), None)
+    ends = ends.with_columns(standing, end_s=pl.lit(end_s), **unknown)
+    return Motion(samples.filter(pl.Series(before)), ends.select(list(ENDS)), None)
+
+
+def _place_in(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:
+    """Which of the ends, a row a run and robot in order, is that of each sample's robot, (rows,)."""
+    runs = ends["run"].to_numpy()[::robots]
+    run = np.searchsorted(runs, samples["run"].to_numpy())
+    place: NDArray[np.int64] = run * robots + samples["robot"].to_numpy()
+    return place
