@@ -54,6 +54,8 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "the search believed" in said
     assert "true, on fresh runs" in said
     assert "none failed" in said
+    assert said.endswith(f"See it: open {out / 'report.html'} in a browser.\n")
+    page = (out / "report.html").read_bytes()
     for name in ("best.toml", "result.json", "history.csv", "scores.png", "parameters.svg", "journal.jsonl"):
         assert (out / name).is_file()
     assert main(["show", str(out)]) == 0
@@ -63,6 +65,8 @@ def test_a_search_is_made_kept_and_gone_on_with(
     about = json.loads(capsys.readouterr().out)
     assert about == json.loads((out / "result.json").read_text())
     assert (out / "journal.jsonl").read_bytes() == journal
+    assert (out / "report.html").read_bytes() == page  # written anew, with nothing of its time in it
+    assert about["truth"]["says"].replace(" %", "\u00a0%").encode() in page
     assert about["runs"]["search"] == 150
     low, high = (about["truth"]["true"]["score"][end] for end in ("low", "high"))
     assert low < about["truth"]["true"]["score"]["estimate"] < high
@@ -111,7 +115,7 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
     assert 0 < lines(out) < lines(whole)
     assert main(command) == 0
     capsys.readouterr()
-    for name in ("result.json", "best.toml", "history.csv", "candidates.csv", "journal.jsonl"):
+    for name in ("result.json", "best.toml", "history.csv", "candidates.csv", "journal.jsonl", "report.html"):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
 
 
@@ -177,6 +181,15 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     table = pl.read_csv(out / "grid.csv")
     assert table.height == 6
     assert (out / "grid-score.png").is_file()
+    assert said.endswith(f"See it: open {out / 'report.html'} in a browser.\n")
+    page = (out / "report.html").read_bytes()
+    again = ["optimize", str(out / "grid.toml"), "--method", "grid", "--fresh", "50", "--out", str(out)]
+    assert main(again) == 0  # as the page says that it is done again
+    capsys.readouterr()
+    assert (out / "report.html").read_bytes() == page
+    best = ["optimize", str(out / "grid.toml"), "--check", str(out / "best.toml"), "--runs", "4"]
+    assert main(best) == 0  # as it says that the lowest cell is scored
+    assert main(["run", "--scenario", str(out / "best.toml")]) == 0
     best = table.sort("score").row(0, named=True)
     assert best["above_best"] == 0
     assert best["as_good_as_best"]

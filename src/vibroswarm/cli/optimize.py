@@ -86,7 +86,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--style", metavar="NAME", default="column", help="of pictures: column, page or slide"
     )
-    parser.add_argument("--no-pictures", action="store_true", help="numbers only")
+    parser.add_argument("--no-pictures", action="store_true", help="numbers only; the report without them")
     parser.add_argument(
         "--json", action="store_true", help="give the outcome as JSON, and nothing else, on stdout"
     )
@@ -187,7 +187,14 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
         print(
             f"Kept in {arguments.out}: best.toml, result.json, history.csv, candidates.csv, the search itself."
         )
+        _say_page(arguments.out)
     return 0
+
+
+def _say_page(folder: Path) -> None:
+    from vibroswarm.optimize.report import REPORT
+
+    print(f"See it: open {(folder / REPORT).resolve()} in a browser.")
 
 
 def _grid(arguments: argparse.Namespace) -> int:
@@ -231,17 +238,17 @@ def _grid(arguments: argparse.Namespace) -> int:
         return 0
     _say_grid(nodes)
     _say_truth(truth, nodes.best.cell.point, objective)
-    kept = (
-        f"Kept in {arguments.out}: grid.csv, result.json, the runs (shards)."
-        if arguments.out
-        else "Nothing was kept."
-    )
-    print(kept)
+    if arguments.out is None:
+        print("Nothing was kept.")
+        return 0
+    print(f"Kept in {arguments.out}: best.toml, grid.toml, grid.csv, result.json, the runs (shards).")
+    _say_page(arguments.out)
     return 0
 
 
 def _say_grid(nodes: Nodes) -> None:
     from vibroswarm.cli.tables import number
+    from vibroswarm.optimize.words import GRID_LUCK
 
     print(f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs a cell on shared motion:")
     for node in nodes.nodes:
@@ -250,13 +257,14 @@ def _say_grid(nodes: Nodes) -> None:
             f"  {node.cell.name:<28} {number(node.scored.score, 2):>24}   time {node.time_s:6.0f} s, wrong "
             f"{100 * node.wrong:4.1f} %, undecided {100 * node.undecided:4.1f} %{mark}"
         )
-    print("  * the lowest score; = not told apart from it, run by run. Which of them is lowest is luck.")
+    print(f"  * the lowest score; = {GRID_LUCK}")
 
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
+    from vibroswarm.optimize.words import failures_said
     from vibroswarm.study.runner import Told
 
     for name in ("method", "noise", "fresh", "check"):
@@ -278,7 +286,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
         print(json.dumps(found.as_dict(), indent=2, allow_nan=False))
         return 0
     print(
-        f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {_failures(found.failed)}"
+        f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {failures_said(found.failed)}"
     )
     noise = f"{100 * found.noise_share:.0f} %"
     print(f"Noise of the runs is {noise} of the variance of the points' mean costs; it is taken out.")
@@ -307,10 +315,11 @@ def _workers(arguments: argparse.Namespace) -> int | None:
 def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
     """What was found, in words."""
     from vibroswarm.cli.tables import number
+    from vibroswarm.optimize.words import failures_said, fresh_failures_said, reasons
 
     archive = found.archive
-    print(f"{len(archive):,} candidates in {found.runs:,} runs; {_failures(archive.failed)}")
-    for why in sorted({c.why for c in archive.candidates if c.why})[:3]:
+    print(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
+    for why in reasons(archive):
         print(f"  failed: {why}")
     if front is not None:
         _say_front(front)
@@ -320,8 +329,8 @@ def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
     unit = f" {objective.unit}".rstrip()
     _say_truth(truth, found.values, objective)
     for scored in (truth.winner, *truth.others):
-        if scored.failed:
-            print(f"  {scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure")
+        if said := fresh_failures_said(scored):
+            print(f"  {said}")
     _say_parts(truth.winner)
     for other, paired in zip(truth.others, truth.against, strict=True):
         print(
@@ -332,9 +341,10 @@ def _say(found: Found, truth: Truth | None, front: Front | None) -> None:
 def _say_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> None:
     """What was believed of the best, and what is true."""
     from vibroswarm.cli.tables import number
+    from vibroswarm.optimize.words import values_said
 
     unit = f" {objective.unit}".rstrip()
-    print(f"Best: {_values(values)}")
+    print(f"Best: {values_said(values)}")
     print(f"  the search believed  {truth.believed:.4g}{unit}")
     print(f"  true, on fresh runs  {number(truth.winner.score, 2)}{unit} ({truth.winner.score.n:,} runs)")
     print(f"  {truth.words}")
@@ -342,6 +352,7 @@ def _say_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> No
 
 def _say_front(front: Front) -> None:
     from vibroswarm.cli.tables import number
+    from vibroswarm.optimize.words import values_said
 
     print(f"{len(front.members)} candidates are beaten by none in all of {' and '.join(front.names)}:")
     for member in front.members:
@@ -349,7 +360,7 @@ def _say_front(front: Front) -> None:
             f"believed {believed:.4g}, true {number(true, 2)}{f' {unit}'.rstrip()}"
             for believed, true, unit in zip(member.believed, member.true, front.units, strict=True)
         )
-        print(f"  {'  ' if member.stays else '- '}{scores}: {_values(member.values)}")
+        print(f"  {'  ' if member.stays else '- '}{scores}: {values_said(member.values)}")
         if member.failed:
             print(f"    {member.failed:,} of its fresh runs FAILED and are in no figure")
     print(f"  {front.words}" + (" -: beaten there." if not all(m.stays for m in front.members) else ""))
@@ -368,17 +379,6 @@ def _say_parts(scored: Scored) -> None:
     print(f"  undecided {percent(undecided)}: {scored.near['robots_undecided']}")
     if scored.cases:
         print("  (each in the case where it is worst)")
-
-
-def _failures(failed: int) -> str:
-    return (
-        "none failed" if not failed else f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
-    )
-
-
-def _values(values: dict[str, Any]) -> str:
-    return ", ".join(f"{k.rpartition('.')[2]} {v:.6g}" if isinstance(v, float) else f"{k.rpartition('.')[2]} {v}"
-                     for k, v in values.items())  # fmt: skip
 
 
 def _check(arguments: argparse.Namespace) -> int:

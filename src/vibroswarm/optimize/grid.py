@@ -12,6 +12,7 @@ lowest of many scores is luck. The best is scored again on fresh runs.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -33,7 +34,8 @@ from vibroswarm.scenario import read_text
 from vibroswarm.study.result import StudyResult
 from vibroswarm.study.result import run as run_study
 from vibroswarm.study.runner import Tell
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import Cell, Study, as_toml
+from vibroswarm.study.varied import flat
 
 PAPER: Final[dict[str, list[Any]]] = {
     "strategy.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
@@ -89,6 +91,25 @@ class Grid:
         if len(objectives) > 1:
             raise InputError("a grid has one", field="objective")
         return cls(Study.from_values(values, name=str(path), folder=path.parent), objectives[0])
+
+    def to_toml(self) -> str:
+        """The grid as a search's file that stands alone; ``read`` gives one with the same cells, runs and seed.
+
+        Raises:
+            InputError: its cost is a function, which no file holds, or it varies nothing in every combination.
+        """
+        if self.objective.function is not None:
+            raise InputError("a cost that is a function cannot be written to a file", field="objective")
+        values = tomllib.loads(self.study.to_toml())
+        if "grid" not in values:
+            raise InputError("a file of a grid needs fields with their values", field="space")
+        cells = self.study.cells
+        values["grid"] = {
+            name: list(dict.fromkeys(cell.point[name] for cell in cells)) for name in flat(values["grid"])
+        }
+        # Written as a study's block: there fields keep their order, which is that of the cells.
+        text = as_toml(values | {"objective": self.objective.as_values()})
+        return re.sub(r"^\[grid\]$", "[space]", text, count=1, flags=re.MULTILINE)
 
 
 @dataclass(frozen=True)

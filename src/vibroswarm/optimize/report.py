@@ -1,10 +1,13 @@
-"""A search written down: numbers as CSV and JSON, the winner as a scenario.
+"""A search written down: a page, numbers as CSV and JSON, the winner as a scenario.
 
+report.html      all of it to be read, see ``page``; with its pictures, unless none were asked for
 result.json      believed, true and the difference, the starts beside it, runs, failures
 history.csv      a row an iteration: best, mean, personal bests, mean of each field (as itself and between bounds)
 candidates.csv   a row a candidate: its values, runs, failures, scores
 best.toml        the winner's scenario; ``vibroswarm run --scenario`` takes it
 front.csv        with several objectives: the candidates that none beats in all, believed and true
+
+Of a grid: ``report.html``, ``grid.csv``, ``result.json``, ``best.toml`` (the lowest cell), ``grid.toml`` (itself).
 """
 
 from __future__ import annotations
@@ -12,20 +15,30 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.errors import RunError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.optimize.fronts import Front
 from vibroswarm.optimize.grid import Nodes
+from vibroswarm.optimize.journal import HEAD
 from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.page import search_page
+from vibroswarm.optimize.page_grid import grid_page, grid_text
 from vibroswarm.optimize.truth import Truth
+from vibroswarm.page.report import write_report as write_page
 from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
 from vibroswarm.plots.palette import SERIES_UP_TO
 from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import versions
+from vibroswarm.study.store import Store
+
+REPORT: Final = "report.html"
+IN_PAGE: Final = ("column", "page")
+"""Styles of a page's pictures: those of a search stand two in a row, a front by itself."""
 
 
 def best_scenario(found: Found) -> Scenario:
@@ -164,13 +177,33 @@ def write_report(
         for name, text in texts.items():
             with whole_file(folder / name) as part:
                 part.write_text(text, encoding="utf-8")
-        if style is not None and found.search.space.size <= SERIES_UP_TO:
-            for name, picture in pictures(found, truth, style).items():
+        shown = {}
+        if style is not None:
+            for name, picture in _all_pictures(found, truth, front, (style, style)).items():
                 picture.write(folder / name)
-        if style is not None and front is not None and len(front.names) == 2:
-            front_picture(front, style).write(folder / "true-front")
+            shown = _all_pictures(found, truth, front, IN_PAGE)
+        write_page(folder / REPORT, search_page(found, truth, front, shown, made_by(folder)))
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
+
+
+def _all_pictures(
+    found: Found, truth: Truth | None, front: Front | None, styles: tuple[str, str]
+) -> dict[str, Picture]:
+    """Those that can be drawn: of no more fields than can be told apart, and of fronts of two objectives."""
+    drawn = pictures(found, truth, styles[0]) if found.search.space.size <= SERIES_UP_TO else {}
+    if front is not None and len(front.names) == 2:
+        drawn["true-front"] = front_picture(front, styles[1])
+    return drawn
+
+
+def made_by(folder: Path) -> list[dict[str, str]]:
+    """The versions that began the search in a folder, where there is one, and those of now if they are others."""
+    try:
+        began = dict(json.loads((folder / HEAD).read_text(encoding="utf-8"))["versions"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return [versions()]
+    return [began] if began == versions() else [began, versions()]
 
 
 def write_grid(
@@ -181,30 +214,57 @@ def write_grid(
     Raises:
         RunError: it cannot be written.
     """
-    folder, table = Path(folder), nodes.table
+    folder = Path(folder)
+    texts = {
+        "result.json": json.dumps(nodes.as_dict(truth), indent=2, allow_nan=False) + "\n",
+        "best.toml": nodes.best.cell.scenario.to_toml(),
+    }
+    if text := grid_text(nodes.grid):
+        texts["grid.toml"] = text
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         with whole_file(folder / "grid.csv") as part:
-            table.write_csv(part)
-        with whole_file(folder / "result.json") as part:
-            part.write_text(
-                json.dumps(nodes.as_dict(truth), indent=2, allow_nan=False) + "\n", encoding="utf-8"
-            )
+            nodes.table.write_csv(part)
+        for name, text in texts.items():
+            with whole_file(folder / name) as part:
+                part.write_text(text, encoding="utf-8")
+        shown = {}
+        if style is not None:
+            for name, picture in grid_pictures(nodes, style).items():
+                picture.write(folder / name)
+            shown = grid_pictures(nodes)
+        write_page(folder / REPORT, grid_page(nodes, truth, shown, _grid_made_by(folder)))
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
-    varied = nodes.grid.study.varied
-    if style is None or len(varied) != 2:
-        return
+
+
+def _grid_made_by(folder: Path) -> list[dict[str, str]]:
+    """The versions of the study's shards in a folder; those of now where there is no study."""
+    try:
+        return Store.open(folder).made_by
+    except InputError:
+        return [versions()]
+
+
+def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
+    """The cells by name as heat maps: score, time, belief; none unless two fields are varied."""
+    varied, table = nodes.grid.study.varied, nodes.table
+    if len(varied) != 2:
+        return {}
     labels = {
         "score": f"cost ({nodes.grid.objective.words})",
         "decision_time_s": "decision time (s)",
         "belief_in_truth": "belief in the truth",
     }
+    x_label, y_label = (field.rpartition(".")[2] for field in varied)
+    drawn = {}
     for name, label in labels.items():
         frame = table.select(x=varied[0], y=varied[1], value=name, runs="runs")
         best = "high" if name == "belief_in_truth" else "low"
-        x_label, y_label = (field.rpartition(".")[2] for field in varied)
-        picture = draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
-        picture.write(folder / f"grid-{name.replace('_', '-')}")
+        drawn[f"grid-{name.replace('_', '-')}"] = draw_heat(
+            frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
+        )
+    return drawn
 
 
 def _short(value: Any) -> str:

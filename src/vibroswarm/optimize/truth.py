@@ -26,6 +26,8 @@ from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
 """Share of the true score: an interval that holds a difference larger than this is too wide to tell of luck."""
+LUCK: Final = ("none to be seen", "lucky", "unlucky", "cannot be told", "not defined")
+"""What the difference between believed and true may be."""
 
 
 @dataclass(frozen=True)
@@ -81,27 +83,37 @@ class Truth:
         return (self.winner.score.estimate - self.believed) / abs(self.winner.score.estimate)
 
     @property
-    def words(self) -> str:
-        """The difference, named for what it is."""
+    def luck(self) -> str:
+        """What the difference is, of ``LUCK``."""
         share, score = self.difference, self.winner.score
         if not math.isfinite(share):
-            return "The difference between what the search believed and what is true is not defined."
-        if score.low <= self.believed <= score.high and abs(share) > TELLING:
-            return (
+            return "not defined"
+        if score.low <= self.believed <= score.high:
+            return "cannot be told" if abs(share) > TELLING else "none to be seen"
+        return "lucky" if share > 0 else "unlucky"
+
+    @property
+    def words(self) -> str:
+        """The difference, named for what it is."""
+        share = self.difference
+        return {
+            "not defined": "The difference between what the search believed and what is true is not defined.",
+            "cannot be told": (
                 f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but "
                 "the interval of what is true is as wide: so few fresh runs do not tell whether it was luck."
-            )
-        if score.low <= self.believed <= score.high:
-            return (
+            ),
+            "none to be seen": (
                 f"What the search believed lies inside the interval of what is true ({100 * share:+.1f} %): "
                 "no luck of the choice is to be seen."
-            )
-        if share > 0:
-            return (
+            ),
+            "lucky": (
                 f"The search believed {100 * share:.0f} % too little: its winner was chosen for looking good on few "
                 "runs, and was partly lucky on them."
-            )
-        return f"The search believed {-100 * share:.0f} % too much: its winner was unlucky in the search."
+            ),
+            "unlucky": (
+                f"The search believed {-100 * share:.0f} % too much: its winner was unlucky in the search."
+            ),
+        }[self.luck]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

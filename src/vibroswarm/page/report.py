@@ -24,7 +24,7 @@ from typing import Protocol
 import polars as pl
 
 from vibroswarm.files import whole_file
-from vibroswarm.page.report_parts import code_html, escape, picture_html, table_html
+from vibroswarm.page.report_parts import code_html, escape, lines_html, picture_html, table_html
 
 CONTENTS_FROM = 4
 """Sections, subsections counted; fewer need no table of contents."""
@@ -75,6 +75,15 @@ class ReportPicture:
     """Of the CSV that can be saved, without suffix."""
 
 
+@dataclass(frozen=True)
+class ReportCode:
+    """Text of a section that stands as it is, line by line: a file, a command."""
+
+    text: str
+    name: str = "text"
+    """What it is, for those who do not see it."""
+
+
 class _Drawn(Protocol):
     @property
     def numbers(self) -> pl.DataFrame: ...
@@ -95,7 +104,7 @@ class Section:
     title: str
     text: tuple[str, ...] = ()
     """Paragraphs."""
-    parts: tuple[ReportTable | ReportPicture, ...] = ()
+    parts: tuple[ReportTable | ReportPicture | ReportCode, ...] = ()
     sections: tuple[Section, ...] = ()
     folded: bool = False
     """Whether it is closed until it is asked for (in print it is open)."""
@@ -172,7 +181,10 @@ def _section(section: Section, key: str, level: int) -> str:
     inner = _paragraphs(section.text)
     for place, part in enumerate(section.parts, start=1):
         at = f"{key}p{place}"
-        inner += table_html(part, at) if isinstance(part, ReportTable) else picture_html(part, at)
+        if isinstance(part, ReportTable):
+            inner += table_html(part, at)
+        else:
+            inner += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
     below = "".join(
         _section(one, f"{key}-{place}", min(level + 1, 4))
         for place, one in enumerate(section.sections, start=1)

@@ -13,7 +13,7 @@ import polars as pl
 from vibroswarm.page.svg import inline_svg
 
 if TYPE_CHECKING:
-    from vibroswarm.page.report import Column, ReportPicture, ReportTable
+    from vibroswarm.page.report import Column, ReportCode, ReportPicture, ReportTable
 
 TONES: Final = ("good", "fair", "bad", "open")
 """Marks of cells; each has a sign and a colour of its own."""
@@ -123,6 +123,14 @@ def picture_html(picture: ReportPicture, key: str) -> str:
         f'aria-label="{escape(picture.name)}">\n<div style="width: {size}">'
         f"{svg}</div>\n</div>\n"
         f"<figcaption>{code_html(picture.caption)} {csv_link(picture.numbers, picture.name)}</figcaption>\n</figure>\n"
+    )
+
+
+def lines_html(code: ReportCode, key: str) -> str:
+    """Text line by line, which scrolls sideways in its frame."""
+    return (
+        f'<pre class="part" id="{key}" role="region" tabindex="0" aria-label="{escape(code.name)}">'
+        f"<code>{escape(code.text)}</code></pre>\n"
     )
 
 

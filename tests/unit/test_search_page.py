@@ -1,0 +1,339 @@
+"""The page of a search says what its numbers say, warnings first, and nothing in a name breaks it."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.optimize import evaluate
+from vibroswarm.optimize.fronts import Front, front_of
+from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
+from vibroswarm.optimize.loop import Found, run_search
+from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.outcomes import Outcomes
+from vibroswarm.optimize.page import search_page
+from vibroswarm.optimize.page_grid import grid_page
+from vibroswarm.optimize.page_tables import bound_of
+from vibroswarm.optimize.report import grid_pictures, made_by, write_grid, write_report
+from vibroswarm.optimize.space import Dimension
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.truth import LUCK, Truth, truth_of
+from vibroswarm.page.report import Report, report_html
+from vibroswarm.simulation import versions
+from vibroswarm.study.result import run as run_study
+from vibroswarm.study.spec import Study
+
+SMALL = (Path(__file__).parents[1] / "small_search.toml").read_text()
+START = 'start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]\n'
+RACE = "[search]\nbudget = 90\nfinal = 60\nfinalists = 2\n"
+TWO = """[search]
+budget = 100
+fresh = 400
+[[objective]]
+cost = "decision_time"
+statistic = "mean"
+[[objective]]
+cost = "errors"
+statistic = "mean"
+"""
+NASTY = "</script><img src=x onerror=alert(1)><b>`"
+MADE = [{"vibroswarm": "1"}]
+
+
+@pytest.fixture(scope="module")
+def found() -> Found:
+    return run_search(Search.from_toml(START + SMALL + RACE), workers=2)
+
+
+@pytest.fixture(scope="module")
+def truth(found: Found) -> Truth:
+    return truth_of(found, runs=150)
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Nodes:
+    base = {"preset": "paper", "run": {"t_end_s": 100.0}, "strategy": {"name": "soft"}}
+    vary = {"strategy.eta": [10.0, 500.0, 1000.0], "strategy.kappa": [1.0, 2.0]}
+    grid = Grid(Study(base, {"grid": vary}, 20, seed=1), Objective())
+    return scores_of(grid, run_study(grid.study))
+
+
+@pytest.fixture(autouse=True)
+def _small_caches() -> Iterator[None]:
+    yield
+    evaluate._scenario.cache_clear()
+
+
+def seen(text: str) -> str:
+    """What is read on a page, in one line."""
+    body = re.sub(r"<(style|script)>.*?</\1>", "", text, flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", body)).replace("\u00a0", " ").split())
+
+
+def page_of(found: Found, truth: Truth | None, front: Front | None = None) -> Report:
+    return search_page(found, truth, front, {}, MADE)
+
+
+def rows_of(report: Report, name: str) -> list[dict[str, Any]]:
+    """A table of a report, wherever it stands."""
+
+    def parts(sections: Any) -> Iterator[Any]:
+        for section in sections:
+            yield from section.parts
+            yield from parts(section.sections)
+
+    (frame,) = (
+        part.frame
+        for part in parts(report.sections)
+        if getattr(part, "name", "") == name and hasattr(part, "frame")
+    )
+    rows: list[dict[str, Any]] = frame.to_dicts()
+    return rows
+
+
+def test_the_three_numbers_are_those_of_the_truth(found: Found, truth: Truth) -> None:
+    report = page_of(found, truth)
+    believed, true, difference = rows_of(report, "truth")
+    score = truth.winner.score
+    assert believed["score"] == found.believed
+    assert believed["runs"] == found.archive[found.best].count
+    assert (true["score"], true["low"], true["high"], true["runs"]) == (
+        score.estimate,
+        score.low,
+        score.high,
+        150,
+    )
+    assert difference["score"] == pytest.approx(score.estimate - found.believed)
+    assert difference["luck"] == truth.luck
+    assert truth.words in seen(report_html(report))
+
+
+def test_the_winner_stands_beside_the_start_and_the_bounds(found: Found, truth: Truth) -> None:
+    report = page_of(found, truth)
+    (against,) = rows_of(report, "against")
+    paired = truth.against[0]
+    assert (against["less"], against["less_low"], against["less_high"]) == (
+        paired.estimate,
+        paired.low,
+        paired.high,
+    )
+    values = {row["field"]: row for row in rows_of(report, "values")}
+    gate = values["decision.min_observations"]
+    assert gate["winner"] == found.values["decision.min_observations"]
+    assert (gate["other 0"], gate["low"], gate["high"]) == (20, 0, 60)
+    text = seen(report_html(report))
+    assert "vibroswarm run --scenario best.toml" in text
+    assert "vibroswarm optimize search.toml --check best.toml --against paper" in text
+    assert "vibroswarm optimize search.toml --out ." in text
+    (file,) = re.findall(r'aria-label="search.toml"><code>(.*?)</code>', report_html(report), flags=re.DOTALL)
+    assert html.unescape(file) == found.search.to_toml()
+
+
+def test_the_account_and_the_best_are_the_archives(found: Found, truth: Truth) -> None:
+    report = page_of(found, truth)
+    stages = {row["stage"]: row for row in rows_of(report, "runs")}
+    assert stages["search"]["runs"] + stages["race"]["runs"] == found.runs == 90
+    assert (stages["search"]["wanted"], stages["race"]["wanted"]) == (30, 60)
+    assert stages["fresh runs of the start"]["runs"] == 150
+    best = rows_of(report, "best-candidates")
+    assert len(best) == min(20, len(found.archive))
+    assert [row["origin"] for row in best if row["origin"].endswith(", the winner")] != []
+    cautious = [row["score"] + row["error"] for row in best if row["error"] is not None]
+    assert cautious == sorted(cautious)
+    assert len(rows_of(report, "history")) == len(found.history) + len(found.race)
+
+
+def warned(report: Report, *words: str) -> bool:
+    return any(all(word in text for word in words) for text in report.warnings)
+
+
+def shifted(interval: Interval, middle: float) -> Interval:
+    return interval._replace(estimate=middle, low=middle - 1.0, high=middle + 1.0)
+
+
+@pytest.mark.parametrize(("middle", "standing"), [(-5.0, "better"), (0.0, "not told apart"), (5.0, "worse")])
+def test_a_start_that_is_not_beaten_is_a_warning(
+    found: Found, truth: Truth, middle: float, standing: str
+) -> None:
+    report = page_of(found, replace(truth, against=(shifted(truth.against[0], middle),)))
+    (against,) = rows_of(report, "against")
+    assert against["standing"] == standing
+    assert warned(report, "start") == (standing != "better")
+    assert warned(report, "start", "nothing was found") == (standing == "not told apart")
+
+
+def test_a_start_that_won_is_a_warning(found: Found, truth: Truth) -> None:
+    itself = replace(truth.others[0], values=truth.winner.values)
+    report = page_of(found, replace(truth, others=(itself,)))
+    assert warned(report, "The winner is the start itself: nothing better was found.")
+
+
+def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> None:
+    score = truth.winner.score
+    wide = truth.winner.score._replace(low=0.1 * score.estimate, high=2.0 * score.estimate)
+    cases = {
+        "none to be seen": replace(truth, believed=score.estimate),
+        "lucky": replace(truth, believed=0.1 * score.estimate),
+        "unlucky": replace(truth, believed=9.0 * score.estimate),
+        "cannot be told": replace(
+            truth, believed=0.5 * score.estimate, winner=replace(truth.winner, score=wide)
+        ),
+        "not defined": replace(truth, believed=np.inf),
+    }
+    assert set(cases) == set(LUCK)
+    for luck, one in cases.items():
+        assert one.luck == luck
+        assert (one.words in page_of(found, one).warnings) == (luck != "none to be seen")
+
+
+def test_a_winner_at_a_bound_is_a_warning(found: Found, truth: Truth) -> None:
+    tau = Dimension.of("sample.sample_interval_ms", {"from": 1000, "to": 6000})
+    said = {value: bound_of(tau, value) for value in (1000.0, 1040.0, 1100.0, 5900.0, 5960.0, 6000.0)}
+    assert list(said.values()) == ["lower", "lower", "", "", "upper", "upper"]
+    assert bound_of(Dimension.of("strategy.name", ["none", "soft"]), "soft") == ""
+    archive = found.archive
+    key = archive.new(np.array([0.5, 1.0]), "made")
+    try:
+        there = page_of(replace(found, best=key), truth)
+        assert warned(there, "at a bound of the space: `min_observations` 60 (upper bound 60)")
+        archive[key].values["decision.min_observations"] = 30
+        assert not warned(page_of(replace(found, best=key), truth), "bound")
+    finally:
+        archive.candidates.pop()
+
+
+def test_what_was_not_done_is_a_warning(found: Found, truth: Truth) -> None:
+    assert not warned(page_of(found, truth), "finished")
+    longer = replace(found, search=found.search.with_settings(final=600, budget=700))
+    assert warned(page_of(longer, truth), "The search is not finished: 90 of 690 runs.")
+    assert warned(page_of(found, None), "not scored on fresh runs")
+    assert "Believed and true" not in [section.title for section in page_of(found, None).sections]
+    both = search_page(found, truth, None, {}, [*MADE, {"vibroswarm": "2"}])
+    assert warned(both, "Different versions")
+    assert both.details["made by (2)"] == "vibroswarm 2"
+
+
+def test_versions_are_those_that_began_it_and_those_of_now(found: Found, tmp_path: Path) -> None:
+    assert made_by(tmp_path) == [versions()]
+    run_search(found.search, tmp_path / "s", workers=2)
+    assert made_by(tmp_path / "s") == [versions()]
+    head = tmp_path / "s" / "search.json"
+    head.write_text(head.read_text().replace(f'"numba": "{versions()["numba"]}"', '"numba": "0.1"'))
+    assert [one["numba"] for one in made_by(tmp_path / "s")] == ["0.1", versions()["numba"]]
+
+
+def test_failed_runs_stand_first_with_why(monkeypatch: pytest.MonkeyPatch, truth: Truth) -> None:
+    right = evaluate.outcomes_of
+
+    def failing(scenarios: Any, seed: int, runs: range, motion: str) -> list[Outcomes]:
+        if 4 in runs:
+            raise ZeroDivisionError(f"a crash {NASTY}")
+        return right(scenarios, seed, runs, motion)
+
+    monkeypatch.setattr(evaluate, "outcomes_of", failing)
+    found = run_search(Search.from_toml(START + SMALL + RACE), workers=1)
+    lame = replace(truth, winner=replace(truth.winner, failed=7))
+    report = page_of(found, lame)
+    assert report.warnings[0].startswith("3 runs FAILED; a candidate with a failed run cannot win. Why: ")
+    assert "a crash" in report.warnings[0]
+    assert report.warnings[1] == "7 fresh runs of the winner FAILED and are in no figure."
+    (why,) = rows_of(report, "failures")
+    assert (why["runs"], why["candidates"]) == (3, 1)
+    assert sum(row["failed"] for row in rows_of(report, "runs")) == 3 + 7
+    text = report_html(report)
+    assert "<img" not in text
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
+
+
+def test_nothing_in_a_name_breaks_a_page(found: Found, truth: Truth) -> None:
+    search = replace(found.search, study=replace(found.search.study, name=NASTY))
+    mine = Objective(NASTY, function=lambda outcomes: outcomes.time_s.mean(axis=1))
+    named = replace(truth, others=(replace(truth.others[0], name=NASTY),))
+    for changed in (search, replace(search, objectives=(mine,))):
+        text = report_html(page_of(replace(found, search=changed), named))
+        assert "<img" not in text
+        assert text.count("<script>") == 1
+        assert f"<title>{html.escape(NASTY)}</title>" in text
+    assert "search.toml" not in text  # a cost that is a function is in no file
+    assert "search.toml" in report_html(page_of(found, truth))
+
+
+def test_a_page_is_written_with_pictures_and_without_the_same_each_time(
+    found: Found, truth: Truth, tmp_path: Path
+) -> None:
+    for folder, style in (("a", "column"), ("b", "slide"), ("c", None)):
+        write_report(found, truth, tmp_path / folder, style)
+    text = {name: (tmp_path / name / "report.html").read_bytes() for name in "abc"}
+    assert text["a"] == text["b"]  # whatever the folder, and the style of the files beside it
+    assert text["a"].count(b"<figure") == text["a"].count(b'class="drawing"') == 2
+    assert text["c"].count(b"<figure") == 0
+    read = seen(text["a"].decode())
+    assert "From the 30 runs of the search before the race. The line across: 150 fresh runs." in read
+    assert truth.words in seen(text["c"].decode())
+    assert not (tmp_path / "c" / "scores.svg").exists()
+
+
+def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    found = run_search(Search.from_toml(SMALL.partition("[pso]")[0] + TWO), workers=2)
+    front = front_of(found)
+    report = page_of(found, None, front)
+    rows = rows_of(report, "front")
+    assert len(rows) == len(front.members) == len(found.front)
+    for row, member in zip(rows, front.members, strict=True):
+        assert row["stays"] == ("stays" if member.stays else "beaten")
+        for name, believed, true in zip(front.names, member.believed, member.true, strict=True):
+            assert row[f"{name}, believed"] == believed
+            assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, true.high)
+    assert front.words in seen(report_html(report))
+    beaten = replace(front, members=(replace(front.members[0], stays=False, failed=3), *front.members[1:]))
+    told = page_of(found, None, beaten)
+    assert warned(told, beaten.words)
+    assert warned(told, "3 fresh runs of the front's candidates FAILED")
+    assert warned(page_of(found, None), "There is no front")
+    write_report(found, None, tmp_path, front=front)
+    assert (tmp_path / "report.html").read_text().count("<figure") == 3
+
+
+def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path: Path) -> None:
+    truth = truth_of_grid(nodes, 50)
+    report = grid_page(nodes, truth, grid_pictures(nodes), MADE)
+    believed, true, _ = rows_of(report, "truth")
+    assert (believed["score"], believed["runs"]) == (nodes.best.scored.score.estimate, 20)
+    assert (true["score"], true["runs"]) == (truth.winner.score.estimate, 50)
+    cells = rows_of(report, "grid")
+    assert [row["score"] for row in cells] == [node.scored.score.estimate for node in nodes.nodes]
+    standing = [row["standing"] for row in cells]
+    assert standing.count("the lowest") == 1
+    assert standing.count("not told apart") == sum(node.as_good for node in nodes.nodes) - 1
+    text = report_html(report)
+    assert text.count("<figure") == 3
+    assert "All cells replay one motion" in text
+    assert (truth.words in report.warnings) == (truth.luck != "none to be seen")
+    others = standing.count("not told apart")
+    assert warned(report, f"Beside the lowest cell, {others} of 5 are not told apart") == (others > 0)
+    eta = nodes.best.cell.point["strategy.eta"]
+    assert warned(report, "edge of the grid", "`eta`") == (eta in (10.0, 1000.0))
+    assert not warned(report, "`kappa`")  # two values have no middle
+    write_grid(nodes, tmp_path, None, truth)
+    assert "<figure" not in (tmp_path / "report.html").read_text()
+    again = Grid.read(tmp_path / "grid.toml")
+    assert again.study.hash == nodes.grid.study.hash
+    assert (again.study.runs, again.study.seed, again.objective) == (20, 1, nodes.grid.objective)
+    assert warned(grid_page(nodes, None, {}, MADE), "not scored on fresh runs")
+
+
+def test_a_grid_that_moves_robots_claims_no_shared_motion(nodes: Nodes) -> None:
+    vary = {"walk.walk_duration_scale_ms": [1000.0, 2000.0]}
+    grid = Grid(Study({"preset": "paper", "run": {"t_end_s": 60.0}}, {"grid": vary}, 4), Objective())
+    told = seen(report_html(grid_page(scores_of(grid, run_study(grid.study)), None, {}, MADE)))
+    assert "one motion" not in told
+    assert "walk.walk_duration_scale_ms" in told
