@@ -37,6 +37,12 @@ cost = "decision_time"
 statistic = "mean"
 """
 
+COMMANDS = (
+    "vibroswarm run --scenario best.toml",
+    "vibroswarm optimize search.toml --check best.toml --against paper",
+    "vibroswarm optimize search.toml --out .",
+)
+
 
 @pytest.fixture
 def search(tmp_path: Path) -> str:
@@ -46,7 +52,7 @@ def search(tmp_path: Path) -> str:
 
 
 def test_a_search_is_made_kept_and_gone_on_with(
-    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     assert main(["optimize", search, "--out", str(out)]) == 0
@@ -70,6 +76,13 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert about["runs"]["search"] == 150
     low, high = (about["truth"]["true"]["score"][end] for end in ("low", "high"))
     assert low < about["truth"]["true"]["score"]["estimate"] < high
+    with monkeypatch.context() as patched:  # what the page says may be said in its folder
+        patched.chdir(out)
+        for command in COMMANDS:
+            assert command in page.decode()
+            assert main([*command.split()[1:], *(["--runs", "4"] if "--check" in command else [])]) == 0
+        assert (out / "report.html").read_bytes() == page
+    capsys.readouterr()
     assert main(["optimize", search, "--out", str(out), "--seed", "4"]) == 2
     assert "seed is 3 there and 4 here" in capsys.readouterr().err
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 import pytest
 
+from vibroswarm.optimize import Search, run_search, truth_of
+from vibroswarm.optimize import write_report as write_search
 from vibroswarm.page.report import Column, Report, ReportTable, Section, picture_of, write_report
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
 
@@ -76,20 +80,34 @@ def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+@pytest.fixture(scope="module")
+def search_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a small search of a hostile name, with a start that won and so two warnings at least."""
+    small = (Path(__file__).parents[1] / "small_search.toml").read_text()
+    begin = 'start = [{ "sample.sample_interval_ms" = 6000.0, "decision.min_observations" = 60 }]\n'
+    search = Search.from_toml(f"name = {json.dumps(NASTY)}\n{begin}{small}[search]\nbudget = 60\n")
+    found = run_search(search)
+    truth = truth_of(found, runs=40)
+    at_start = replace(truth.others[0], values=truth.winner.values)
+    folder = tmp_path_factory.mktemp("search")
+    write_search(found, replace(truth, believed=0.1, others=(at_start,)), folder)
+    return folder / "report.html"
+
+
 @pytest.fixture
 def open_report(browser: Any, path: Path, long_path: Path) -> Iterator[Open]:
-    """Opens the report, or the long one; at the end, whatever it logged or asked for fails the test."""
+    """Opens the report, the long one, or another; at the end, whatever it logged or asked for fails the test."""
     noise: list[str] = []
     contexts: list[Any] = []
 
-    def opened(hash_: str = "", *, long: bool = False, **options: Any) -> Any:
+    def opened(hash_: str = "", *, long: bool = False, file: Path | None = None, **options: Any) -> Any:
         options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
         contexts.append(browser.new_context(**options))
         page = contexts[-1].new_page()
         page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: noise.append(f"error: {error}"))
         page.on("dialog", lambda dialog: noise.append(f"dialog: {dialog.message}"))
-        own = (long_path if long else path).as_uri()
+        own = (file or (long_path if long else path)).as_uri()
 
         def asked(request: Any) -> None:
             if request.url.split("#")[0] != own and not request.url.startswith("data:"):
@@ -306,3 +324,34 @@ def test_without_scripts_all_is_there(open_report: Open) -> None:
     assert page.locator("svg.drawing").count() == 3
     assert page.locator("#s1p1").is_visible()
     assert not page.locator("#theme").is_visible()
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1000, "light"), (420, "dark")])
+def test_the_page_of_a_search_is_read_from_its_warnings_down(
+    open_report: Open, search_path: Path, width: int, scheme: str
+) -> None:
+    page = open_report(file=search_path, viewport={"width": width, "height": 900}, color_scheme=scheme)
+    assert page.inner_text("h1") == NASTY
+    assert page.locator("img").count() == 0
+    warnings = page.locator("aside.warning").all_inner_texts()
+    assert "partly lucky" in warnings[0]
+    assert any("nothing better was found" in text for text in warnings)
+    tops = [
+        page.locator(at).first.bounding_box()["y"]
+        for at in ("aside.warning", ".lead", "#s1p1", "svg.drawing")
+    ]
+    assert tops == sorted(tops)
+    assert page.locator("#s1p1 tbody tr").count() == 3
+    assert page.locator("#s1p1 td.bad").inner_text() == "lucky"
+    drawings = page.locator("svg.drawing")
+    assert drawings.count() == 2
+    assert all(drawings.nth(k).bounding_box()["width"] > 250 for k in range(2))
+    beside = drawings.nth(0).bounding_box()["y"] == drawings.nth(1).bounding_box()["y"]
+    assert beside == (width == 1000)
+    folded = page.locator("pre[aria-label='search.toml']")
+    assert not folded.is_visible()
+    page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    assert folded.inner_text().startswith("format = 1")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.emulate_media(media="print")
+    assert folded.evaluate("(e) => getComputedStyle(e).whiteSpace") == "pre-wrap"

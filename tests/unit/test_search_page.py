@@ -145,10 +145,32 @@ def test_the_account_and_the_best_are_the_archives(found: Found, truth: Truth) -
     assert stages["fresh runs of the start"]["runs"] == 150
     best = rows_of(report, "best-candidates")
     assert len(best) == min(20, len(found.archive))
-    assert [row["origin"] for row in best if row["origin"].endswith(", the winner")] != []
-    cautious = [row["score"] + row["error"] for row in best if row["error"] is not None]
+    of_race = [row for row in best if row["origin"].startswith(("finalist", "start", "surface"))]
+    assert best[: len(of_race)] == of_race
+    assert len(of_race) == stages["race"]["candidates"] == 2
+    assert [row["key"] for row in best if row["origin"].endswith(", the winner")] == [str(found.best)]
+    cautious = [row["score"] + row["error"] for row in best[2:] if row["error"] is not None]
     assert cautious == sorted(cautious)
     assert len(rows_of(report, "history")) == len(found.history) + len(found.race)
+
+
+def test_cases_and_what_a_score_is_made_of() -> None:
+    aim = '[objective]\ncost = "time_at_error"\nmax_error = 0.2\n'
+    floors = '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n'
+    search = Search.from_toml(START + SMALL + RACE + aim + floors)
+    found = run_search(search, workers=2)
+    truth = truth_of(found, runs=60)
+    report = page_of(found, truth)
+    cases = rows_of(report, "cases")
+    assert [row["case"] for row in cases] == ["stripe:0.48", "alternating:0.48"]
+    assert max(row["score"] for row in cases) == truth.winner.score.estimate
+    parts = {row["part"]: row for row in rows_of(report, "parts")}
+    error = truth.winner.parts or {}
+    wrong = parts["wrong of those who decide, %"]
+    assert wrong["value"] == 100 * error["robot_error"].estimate
+    assert wrong["says"] == truth.winner.near["robot_error"]
+    assert parts["decision time, s"]["says"] is None
+    assert "each in 2 cases" in report.lead[0]
 
 
 def warned(report: Report, *words: str) -> bool:

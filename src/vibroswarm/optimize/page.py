@@ -38,6 +38,7 @@ QUOTE: Final = (
     "Quote what is true on fresh runs, with its interval, and not what the search believed: of many candidates the one "
     "that looks best was partly lucky, and fresh runs played no part in any choice."
 )
+IN_FOLDER: Final = "It is kept as `best.toml`. Said in this folder:"
 TITLES: Final = {
     "scores": "How the scores fell",
     "parameters": "Where in their bounds the candidates lay",
@@ -139,19 +140,19 @@ def _winner_section(found: Found, truth: Truth | None) -> Section:
     if truth is not None:
         named = tables.other_names(search, truth)
         others = {name: other.values for name, other in zip(named, truth.others, strict=True)}
-    return Section(
-        "The winner's values", _commands(search), (tables.value_table(search, found.values, others),)
-    )
-
-
-def _commands(search: Search) -> tuple[str, ...]:
-    """How the winner is run and scored, said in the folder of the page."""
-    alone = "It is kept as `best.toml`. One run of it, said in this folder: `vibroswarm run --scenario best.toml`."
-    if not file_text(search):
-        return (alone,)
     starts = [start for start in search.to_values()["start"] if isinstance(start, str)]
-    check = f"vibroswarm optimize search.toml --check best.toml --against {(starts or ['paper'])[0]}"
-    return (alone, f"Scored once more on other runs, in pairs, twice: `{check}`.")
+    file = "search.toml" if file_text(search) else ""
+    values = tables.value_table(search, found.values, others)
+    return Section("The winner's values", (IN_FOLDER,), (values, commands(file, (starts or ["paper"])[0])))
+
+
+def commands(file: str, against: str) -> ReportCode:
+    """How ``best.toml`` is run, and scored against another where the search is in a file."""
+    text = "# one run\nvibroswarm run --scenario best.toml"
+    if file:
+        text += "\n# scored once more on other runs, in pairs, twice"
+        text += f"\nvibroswarm optimize {file} --check best.toml --against {against}"
+    return ReportCode(text, "commands")
 
 
 def _front_section(found: Found, front: Front, drawn: Mapping[str, ReportPicture]) -> Section:
@@ -176,8 +177,8 @@ def _front_section(found: Found, front: Front, drawn: Mapping[str, ReportPicture
     first = found.search.objectives[0].words
     text = (
         front.words,
-        f"`best.toml` is the candidate with the lowest {first}. Any other is run with its values in the place of "
-        "those: `vibroswarm run --scenario best.toml --set FIELD=VALUE`, in this folder.",
+        f"`best.toml` is what the search has for the best by {first} alone. Any other is run with its values in the "
+        "place of those: `vibroswarm run --scenario best.toml --set FIELD=VALUE`, in this folder.",
     )
     return Section("The front", text, (ReportTable(frame, columns, caption, "front"),), pictures)
 

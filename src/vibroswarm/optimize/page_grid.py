@@ -10,7 +10,7 @@ import polars as pl
 
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.grid import Grid, Nodes
-from vibroswarm.optimize.page import QUOTE, made_details, truth_parts
+from vibroswarm.optimize.page import IN_FOLDER, QUOTE, commands, made_details, truth_parts
 from vibroswarm.optimize.truth import Truth
 from vibroswarm.optimize.words import GRID_LUCK, interval_said, short_names, value_said, values_said
 from vibroswarm.page.report import Column, Report, ReportCode, ReportPicture, ReportTable, Section, picture_of
@@ -42,13 +42,9 @@ def grid_page(
     if truth is not None:
         parts = truth_parts(truth, best.scored.score.n, (), unit)
         sections.append(Section("Believed and true", (truth.words,), parts))
-    told = (
-        f"The lowest: {values_said(best.cell.point)}. It is kept as `best.toml`. One run of it, said in this folder: "
-        "`vibroswarm run --scenario best.toml`.",
-        "Scored once more on other runs, in pairs, twice: "
-        "`vibroswarm optimize grid.toml --check best.toml --against paper`.",
-    )
-    sections.append(Section("The lowest cell", told if grid_text(grid) else told[:1]))
+    told = (f"The lowest: {values_said(best.cell.point)}. {IN_FOLDER}",)
+    file = "grid.toml" if grid_text(grid) else ""
+    sections.append(Section("The lowest cell", told, (commands(file, "paper"),)))
     drawn = [Section(TITLES[name], parts=(_shown(name, one, nodes),)) for name, one in pictures.items()]
     if drawn:
         sections.append(Section("The cells as pictures", sections=tuple(drawn), side_by_side=len(drawn) > 1))

@@ -165,24 +165,31 @@ def value_table(
 
 
 def best_table(found: Found) -> ReportTable:
-    """The candidates that the search had for the best, by cautious score."""
+    """The finalists of the race, and what the search had for the best before it; the best of each first."""
     archive, short = found.archive, short_names(found.search.space.names)
+    order = archive.in_order()
+    of_race = sorted(
+        (k for k in order if _stage(archive[k]) == "race"), key=lambda k: (archive.estimate(k)[0], k)
+    )
     rows = []
-    for key in archive.in_order()[:BEST]:
+    for key in [*of_race, *(k for k in order if _stage(archive[k]) == "search")][:BEST]:
         c = archive[key]
         estimate, error = archive.estimate(key)
         rows.append({
-            "origin": f"{c.origin}, the winner" if key == found.best else c.origin, "score": plain(estimate),
-            "error": plain(error), "runs": c.count, "failed": c.failed, **c.values,
+            "key": str(key), "origin": f"{c.origin}, the winner" if key == found.best else c.origin,
+            "score": plain(estimate), "error": plain(error), "runs": c.count, "failed": c.failed, **c.values,
         })  # fmt: skip
     columns = {
-        "origin": Column("made by"), "error": Column("standard error"),
+        "key": Column("candidate"), "origin": Column("made by"), "error": Column("standard error"),
         "score": Column("score in the search", found.search.objectives[0].unit, 4),
     } | {name: Column(end, digits=5) for name, end in short.items()}  # fmt: skip
-    caption = (
-        f"The best {len(rows)} of {len(archive)} candidates by score plus its standard error, as the search had them: "
-        "chosen for it, and so partly lucky. All are in `candidates.csv`."
-    )
+    caption = "By score plus its standard error: chosen for it, and so partly lucky."
+    if of_race:
+        caption = (
+            "First the finalists of the race, by score; they ran anew, on runs by which they were not chosen. Then the "
+            "search's best by score plus its standard error: chosen for it, and so partly lucky."
+        )
+    caption += f" {len(rows)} of {len(archive)} candidates; all are in `candidates.csv`."
     return ReportTable(_frame(rows), columns, caption, "best-candidates")
 
 

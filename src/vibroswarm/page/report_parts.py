@@ -66,9 +66,8 @@ def _heading(name: str, column: Column, numeric: bool) -> str:
     tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
     title = column.title or name
     kind = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _kind(column, numeric)
-    broken = re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(title))
     return (
-        f'<th scope="col" aria-sort="none"{kind}><button type="button">{broken}{tail}'
+        f'<th scope="col" aria-sort="none"{kind}><button type="button">{_broken(title)}{tail}'
         '<span class="arrow" aria-hidden="true"></span></button></th>'
     )
 
@@ -88,10 +87,15 @@ def _cell(value: Any, column: Column, numeric: bool) -> str:
             "–" if missing else {True: "yes", False: "no"}.get(value, value) if _hashable(value) else value
         )
         kind = _kind(column, numeric, "" if missing else str(words))
-        return f"<td{kind}{' data-missing' if missing else ''}>{escape(words)}</td>"
+        return f"<td{kind}{' data-missing' if missing else ''}>{_broken(words)}</td>"
     if missing:
         return '<td class="number" data-missing>–</td>'
     return f'<td class="number" data-value="{value!r}">{number_text(value, column)}</td>'
+
+
+def _broken(text: object) -> str:
+    """Escaped text whose long names may end a line at an underscore."""
+    return re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text))
 
 
 def _hashable(value: Any) -> bool:
