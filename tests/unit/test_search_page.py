@@ -216,6 +216,25 @@ def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> N
         assert (one.words in page_of(found, one).warnings) == (luck != "none to be seen")
 
 
+def test_an_interval_that_tells_little_is_a_warning(found: Found, truth: Truth) -> None:
+    score = truth.winner.score
+    for within, said in ((0.2, False), (0.3, True), (np.inf, True)):
+        wide = score._replace(low=score.estimate * (1 - within), high=score.estimate * 1.1)
+        one = replace(truth, believed=score.estimate, winner=replace(truth.winner, score=wide))
+        assert one.luck == "none to be seen"
+        assert warned(page_of(found, one), "So few fresh runs do not tell much") == said
+        assert warned(page_of(found, one), "known to within 30 %") == (within == 0.3)
+
+
+@pytest.mark.parametrize(("believed", "luck"), [(0.0, "none to be seen"), (0.5, "not defined")])
+def test_a_score_of_nothing_is_no_division(found: Found, truth: Truth, believed: float, luck: str) -> None:
+    """No robot of the winner was ever wrong, say."""
+    nothing = truth.winner.score._replace(estimate=0.0, low=0.0, high=0.0)
+    one = replace(truth, believed=believed, winner=replace(truth.winner, score=nothing))
+    assert one.luck == luck
+    assert (one.words in page_of(found, one).warnings) == (luck == "not defined")
+
+
 def test_a_winner_at_a_bound_is_a_warning(found: Found, truth: Truth) -> None:
     tau = Dimension.of("sample.sample_interval_ms", {"from": 1000, "to": 6000})
     said = {value: bound_of(tau, value) for value in (1000.0, 1040.0, 1100.0, 5900.0, 5960.0, 6000.0)}

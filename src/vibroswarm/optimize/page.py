@@ -38,7 +38,7 @@ QUOTE: Final = (
     "Quote what is true on fresh runs, with its interval, and not what the search believed: of many candidates the one "
     "that looks best was partly lucky, and fresh runs played no part in any choice."
 )
-IN_FOLDER: Final = "It is kept as `best.toml`. Said in this folder:"
+IN_FOLDER: Final = "It is kept as `best.toml`; the commands below are said in its folder."
 TITLES: Final = {
     "scores": "How the scores fell",
     "parameters": "Where in their bounds the candidates lay",

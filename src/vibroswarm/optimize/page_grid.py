@@ -11,6 +11,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.grid import Grid, Nodes
 from vibroswarm.optimize.page import IN_FOLDER, QUOTE, commands, made_details, truth_parts
+from vibroswarm.optimize.page_warnings import luck_told
 from vibroswarm.optimize.truth import Truth
 from vibroswarm.optimize.words import GRID_LUCK, interval_said, short_names, value_said, values_said
 from vibroswarm.page.report import Column, Report, ReportCode, ReportPicture, ReportTable, Section, picture_of
@@ -88,8 +89,8 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
     told = []
     if truth is None:
         told.append("The lowest cell was not scored on fresh runs: here stands only what its own runs say.")
-    elif truth.luck != "none to be seen":
-        told.append(truth.words)
+    elif said := luck_told(truth):
+        told.append(said)
     others = sum(node.as_good for node in nodes.nodes if node is not nodes.best)
     if others:
         told.append(f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are {GRID_LUCK}")

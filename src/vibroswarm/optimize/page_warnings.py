@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -21,6 +22,8 @@ from vibroswarm.optimize.words import (
 
 ENOUGH: Final = 0.9
 """Share of the account of a search that is whole."""
+WIDE: Final = 0.25
+"""Share of the true score: where its limits are further away, fresh runs were too few."""
 
 
 def warnings_of(
@@ -29,7 +32,11 @@ def warnings_of(
     """All that hold, the gravest first."""
     told = [_unfinished(found), *_failures(found, truth, front)]
     if truth is not None:
-        told += [_luck(truth), *_nothing_found(found.search, truth), _at_bounds(found.search, found.values)]
+        told += [
+            luck_told(truth),
+            *_nothing_found(found.search, truth),
+            _at_bounds(found.search, found.values),
+        ]
     elif front is not None:
         told.append(_front_luck(front))
     elif len(found.search.objectives) > 1:
@@ -65,8 +72,21 @@ def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[st
     return told
 
 
-def _luck(truth: Truth) -> str:
-    return "" if truth.luck == "none to be seen" else truth.words
+def luck_told(truth: Truth) -> str:
+    """What the difference between believed and true is, or that what is true is hardly known; else empty."""
+    if truth.luck != "none to be seen":
+        return truth.words
+    score = truth.winner.score
+    if score.estimate == 0:
+        return ""
+    within = max(score.high - score.estimate, score.estimate - score.low) / abs(score.estimate)
+    if within <= WIDE:
+        return ""
+    known = f"to within {100 * within:.0f} %" if math.isfinite(within) else "without limits"
+    return (
+        f"So few fresh runs do not tell much: what is true is known {known}. More of them (`--fresh`) tell more, and "
+        "say whether the search believed too little."
+    )
 
 
 def _nothing_found(search: Search, truth: Truth) -> list[str]:

@@ -79,8 +79,11 @@ class Truth:
 
     @property
     def difference(self) -> float:
-        """By which share of the true score the search believed too little; below 0: too much."""
-        return (self.winner.score.estimate - self.believed) / abs(self.winner.score.estimate)
+        """By which share of the true score the search believed too little; below 0: too much. Of a score of 0: none."""
+        true = self.winner.score.estimate
+        if true == 0:
+            return 0.0 if self.believed == 0 else math.nan
+        return (true - self.believed) / abs(true)
 
     @property
     def luck(self) -> str:
