@@ -76,15 +76,18 @@ def cache_folder() -> Path | None:
 ENGINES: Final = ("event", "fixed_step")
 
 
-def is_cached() -> bool:
-    """Whether the engine of these sources has been compiled and kept before (or needs no compiling).
+def is_cached(*modules: str) -> bool:
+    """Whether an engine of these sources has been compiled and kept before (or needs no compiling).
 
     Others do not count: a floor that is drawn compiles a little before any robot moves.
+
+    Args:
+        modules: last names of those that hold the engine; without, any will do.
     """
     if not _compiles():
         return True
     folder = cache_folder()
-    return folder is not None and any(any(folder.rglob(f"{engine}.*.nbc")) for engine in ENGINES)
+    return folder is not None and any(any(folder.rglob(f"{engine}.*.nbc")) for engine in modules or ENGINES)
 
 
 def zero_rows(count: int | tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray[np.void]:

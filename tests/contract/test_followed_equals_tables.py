@@ -17,7 +17,7 @@ from vibroswarm.motion.contract import Source
 from vibroswarm.motion.event import EVENT, EventRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.optimize import followed
-from vibroswarm.optimize.followed import PIECE_S, outcomes_of
+from vibroswarm.optimize.followed import LOOK_S, PIECE_S, outcomes_of
 from vibroswarm.optimize.outcomes import Outcomes, from_result
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
@@ -47,8 +47,11 @@ def by_tables(scenario: Scenario, seed: int, runs: list[int], motion: str = "eve
 @given(draws, st.integers(0, 2**63 - 1), st.integers(0, 2**32 - 2))
 def test_followed_equals_tables(draw: Draw, seed: int, run: int) -> None:
     scenario = replace(draw, stop="t_end").scenario()
+    by_tables_ = by_tables(scenario, seed, [run, run + 1])
     (found,) = outcomes_of([scenario], seed, [run, run + 1])
-    equal(found, by_tables(scenario, seed, [run, run + 1]))
+    equal(found, by_tables_)
+    for found in outcomes_of([scenario, scenario], seed, [run, run + 1]):  # not by the kernel for one alone
+        equal(found, by_tables_)
 
 
 @pytest.mark.parametrize("name", ["paper", "paper-empirical", "text", "calibrated"])
@@ -77,11 +80,15 @@ def test_runs_in_any_order_and_alone(motion: str) -> None:
         equal(row(together, k), alone)
 
 
-def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("together", [False, True])
+def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch, together: bool) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
-    monkeypatch.setattr(followed, "PIECE_S", 1.0)  # so that no run is moved beyond its end already
-    scenario = Draw(strategy="none", robots=20).scenario()
-    runs = list(range(120))
+    for name in ("PIECE_S", "LOOK_S"):
+        monkeypatch.setattr(followed, name, 1.0)  # so that no run is moved beyond its end already
+    if together:
+        monkeypatch.setattr(followed, "can_follow", lambda state: False)
+    scenario = Draw(strategy="none", robots=12).scenario()
+    runs = list(range(150))
     result = simulate(scenario, 1, runs, energies=False)
     (found,) = outcomes_of([scenario], 1, runs)
     equal(found, from_result(result))
@@ -98,28 +105,28 @@ def test_where_a_run_stops_does_not_matter() -> None:
     assert (one.end_s < 150.0).any()
 
 
-def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("together", [False, True])
+def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch, together: bool) -> None:
     reached: list[float] = []
-    start, go_on = KernelRun.start, KernelRun.go_on
+    for name in ("_follow_alone", "_follow_together"):
+        right = getattr(followed, name)
 
-    def started(self: KernelRun, seed: int, run: int) -> None:
-        start(self, seed, run)
-        reached.append(0.0)
+        def then_note(state: KernelRun, course: Any, r: int, right: Any = right) -> None:
+            right(state, course, r)
+            reached.append(state.time_s)
 
-    def went_on(self: KernelRun, until_s: float, take: Any) -> Any:
-        reached[-1] = until_s
-        return go_on(self, until_s, take)
-
-    monkeypatch.setattr(KernelRun, "start", started)
-    monkeypatch.setattr(KernelRun, "go_on", went_on)
+        monkeypatch.setattr(followed, name, then_note)
+    if together:
+        monkeypatch.setattr(followed, "can_follow", lambda state: False)
+    look_s = PIECE_S if together else LOOK_S
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     (found,) = outcomes_of([scenario], 3, range(20))
-    moved_s = np.array(reached[-20:])
+    moved_s = np.array(reached)
     assert (moved_s >= np.minimum(found.end_s, 1200.0)).all()
     decided_s = found.decision_time_s.max(axis=1)
     early = (found.decision != -1).all(axis=1) & (decided_s < 1000.0)
     assert early.sum() > 10
-    assert (moved_s[early] <= np.maximum(decided_s + PIECE_S, found.end_s + 0.02)[early]).all()
+    assert (moved_s[early] <= np.maximum(decided_s + look_s, found.end_s)[early] + 0.03).all()
     assert (moved_s[(found.decision == -1).any(axis=1)] == 1200.0).all()
 
 

@@ -114,7 +114,8 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
         return None
     course = np.unwrap(np.arctan2(dy, dx))
     middle = ((time[1:] + time[:-1]) / 2)[1:-1]
-    slope = float(np.polyfit(middle - middle.mean(), course, 1)[0])
+    middle = middle - middle.mean()
+    slope = float(middle @ course / (middle @ middle))  # least squares
     return float(step.sum() / dt.sum()), slope
 
 

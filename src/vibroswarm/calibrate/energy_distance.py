@@ -60,12 +60,24 @@ def mean_distance(one: Floats, other: Floats | None = None, room: Floats | None 
     Args:
         room: at least as many numbers as pairs, overwritten: memory that was used before is there at once.
     """
+    if one.shape[1] == 1:
+        return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
     columns = one if other is None else other
     out = None if room is None else room[: len(one) * len(columns)].reshape(len(one), len(columns))
     table = cdist(one, columns, out=out)
     if other is None:
         return float(table.sum()) / (len(one) * (len(one) - 1))
     return float(table.mean())
+
+
+def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
+    """``mean_distance`` of single numbers: in their order, each is above so many others and below the rest."""
+    others = np.sort(one if other is None else other)
+    below = np.searchsorted(others, one)
+    sums = np.append(0.0, np.cumsum(others))
+    n = others.size
+    total = float((one * (2 * below - n) + sums[n] - 2.0 * sums[below]).sum())
+    return total / (one.size * (n - (other is None)))
 
 
 class Inside(NamedTuple):

@@ -16,6 +16,8 @@ from typing import Final
 
 LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.")
 """Where the kernels are that the other process compiles."""
+NOT_THERE: Final = "vibroswarm.inference.follow"
+"""Kernels of a search, which this process compiles."""
 LONGEST_S: Final = 60.0
 """Nobody waits longer for it; what it takes three seconds for, this process does as well by itself."""
 COMMAND: Final = (
@@ -47,7 +49,7 @@ def begin() -> bool:
         other.wait()
 
     def wait_for_it(module: str) -> None:
-        if module.startswith(LATER):
+        if module.startswith(LATER) and module != NOT_THERE:
             try:
                 other.wait(LONGEST_S)
             except subprocess.TimeoutExpired:

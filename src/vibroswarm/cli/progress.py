@@ -49,12 +49,16 @@ class _Lines:
             print(f"{self.what}: {100 * share:.0f} %", file=sys.stderr, flush=True)
 
 
-def say_compiling() -> None:
-    """Say so if kernels must be compiled first, and have another process help."""
+def say_compiling(*modules: str) -> None:
+    """Say so if kernels must be compiled first, and have another process help.
+
+    Args:
+        modules: last names of those that hold the engine; without, any will do.
+    """
     from vibroswarm.cli.beside import begin
     from vibroswarm.compiled import is_cached
 
-    if not is_cached():
+    if not is_cached(*modules):
         begin()
         print("compiling the engine, once (about 10 s; kept for later runs) ...", file=sys.stderr, flush=True)
 

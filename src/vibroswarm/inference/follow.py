@@ -216,7 +216,7 @@ class Follower:
         tick = int(self.notes.undecided[1])
         return None if tick < 0 else tick * self.tick_ms / 1000.0
 
-    @property
-    def may_revise(self) -> bool:
-        """Whether a robot that has decided may decide otherwise later."""
-        return self.program.revise and self.program.strategy == SOFT
+
+def may_revise(scenario: Scenario) -> bool:
+    """Whether a robot that has decided may decide otherwise later."""
+    return scenario.decision.revise and scenario.strategy.name == "soft"

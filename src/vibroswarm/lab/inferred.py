@@ -346,8 +346,6 @@ def _from_sent(
 def _from_received(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
-    from scipy import stats  # half a second, for this alone
-
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
     own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):
@@ -382,8 +380,18 @@ def _from_received(
         of_ones, of_all, *shares = np.array(found).T
         for one, share in zip(STRATEGIES, shares, strict=True):
             likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
-            total[one] += math.fsum(stats.binom.logpmf(of_ones, of_all, likely))
+            total[one] += math.fsum(_log_binomial(of_ones, of_all, likely))
     return total, used, "bits received"
+
+
+def _log_binomial(
+    ones: NDArray[np.float64], n: NDArray[np.float64], share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Logarithms of the probabilities of so many ones among n, each with probability ``share`` in (0, 1)."""
+    from scipy.special import gammaln
+
+    ways = gammaln(n + 1) - gammaln(ones + 1) - gammaln(n - ones + 1)
+    return np.asarray(ways + ones * np.log(share) + (n - ones) * np.log1p(-share))
 
 
 def _held(most: float) -> str:

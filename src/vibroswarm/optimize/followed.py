@@ -11,9 +11,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.inference.follow import Follower
+from vibroswarm.followed_events import can_follow, follow_until_decided
+from vibroswarm.inference.follow import Follower, may_revise
 from vibroswarm.motion.contract import source
+from vibroswarm.motion.event import EventRun
 from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.neighbours import SMALL_SWARM
 from vibroswarm.observation.ground import grounds_of
 from vibroswarm.optimize.outcomes import Outcomes, end_s, from_result, truths
 from vibroswarm.outcome import fill_ratios
@@ -21,7 +24,9 @@ from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of, simulate
 
 PIECE_S: Final = 100.0
-"""So far runs move between two looks whether all have decided: a look costs as much as moving for some 10 s."""
+"""So far runs move between two looks whether all have decided: a look costs as much as moving for some 20 s."""
+LOOK_S: Final = 20.0
+"""The same where a look costs next to nothing."""
 
 
 def outcomes_of(
@@ -44,29 +49,56 @@ def outcomes_of(
     return [found[k] for k in range(len(scenarios))]
 
 
+def engine_of(scenarios: Sequence[Scenario], motion: str = "event") -> str:
+    """Last name of the module whose kernel moves the robots when the outcomes of these scenarios are asked for.
+
+    Args:
+        scenarios, motion: as of ``outcomes_of``.
+    """
+    first, *others = scenarios
+    few = first.swarm.robots <= SMALL_SWARM
+    if motion == "event" and few and not others and not may_revise(first):
+        return "followed_events"
+    return motion.replace("-", "_")
+
+
 def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str) -> list[Outcomes]:
     """The outcomes of these runs of scenarios that move alike."""
     state = source(motion).init(scenarios[0], seed, runs[0], False)
     if not isinstance(state, KernelRun):
         return [from_result(simulate(one, seed, runs, motion=motion, energies=False)) for one in scenarios]
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
+    by_one_kernel = engine_of(scenarios, motion) == "followed_events"
+    for r, run in enumerate(runs):
+        state.start(seed, run)
+        for course in courses:
+            course.follower.begin(run, course.grounds[r])
+        if by_one_kernel and can_follow(state):
+            _follow_alone(state, courses[0], r)
+        else:
+            _follow_together(state, courses, r)
+        for course in courses:
+            course.finish(r)
+    return [course.outcomes() for course in courses]
+
+
+def _follow_together(state: KernelRun, courses: Sequence[_Course], r: int) -> None:
+    """Move run ``r`` from its start for as long as any course needs it."""
 
     def take(rows: NDArray[np.void]) -> None:
         for course in courses:
             course.follower.take(rows)
 
-    first_s = min(course.first_s for course in courses)
-    for r, run in enumerate(runs):
-        state.start(seed, run)
-        for course in courses:
-            course.follower.begin(run, course.grounds[r])
-        until_s = first_s
-        while until_s > state.time_s:
-            state.go_on(until_s, take)
-            until_s = max(course.until_s(r, state.time_s) for course in courses)
-        for course in courses:
-            course.finish(r)
-    return [course.outcomes() for course in courses]
+    until_s = min(course.first_s for course in courses)
+    while until_s > state.time_s:
+        state.go_on(until_s, take)
+        until_s = max(course.until_s(r, state.time_s) for course in courses)
+
+
+def _follow_alone(state: EventRun, course: _Course, r: int) -> None:
+    """The same for one course, by one kernel."""
+    follow_until_decided(state, course.follower, course.scenario.run.t_end_s, LOOK_S)
+    follow_until_decided(state, course.follower, course.until_s(r, state.time_s), LOOK_S, even_then=True)
 
 
 class _Course:
@@ -95,7 +127,7 @@ class _Course:
 
     def until_s(self, r: int, now_s: float) -> float:
         """Until when run ``r`` has to move; no further if that is not later than now."""
-        if self.follower.all_decided_s is None or self.follower.may_revise:
+        if self.follower.all_decided_s is None or may_revise(self.scenario):
             return min(now_s + PIECE_S, self.scenario.run.t_end_s)
         self.note(r)
         return min(float(self.end_s[r]) + self.scenario.tick_s, self.scenario.run.t_end_s)

@@ -9,7 +9,7 @@ import hashlib
 import json
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -140,19 +140,23 @@ def run_cells(
     for cell in cells:
         how = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
         groups.setdefault(how, {}).setdefault(cell.key, cell)
-    came: dict[str, CellCame] = {}
+    read: list[Future[dict[str, CellCame]]] = []
     weights = [_weight(list(group.values()), how) for how, group in groups.items()]
     before = 0.0
-    for (how, group), weight in zip(groups.items(), weights, strict=True):
-        study = study_of(group, how)
+    with ThreadPoolExecutor(1) as reader:  # the cells of a study are summed up while the next study runs
+        for (how, group), weight in zip(groups.items(), weights, strict=True):
+            study = study_of(group, how)
 
-        def told(now: Told, before: float = before, weight: float = weight) -> None:
-            tell((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
+            def told(now: Told, before: float = before, weight: float = weight) -> None:
+                tell((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
 
-        result = run(study, folder / study.hash, workers=workers, tell=told)
-        came |= _read(result, list(group.values()), how[2], workers)
-        before += weight
-        tell(before / sum(weights))
+            result = run(study, folder / study.hash, workers=workers, tell=told)
+            read.append(reader.submit(_read, result, list(group.values()), how[2], workers))
+            if workers == 1:
+                wait(read)
+            before += weight
+            tell(before / sum(weights))
+        came = {key: one for each in read for key, one in each.result().items()}
     return Came(seed, runs, came)
 
 

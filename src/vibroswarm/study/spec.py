@@ -240,6 +240,10 @@ class Study:
 
         The text stands alone: floors from files are written out, and all fields of the scenario.
         """
+        return self._toml
+
+    @cached_property
+    def _toml(self) -> str:
         values: dict[str, Any] = {"format": FORMAT, "seed": self.seed}
         values |= {"name": self.name} if self.name else {}
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
