@@ -118,6 +118,7 @@ class _Todo:
     def done(self, wanted: Sequence[Cell]) -> Came:
         """Run the cells and compute the items: those that need no cells beside them, where workers are several."""
         alone = [item for item in self.items if not self.cells[item.name]]
+        alone.reverse()  # the search first, which leaves Python to the planning of the cells
         aside = alone if wanted and (self.settings.workers or processors()) > 1 else []
         with beside((lambda check: self._compute(aside, None, check)) if aside else None) as check:
             came = self._run(wanted, check)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -358,6 +359,10 @@ def _inline(value: Any) -> str:
     """A value as TOML; a range in one line, since a table would move behind the fields that follow it."""
     import tomli_w
 
+    if type(value) is int:
+        return str(value)
+    if type(value) is float and math.isfinite(value):
+        return repr(value)
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{name} = {_inline(part)}" for name, part in value.items()) + " }"
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
