@@ -100,7 +100,7 @@ def _draw(
     title: str,
 ) -> Any:
     width_m, height_m = float(edges[0][-1]), float(edges[1][-1])
-    map_in = style.width_in * 0.68
+    map_in = style.width_in * 0.65
     height = min(style.tallest_in, map_in * height_m / width_m + style.font_pt * (5.5 if title else 3.5) / 72)
     height = max(height, 0.6 * style.height_in)
     figure = new_figure(style, height_in=height, title=title)
