@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -28,20 +29,25 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
     if path.exists() and not replace:
         raise InputError(f"'{path}' exists already; choose another name or say --force", field="--out")
+    # Named before it is there, so that whatever ends this, even Ctrl-C just as it is made, leaves none behind.
+    part = path.parent / f".{path.name}.{secrets.token_hex(6)}{path.suffix}"
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-    except OSError as error:
-        raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
-    part = Path(name)
-    try:
+        try:
+            _make_empty(part)
+        except OSError as error:
+            raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
         yield part
         part.chmod(0o666 & ~_umask())
         part.replace(path)
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
-        part.unlink(missing_ok=True)
+        if os.path.isfile(part):  # noqa: PTH113 - Path's raises where the folder cannot even be read
+            part.unlink(missing_ok=True)
+
+
+def _make_empty(part: Path) -> None:
+    os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
 
 
 @contextmanager

@@ -297,7 +297,7 @@ def test_a_folder_that_can_only_be_read(copy: Path, monkeypatch: pytest.MonkeyPa
     def refuse(*_: object, **__: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("vibroswarm.files.tempfile.mkstemp", refuse)
+    monkeypatch.setattr("vibroswarm.files._make_empty", refuse)
     assert STUDY.run(copy).runs().height == 60
     assert STUDY.with_runs(20).run(copy).runs().height == 40
     with pytest.raises(InputError, match="Read-only file system"):
