@@ -57,16 +57,18 @@ def _run(state: KernelRun, follower: Follower, t_end_s: float, columns: SampleCo
     while True:
         before, new = state.copy(), list[NDArray[np.void]]()
 
-        def take(rows: NDArray[np.void], new: list[NDArray[np.void]] = new) -> None:
+        def keep(rows: NDArray[np.void], new: list[NDArray[np.void]] = new) -> None:
             new.append(joined([rows]))
+
+        def take(rows: NDArray[np.void], keep: Callable[[NDArray[np.void]], None] = keep) -> None:
+            keep(rows)
             follower.take(rows)
 
         rest = state.hand_over(min(state.time_s + PIECE_S, t_end_s), take)
         decided_s = follower.all_decided_s
         if decided_s is not None:
             new.clear()
-            until_s = decided_s + follower.tick_s
-            rest = before.hand_over(until_s, lambda rows, new=new: new.append(joined([rows])))  # type: ignore[misc]
+            rest = before.hand_over(decided_s + follower.tick_s, keep)
         for rows in new:
             columns.take(rows)
         if rest.segments is not None:
@@ -98,4 +100,4 @@ def _all_decided_s(motion: Motion, inference: pl.DataFrame, robots: int) -> floa
     """When the last robot of a run has decided for the first time, or None."""
     decided = inference["decision"] != -1
     first = motion.samples.filter(decided).group_by("robot").agg(pl.col("time_s").min())["time_s"]
-    return float(first.max()) if first.len() == robots else None  # type: ignore[arg-type]
+    return float(first.to_numpy().max()) if first.len() == robots else None

@@ -45,6 +45,12 @@ class Place(NamedTuple):
     top_m: float
 
 
+def place_of(floor: Floor) -> Place:
+    """Where a floor lies."""
+    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+
+
 class Response(NamedTuple):
     """How sensors respond, as the kernels read it.
 
@@ -231,8 +237,7 @@ def spill(sensor: Sensor, floor: Floor, grid: int = 40) -> float:
     """
     if sensor.edge_reach_m is None and sensor.edge_blur_m is None:
         return 0.0
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    place = place_of(floor)
     share = np.empty(floor.tiles.size)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     _shares_felt(place, floor.tiles.ravel(), reach_m, blur_m, grid, share)
@@ -247,8 +252,7 @@ def error_rates_on(sensor: Sensor, floor: Floor, grid: int = 40) -> tuple[float,
     """
     factors, weights = typical_factors(sensor)
     still, vibrating = (float(weights @ shares_below(sensor, kind, factors)) for kind in (False, True))
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    place = place_of(floor)
     kinds = floor.tiles.ravel() == 1
     share = kinds.astype(np.float64)
     if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None:

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inner
 from vibroswarm.draws import ALONE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.felt import Place, Response, factor_row, felt_tile, response_of, tile_below
+from vibroswarm.observation.felt import (
+    Place,
+    Response,
+    factor_row,
+    felt_tile,
+    place_of,
+    response_of,
+    tile_below,
+)
 from vibroswarm.scenario import Scenario
 
 
@@ -40,16 +48,11 @@ def grounds_of(
     return [
         Ground(
             floor.tiles.ravel(),
-            _place(floor),
+            place_of(floor),
             response._replace(first=first[r : r + 1], per_robot=per_robot[r : r + 1]),
         )
         for r, floor in enumerate(own)
     ]
-
-
-def _place(floor: Floor) -> Place:
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
 
 
 @inner

@@ -18,6 +18,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import page_tables as tables
 from vibroswarm.optimize.fronts import Front
+from vibroswarm.optimize.grid import Grid
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.page_warnings import warnings_of
 from vibroswarm.optimize.spec import Search
@@ -94,12 +95,21 @@ def made_details(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
     }
 
 
-def file_text(search: Search) -> str:
-    """The search as TOML; empty where its cost is a function, which no file holds."""
+def file_text(search: Search | Grid) -> str:
+    """A search or a grid as TOML; empty where its cost is a function, which no file holds."""
     try:
         return search.to_toml()
     except InputError:
         return ""
+
+
+def best_said(values: dict[str, Any], truth: Truth, unit: str) -> str:
+    """A winner with its values, what is true of it, and what was believed, in one sentence or two."""
+    unit, score = f" {unit}".rstrip(), truth.winner.score
+    return (
+        f"Best: {values_said(values)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; "
+        f"the search believed {truth.believed:.4g}{unit}."
+    )
 
 
 def _lead(found: Found, truth: Truth | None, front: Front | None) -> Iterable[str]:
@@ -110,12 +120,7 @@ def _lead(found: Found, truth: Truth | None, front: Front | None) -> Iterable[st
         f"candidates in {found.runs:,} runs{cases}; {failures_said(archive.failed)}."
     )
     if truth is not None:
-        unit = f" {search.objectives[0].unit}".rstrip()
-        score = truth.winner.score
-        yield (
-            f"Best: {values_said(found.values)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; the "
-            f"search believed {truth.believed:.4g}{unit}."
-        )
+        yield best_said(found.values, truth, search.objectives[0].unit)
     if front is not None:
         yield f"{len(front.members)} candidates are beaten by none in all of {' and '.join(front.names)}."
 

@@ -8,12 +8,19 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.errors import InputError
-from vibroswarm.optimize.grid import Grid, Nodes
-from vibroswarm.optimize.page import IN_FOLDER, QUOTE, commands, made_details, truth_parts
+from vibroswarm.optimize.grid import Nodes
+from vibroswarm.optimize.page import (
+    IN_FOLDER,
+    QUOTE,
+    best_said,
+    commands,
+    file_text,
+    made_details,
+    truth_parts,
+)
 from vibroswarm.optimize.page_warnings import luck_told
 from vibroswarm.optimize.truth import Truth
-from vibroswarm.optimize.words import GRID_LUCK, interval_said, short_names, value_said, values_said
+from vibroswarm.optimize.words import GRID_LUCK, short_names, value_said, values_said
 from vibroswarm.page.report import Column, Report, ReportCode, ReportPicture, ReportTable, Section, picture_of
 from vibroswarm.plots import Picture
 from vibroswarm.study.plan import plan_of
@@ -44,14 +51,14 @@ def grid_page(
         parts = truth_parts(truth, best.scored.score.n, (), unit)
         sections.append(Section("Believed and true", (truth.words,), parts))
     told = (f"The lowest: {values_said(best.cell.point)}. {IN_FOLDER}",)
-    file = "grid.toml" if grid_text(grid) else ""
+    file = "grid.toml" if file_text(grid) else ""
     sections.append(Section("The lowest cell", told, (commands(file, "paper"),)))
     drawn = [Section(TITLES[name], parts=(_shown(name, one, nodes),)) for name, one in pictures.items()]
     if drawn:
         sections.append(Section("The cells as pictures", sections=tuple(drawn), side_by_side=len(drawn) > 1))
     folded = bool(drawn) and len(nodes.nodes) > ROWS_IN_SIGHT
     sections.append(Section("The cells in numbers", (), (_cell_table(nodes),), folded=folded))
-    if text := grid_text(grid):
+    if text := file_text(grid):
         sections.append(Section("The grid's file", (), (ReportCode(text, "grid.toml"),), folded=True))
     return Report(
         title=grid.study.name or f"A grid, for the lowest {grid.objective.words}",
@@ -62,14 +69,6 @@ def grid_page(
     )
 
 
-def grid_text(grid: Grid) -> str:
-    """The grid as TOML; empty where its cost is a function, which no file holds."""
-    try:
-        return grid.to_toml()
-    except InputError:
-        return ""
-
-
 def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
     grid = nodes.grid
     varied = ", ".join(f"`{name}`" for name in grid.study.varied)
@@ -77,12 +76,7 @@ def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
     first = f"{len(nodes.nodes)} cells over {varied}, {_runs(nodes)} runs a cell, {aim}."
     if truth is None:
         return first, QUOTE
-    unit, score = f" {grid.objective.unit}".rstrip(), truth.winner.score
-    best = (
-        f"Best: {values_said(nodes.best.cell.point)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; "
-        f"the search believed {truth.believed:.4g}{unit}."
-    )
-    return first, best, QUOTE
+    return first, best_said(nodes.best.cell.point, truth, grid.objective.unit), QUOTE
 
 
 def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> list[str]:
@@ -169,7 +163,7 @@ def _runs(nodes: Nodes) -> str:
 def _details(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
     study = nodes.grid.study
     details = {"study": study.hash, "seed": str(study.seed), "engine": study.motion, **made_details(made_by)}
-    if grid_text(nodes.grid):
+    if file_text(nodes.grid):
         fresh = "" if truth is None else f" --fresh {truth.winner.score.n}"
         details["again, said in this folder"] = f"vibroswarm optimize grid.toml --method grid{fresh} --out ."
     return details

@@ -26,8 +26,8 @@ from vibroswarm.optimize.fronts import Front
 from vibroswarm.optimize.grid import Nodes
 from vibroswarm.optimize.journal import HEAD
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.page import search_page
-from vibroswarm.optimize.page_grid import grid_page, grid_text
+from vibroswarm.optimize.page import file_text, search_page
+from vibroswarm.optimize.page_grid import grid_page
 from vibroswarm.optimize.truth import Truth
 from vibroswarm.page.report import write_report as write_page
 from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
@@ -219,7 +219,7 @@ def write_grid(
         "result.json": json.dumps(nodes.as_dict(truth), indent=2, allow_nan=False) + "\n",
         "best.toml": nodes.best.cell.scenario.to_toml(),
     }
-    if text := grid_text(nodes.grid):
+    if text := file_text(nodes.grid):
         texts["grid.toml"] = text
     try:
         folder.mkdir(parents=True, exist_ok=True)

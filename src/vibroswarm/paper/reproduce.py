@@ -104,13 +104,8 @@ class _Todo:
         prints: Mapping[str, str],
         tell: Tell,
     ) -> None:
-        self.settings, self.folder, self.items, self.cells, self.prints = (
-            settings,
-            folder,
-            items,
-            cells,
-            prints,
-        )
+        self.settings, self.folder = settings, folder
+        self.items, self.cells, self.prints = items, cells, prints
         each = (1 - CELLS_SHARE) / max(len(items), 1)
         self.bar = Bar(tell, {CELLS: CELLS_SHARE, **{item.name: each for item in items}})
         self.made: dict[str, Tables] = {}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import cluster_share_of_distinct, mean_interval, plain, wilson
 from vibroswarm.result import CONSENSUS, ROBOTS
+from vibroswarm.study.rows import values_of
 
 Arrays = Mapping[str, NDArray[Any]]
 Figures = Mapping[str, NDArray[np.float64]]
@@ -43,7 +44,7 @@ def as_arrays(
         raise ValueError(f"{rows.height} rows of {shape} cells, runs and robots")
     tables: tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]] = {}, {}
     for name in READ[1:]:
-        values = _values(rows[name])
+        values = values_of(rows[name])
         sorted_ = np.empty(rows.height, dtype=values.dtype)
         sorted_[place] = values
         if name in ROBOTS:
@@ -51,12 +52,6 @@ def as_arrays(
         else:
             tables[1][name] = sorted_.reshape(shape)[:, :, 0].copy()
     return tables
-
-
-def _values(column: pl.Series) -> NDArray[Any]:
-    if isinstance(column.dtype, pl.Enum):
-        return column.to_physical().to_numpy()
-    return column.cast(pl.Float64).to_numpy() if column.null_count() else column.to_numpy()
 
 
 def figures_of(robots: Arrays, runs: Arrays, t_end_s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

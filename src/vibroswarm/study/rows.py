@@ -86,11 +86,12 @@ def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArra
 
 def columns_of(result: Result) -> tuple[Columns, Columns]:
     """What a result tells of robots, (1, runs, robots) each, and of runs, (runs,) each, without the walk."""
-    robots = {name: _values(result.robots[name]).reshape(1, result.runs.height, -1) for name in OF_ROBOTS}
-    return robots, {name: _values(result.runs[name]) for name in RUNS if name != "run"}
+    robots = {name: values_of(result.robots[name]).reshape(1, result.runs.height, -1) for name in OF_ROBOTS}
+    return robots, {name: values_of(result.runs[name]) for name in RUNS if name != "run"}
 
 
-def _values(column: pl.Series) -> NDArray[Any]:
+def values_of(column: pl.Series) -> NDArray[Any]:
+    """A column of ``ROWS`` as numbers, (rows,): not a number in place of null, one of a few words by its place."""
     if isinstance(column.dtype, pl.Enum):
         return column.to_physical().to_numpy()
     return column.cast(pl.Float64).to_numpy() if column.null_count() else column.to_numpy()
