@@ -28,7 +28,16 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inlined, inner
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.neighbours import how_many, listed
-from vibroswarm.motion.plans import Planner, Planners, along_arc, peek, pose_at, pushed_to
+from vibroswarm.motion.plans import (
+    Planner,
+    Planners,
+    along_arc,
+    peek,
+    pose_at,
+    pushed_to,
+    swung_to,
+    turn_command,
+)
 from vibroswarm.motion.wakes import NEVER
 from vibroswarm.robot.walk import DRIVE, STOP
 
@@ -42,8 +51,7 @@ SAG_ROUNDING_M = 1e-9
 @inlined
 def prepare_to_look(row: Planner, setup: Setup) -> None:
     """Where about a plan that reaches to its ``own_tick`` takes the robot; a driver's pose there."""
-    row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
-    row.chord_x_m = row.chord_y_m = row.slack_m = 0.0
+    stand_still(row)
     if row.mode == STOP:
         return
     if row.mode == DRIVE:
@@ -61,17 +69,34 @@ def prepare_to_look(row: Planner, setup: Setup) -> None:
         row.slack_m = abs(row.radius_m) + ROUNDING_M
 
 
+@inlined
+def stand_still(row: Planner) -> None:
+    """About where a robot is that stays where it is."""
+    row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
+    row.chord_x_m = row.chord_y_m = row.slack_m = 0.0
+
+
 @inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
-    """Ticks for which a robot that drives, and whose move has just been blocked, stays blocked, at most ``most``.
+    """Ticks for which a robot whose move has just been blocked stays blocked, at most ``most``.
 
     It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
     """
     row = planners[i]
+    error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
+    gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
+    shift = (
+        abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
+    )  # of where a driver would go, a tick
     n = 1
     while n < most:
-        x, y = pushed_to(row, setup, n)
-        shift = abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s  # of that place, a tick
+        if row.mode == DRIVE:
+            x, y = pushed_to(row, setup, n)
+        else:
+            error_deg -= gyro_deg
+            integral_deg_s += error_deg * setup.tick_s
+            gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
+            x, y = swung_to(row, setup, row.error_deg - error_deg, gyro_deg)
         wall = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         held = held_ticks(setup.radius_m - wall, shift)
         for m in range(how_many(near, i)):
@@ -81,14 +106,17 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
                 continue
             if other.mode != STOP and other.own_tick <= row.tick + n:
                 return n
-            other_x, other_y, _ = pose_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
+            if other.blocked:
+                other_x, other_y = other.x_m, other.y_m
+            else:
+                other_x, other_y, _ = pose_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
             apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
             held = held_ticks(2.0 * setup.radius_m - apart, shift + other.rate_m)
             if other.mode != STOP:
                 held = min(held, other.own_tick - row.tick - n)
         if held == 0:
             return n
-        n += held
+        n += held if row.mode == DRIVE else 1
     return most
 
 
@@ -123,6 +151,8 @@ def wall_tick(row: Planner, setup: Setup) -> int:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
     if row.mode != DRIVE:
+        if row.blocked:  # and stays so
+            return NEVER
         x, y = row.mid_x_m, row.mid_y_m
         near = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
         return int(row.tick + 1) if near - row.slack_m < inset else NEVER

@@ -24,6 +24,7 @@ from vibroswarm.motion.ahead import (
     meeting_tick,
     passing_tick,
     prepare_to_look,
+    stand_still,
     stops_before,
     wall_tick,
 )
@@ -124,8 +125,11 @@ def events(
             continue
         count = rouse(planners, near, places, apart, awake, count, setup, speeds, record, seed, run, tick)
         step(planners, near, apart, awake, count, setup, record, seed, run, tick)
+        blocked = 0
         for k in range(count):
-            plan(planners, near, places, one_of(awake, k), setup, tick)
+            blocked += plan(planners, places, one_of(awake, k), setup, tick)
+        if blocked > 0:
+            hold(planners, near, places, awake, count, setup, tick)
         for k in range(count):
             meet(planners, wakes, near, places, apart, standing, one_of(awake, k), setup, tick)
         for k in range(count):
@@ -403,7 +407,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
 @inner
 def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, until: int) -> None:
     """Write down a turn's further segments, one for each tick before ``until`` at which its command changes."""
-    if row.mode == STOP or row.mode == DRIVE or row.blocked:
+    if row.mode == STOP or row.mode == DRIVE:
         return
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
     before = turn_command(setup, error_deg, integral_deg_s)
@@ -414,27 +418,60 @@ def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, unt
         if command != before and tick > row.written_tick:
             x_m, y_m, heading, _, _ = turned_by(row, row.error_deg - error_deg)
             rate = math.radians(row.turn_gain * command) / setup.tick_s
-            write_segment(record, run, i, tick, (x_m, y_m, heading), row.radius_m * rate, rate, row.mode)
+            speed_m_s = 0.0 if row.blocked else row.radius_m * rate
+            write_segment(record, run, i, tick, (x_m, y_m, heading), speed_m_s, rate, row.mode)
         before = command
     row.written_tick = until - 1
 
 
 @inlined
-def plan(
-    planners: Planners, near: NDArray[np.uint32], places: NDArray[np.float64], i: int, setup: Setup, tick: int
-) -> None:
-    """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall."""
+def plan(planners: Planners, places: NDArray[np.float64], i: int, setup: Setup, tick: int) -> int:
+    """Until when robot ``i`` knows of nothing by itself: its own next event, or a wall.
+
+    Gives 1 if its move is blocked, which ``hold`` then sees to, else 0.
+    """
     row = planners[i]
     ahead = own_ticks(row, setup, HORIZON_TICKS)
-    if row.blocked:
-        ahead = blocked_ticks(planners, near, i, setup, ahead) if row.mode == DRIVE else 1
     row.own_tick = row.last_tick = tick + ahead
+    if row.blocked:
+        stand_still(row)
+        return 1
     if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
         row.last_tick += ticks_to_sample(setup, 0) + 1
     prepare_to_look(row, setup)
     if planners.size <= SMALL_SWARM:
         put_down(places, i, row, setup)
     row.alert_tick = wall_tick(row, setup)
+    return 0
+
+
+@inner
+def hold(
+    planners: Planners,
+    near: NDArray[np.uint32],
+    places: NDArray[np.float64],
+    awake: NDArray[np.uint32],
+    count: int,
+    setup: Setup,
+    tick: int,
+) -> None:
+    """Plan those awake whose moves are blocked, when the others have plans and stand where they are.
+
+    Two that block each other stay as long as both are blocked: the first to go on wakes the other.
+    """
+    for k in range(count):
+        i = one_of(awake, k)
+        row = planners[i]
+        if not row.blocked:
+            continue
+        ahead = blocked_ticks(planners, near, i, setup, row.own_tick - tick)
+        row.own_tick = row.last_tick = tick + ahead
+        if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
+            row.last_tick += ticks_to_sample(setup, 0) + 1
+        prepare_to_look(row, setup)
+        if planners.size <= SMALL_SWARM:
+            put_down(places, i, row, setup)
+        row.alert_tick = wall_tick(row, setup)
 
 
 @inlined

@@ -328,6 +328,21 @@ def pushed_to(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
 
 
 @inlined
+def swung_to(row: Planner, setup: Setup, turned_deg: float, gyro_deg: float) -> tuple[float, float]:
+    """Where the move of a robot that turns and is blocked would end, m, m.
+
+    Args:
+        turned_deg: since its plan's tick. gyro_deg: what it turns with this move.
+    """
+    half = 0.5 * math.radians(gyro_deg)
+    sine, cosine = sin_cos(math.radians(turned_deg) + half)
+    pivot_m = 0.5 * row.misalignment * setup.turn_track_m
+    chord = 2.0 * half * pivot_m * (1.0 - half * half / 6.0 * (1.0 - half * half / 20.0))
+    x_m = row.x_m + chord * (row.cos_h * cosine - row.sin_h * sine)
+    return x_m, row.y_m + chord * (row.sin_h * cosine + row.cos_h * sine)
+
+
+@inlined
 def catch_up(row: Planner, setup: Setup, tick: int) -> None:
     """Bring a robot that walks to ``tick``, just before its step there: pose, clocks, turn, time account."""
     n = tick - row.tick
