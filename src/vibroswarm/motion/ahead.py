@@ -97,8 +97,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
             integral_deg_s += error_deg * setup.tick_s
             gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
             x, y = swung_to(row, setup, row.error_deg - error_deg, gyro_deg)
-        wall = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
-        held = held_ticks(setup.radius_m - wall, shift)
+        held = held_ticks(setup.radius_m - to_wall_m(setup, x, y), shift)
         for m in range(how_many(near, i)):
             j = listed(near, i, m)
             other = planners[j]
@@ -153,15 +152,35 @@ def wall_tick(row: Planner, setup: Setup) -> int:
     if row.mode != DRIVE:
         if row.blocked:  # and stays so
             return NEVER
-        x, y = row.mid_x_m, row.mid_y_m
-        near = min(min(x, setup.width_m - x), min(y, setup.height_m - y))
-        return int(row.tick + 1) if near - row.slack_m < inset else NEVER
+        near = to_wall_m(setup, row.mid_x_m, row.mid_y_m)
+        return NEVER if near - row.slack_m >= inset else turn_at_walls(row, setup)
     far = max(setup.ray_reach_m, inset) + row.slack_m
     left, right = min(row.x_m, row.own_x_m), max(row.x_m, row.own_x_m)
     low, high = min(row.y_m, row.own_y_m), max(row.y_m, row.own_y_m)
     if left >= far and low >= far and right <= setup.width_m - far and high <= setup.height_m - far:
         return NEVER
     return tick_at_walls(row, setup, inset)
+
+
+@inlined
+def to_wall_m(setup: Setup, x_m: float, y_m: float) -> float:
+    """How far a point is from the nearest wall, m."""
+    return min(min(x_m, setup.width_m - x_m), min(y_m, setup.height_m - y_m))
+
+
+@inner
+def turn_at_walls(row: Planner, setup: Setup) -> int:
+    """``wall_tick`` for a robot that turns near walls: the tick at which its pivot would swing its body into one."""
+    tick = row.tick + 1
+    while tick < row.own_tick:
+        x, y = peek(row, setup, tick)
+        gap = to_wall_m(setup, x, y) - setup.radius_m - ROUNDING_M
+        if gap < row.rate_m:
+            x, y = peek(row, setup, tick + 1)
+            if to_wall_m(setup, x, y) - setup.radius_m < ROUNDING_M:
+                return int(tick)
+        tick += max(1, int(gap / row.rate_m))
+    return NEVER
 
 
 @inner
@@ -313,16 +332,17 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 
 @inner
-def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> int:
+def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
     """First tick after ``tick`` at which one of two robots sees the other or is blocked by it.
 
-    NEVER if it does not come to that as long as both plans last.
+    Gives it, and to whom of the two the other matters then. NEVER if it does not come to that as long as both plans
+    last.
 
     Args:
         a_first: whether ``a`` moves before ``b``.
     """
     if a.mode == STOP and b.mode == STOP:
-        return NEVER
+        return NEVER, False, False
     last = min(a.own_tick, b.own_tick)
     touch = 2.0 * setup.radius_m + a.rate_m + b.rate_m
     reach = touch
@@ -333,27 +353,29 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
     while now <= last:
         free = apart_ticks(a, b, reach, now)
         if free >= last - now + 1:
-            return NEVER
+            return NEVER, False, False
         if free < 1.0:
-            sight, contact = clear_ticks(a, b, setup, touch, now, roughly, now >= a_heeds, now >= b_heeds)
-            if roughly and min(sight, contact) < 1.0:
+            a_sight, b_sight, contact = clear_ticks(
+                a, b, setup, touch, now, roughly, now >= a_heeds, now >= b_heeds
+            )
+            free = min(min(a_sight, b_sight), contact)
+            if roughly and free < 1.0:
                 roughly = not roughly
                 continue
-            if sight <= 0.0:
-                return int(now)
+            if a_sight <= 0.0 or b_sight <= 0.0:
+                return int(now), a_sight <= 0.0, b_sight <= 0.0
             if (
                 contact < 1.0
                 and now < last
                 and blocks_at(a if a_first else b, b if a_first else a, setup, now)
             ):
-                return int(now)
-            free = min(sight, contact)
+                return int(now), True, True
             if now < a_heeds:
                 free = min(free, a_heeds - now)
             if now < b_heeds:
                 free = min(free, b_heeds - now)
         now += max(1, int(free))
-    return NEVER
+    return NEVER, False, False
 
 
 @inner
@@ -365,7 +387,8 @@ def passing_tick(a: Planner, b: Planner, standing: Planner, setup: Setup) -> int
     """
     standing.mid_x_m, standing.mid_y_m, standing.own_tick = a.own_x_m, a.own_y_m, a.last_tick
     # Who is first is of no matter, but for a literal Numba would compile it anew.
-    return meeting_tick(standing, b, setup, a.own_tick - 1, a.own_tick < b.own_tick)
+    tick, _, _ = meeting_tick(standing, b, setup, a.own_tick - 1, a.own_tick < b.own_tick)
+    return tick
 
 
 @inlined
@@ -404,8 +427,8 @@ def clear_ticks(
     roughly: bool,
     a_looks: bool,
     b_looks: bool,
-) -> tuple[float, float]:
-    """Ticks that surely pass from ``tick`` before one sees the other, and before they are nearer than ``touch``.
+) -> tuple[float, float, float]:
+    """Ticks that surely pass from ``tick`` before ``a`` sees ``b``, ``b`` sees ``a``, and they are nearer than ``touch``.
 
     0 if it is so. Nearer than ``touch`` a single move may bring them into contact.
 
@@ -434,22 +457,19 @@ def clear_ticks(
     dx, dy = b_step * b_cos - a_step * a_cos, b_step * b_sin - a_step * a_sin
     apart = math.sqrt(x * x + y * y)
     contact = side_ticks(apart - touch - slack, creep - (x * dx + y * dy) / apart, swerve)
-    sight = SIDE_TICKS
+    a_sight = b_sight = SIDE_TICKS
     far = apart + SIDE_TICKS * (a.rate_m + b.rate_m)
     if a.mode == DRIVE and a_looks:
         spin = abs(a_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(a_bend) * far)
-        sight = fan_ticks(
+        a_sight = fan_ticks(
             setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
         )
-    if b.mode == DRIVE and b_looks and sight > 0.0:
+    if b.mode == DRIVE and b_looks:
         spin = abs(b_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(b_bend) * far)
-        sight = min(
-            sight,
-            fan_ticks(
-                setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
-            ),
+        b_sight = fan_ticks(
+            setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
         )
-    return sight, contact
+    return a_sight, b_sight, contact
 
 
 @inlined

@@ -215,10 +215,20 @@ def rouse(
                 j = robot_noted(planners, near, i, m)
                 other = planners[j]
                 moving = other.tick != tick and other.mode != STOP
-                if moving and maybe_within(other, row.x_m, row.y_m, setup.zone_m, tick):
+                if moving and is_within(other, row.x_m, row.y_m, setup.zone_m, setup, tick):
                     count += insert(awake, count, j)
                     k = 0
     return count
+
+
+@inlined
+def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Setup, tick: int) -> bool:
+    """Whether a robot is within a distance of a point at ``tick``: by its plan, if it may be by its chord."""
+    if not maybe_within(row, x_m, y_m, distance_m, tick):
+        return False
+    there_x, there_y, _ = pose_at(row, setup, tick)
+    dx, dy = there_x - x_m, there_y - y_m
+    return bool(dx * dx + dy * dy < distance_m * distance_m)
 
 
 @inlined
@@ -486,7 +496,7 @@ def meet(
     setup: Setup,
     tick: int,
 ) -> None:
-    """Wake robot ``i``, and those that it meets, by the tick at which they may matter to each other."""
+    """Wake robot ``i``, and those that it meets, by the tick at which one may matter to the other."""
     row = planners[i]
     # Who is further away than this cannot come near before it looks around again.
     far = max(setup.zone_m, setup.sight_m)
@@ -514,10 +524,11 @@ def meet(
 
 @inner
 def look_out(planners: Planners, wakes: NDArray[np.int64], i: int, j: int, setup: Setup, tick: int) -> None:
-    """Wake both by the first tick after ``tick`` at which they may matter to each other."""
-    meeting = meeting_tick(planners[i], planners[j], setup, tick, i < j)
-    if meeting < NEVER:
+    """Wake whom the other matters to by the first tick after ``tick`` at which it may: both look again from there."""
+    meeting, to_i, to_j = meeting_tick(planners[i], planners[j], setup, tick, i < j)
+    if to_i:
         alert(planners, wakes, i, meeting)
+    if to_j:
         alert(planners, wakes, j, meeting)
 
 
