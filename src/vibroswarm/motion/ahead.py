@@ -33,7 +33,7 @@ from vibroswarm.motion.plans import (
     Planners,
     along_arc,
     peek,
-    pose_at,
+    place_at,
     pushed_to,
     swung_to,
     turn_command,
@@ -105,10 +105,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
                 continue
             if other.mode != STOP and other.own_tick <= row.tick + n:
                 return n
-            if other.blocked:
-                other_x, other_y = other.x_m, other.y_m
-            else:
-                other_x, other_y, _ = pose_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
+            other_x, other_y = place_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
             apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
             held = held_ticks(2.0 * setup.radius_m - apart, shift + other.rate_m)
             if other.mode != STOP:

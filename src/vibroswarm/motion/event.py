@@ -57,6 +57,7 @@ from vibroswarm.motion.plans import (
     due_ticks,
     end_stop,
     own_ticks,
+    place_at,
     pose_at,
     stand_on,
     stops_at,
@@ -226,7 +227,7 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
     """Whether a robot is within a distance of a point at ``tick``: by its plan, if it may be by its chord."""
     if not maybe_within(row, x_m, y_m, distance_m, tick):
         return False
-    there_x, there_y, _ = pose_at(row, setup, tick)
+    there_x, there_y = place_at(row, setup, tick)
     dx, dy = there_x - x_m, there_y - y_m
     return bool(dx * dx + dy * dy < distance_m * distance_m)
 
@@ -358,7 +359,7 @@ def nearest_now_m(
                 continue
             other = planners[robot_noted(planners, near, i, m)]
             if maybe_within(other, x, y, setup.sight_m, tick):
-                other_x, other_y, _ = pose_at(other, setup, tick)
+                other_x, other_y = place_at(other, setup, tick)
                 disc = rays_to_disc(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h, other_x, other_y)
                 nearest = min(nearest, disc)
     return nearest if nearest <= setup.look_m else math.inf
@@ -409,7 +410,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
     if j < i and other.tick == tick and other.mode != STOP:
         other_x, other_y = other.from_x_m, other.from_y_m
     else:
-        other_x, other_y, _ = pose_at(other, setup, tick)
+        other_x, other_y = place_at(other, setup, tick)
     dx, dy = other_x - x_m, other_y - y_m
     return bool(dx * dx + dy * dy < 4.0 * setup.radius_m * setup.radius_m)
 

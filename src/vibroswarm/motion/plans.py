@@ -82,15 +82,17 @@ def turn_ahead(
     dt_s = setup.tick_s
     command = turn_command(setup, error_deg, integral_deg_s)
     gyro_deg = gain * command
-    n = 1
+    n, skipped = 1, False
     while n < most and abs(error_deg - gyro_deg) > setup.tolerance_deg:
         if is_tail(setup, gain, error_deg, integral_deg_s, command):
             n, error_deg, integral_deg_s = tail_ahead(setup, gain, error_deg, integral_deg_s, n, most)
             gyro_deg = gain * turn_command(setup, error_deg, integral_deg_s)
             break
-        skip = saturated_ticks(setup, gain, error_deg, integral_deg_s, command, most - n)
+        skip = 0 if skipped else saturated_ticks(setup, gain, error_deg, integral_deg_s, command, most - n)
         if skip > 0:
-            # So many ticks at full command: e falls by the same each time, the integral by its sum.
+            # So many ticks at full command: e falls by the same each time, the integral by its sum. Then hardly any
+            # are left, and it is not asked again.
+            skipped = True
             first = error_deg - gyro_deg
             integral_deg_s += dt_s * skip * (first - 0.5 * gyro_deg * (skip - 1))
             error_deg -= skip * gyro_deg
@@ -264,6 +266,17 @@ def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, floa
         return along_arc(row, n * setup.tick_s)
     error_deg, _, gyro_deg = turned_to(row, setup, n)
     return turned_by(row, row.error_deg - (error_deg - gyro_deg))
+
+
+@inner
+def place_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
+    """Position at a tick of the plan, m, m."""
+    if row.mode == STOP:
+        return row.x_m, row.y_m
+    if row.mode == DRIVE:
+        x_m, y_m, _, _, _ = along_arc(row, (tick - row.tick) * setup.tick_s)
+        return x_m, y_m
+    return peek(row, setup, tick)
 
 
 @inner
