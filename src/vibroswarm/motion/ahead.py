@@ -9,7 +9,6 @@ the fixed-step engine.
 |---|---|---|
 | look | m | rays matter up to the shorter of range and theta_c |
 | zone | m | nearer than this (two radii and two longest steps), a move may bring two robots into contact |
-| touch | m | the same, with the steps of the two plans in question |
 | sight | m | rays see nothing of a robot further away than this, centre to centre |
 | mid, chord | m, m a tick | about where a robot is: mid + chord n after n ticks of its plan; mid is a turn's pivot |
 | slack | m | how far beside that it may be |
@@ -46,6 +45,8 @@ SIDE_TICKS = 128.0
 
 ROUNDING_M = 1e-12
 SAG_ROUNDING_M = 1e-9
+CONTACT_M = 1e-9
+"""Bodies that come nearer than this to touching are looked at as they are."""
 
 
 @inlined
@@ -341,20 +342,18 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
     if a.mode == STOP and b.mode == STOP:
         return NEVER, False, False
     last = min(a.own_tick, b.own_tick)
-    touch = 2.0 * setup.radius_m + a.rate_m + b.rate_m
-    reach = touch
+    reach = 2.0 * setup.radius_m + a.rate_m + b.rate_m
     if a.mode == DRIVE or b.mode == DRIVE:
-        reach = max(touch, setup.sight_m)
+        reach = max(reach, setup.sight_m)
     roughly = is_turning(a) or is_turning(b)
-    now, a_heeds, b_heeds = tick + 1, heeds_tick(a, setup), heeds_tick(b, setup)
+    now, a_from, b_from = tick + 1, sees_from(a, setup), sees_from(b, setup)
     while now <= last:
         free = apart_ticks(a, b, reach, now)
         if free >= last - now + 1:
             return NEVER, False, False
         if free < 1.0:
-            a_sight, b_sight, contact = clear_ticks(
-                a, b, setup, touch, now, roughly, now >= a_heeds, now >= b_heeds
-            )
+            a_looks, b_looks = now >= a_from, now >= b_from
+            a_sight, b_sight, contact = clear_ticks(a, b, setup, now, a_first, roughly, a_looks, b_looks)
             free = min(min(a_sight, b_sight), contact)
             if roughly and free < 1.0:
                 roughly = not roughly
@@ -367,10 +366,12 @@ def meeting_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool)
                 and blocks_at(a if a_first else b, b if a_first else a, setup, now)
             ):
                 return int(now), True, True
-            if now < a_heeds:
-                free = min(free, a_heeds - now)
-            if now < b_heeds:
-                free = min(free, b_heeds - now)
+            # Who surely sees nothing for so long need not be asked before.
+            if a_looks:
+                a_from = now + max(1, int(a_sight))
+            if b_looks:
+                b_from = now + max(1, int(b_sight))
+            free = min(min(a_from, b_from) - now, contact)
         now += max(1, int(free))
     return NEVER, False, False
 
@@ -392,6 +393,12 @@ def passing_tick(a: Planner, b: Planner, standing: Planner, setup: Setup) -> int
 def is_turning(row: Planner) -> bool:
     """Whether a robot turns in place."""
     return bool(row.mode != DRIVE and row.mode != STOP)
+
+
+@inlined
+def sees_from(row: Planner, setup: Setup) -> int:
+    """The first tick at which a robot may see another: ``heeds_tick`` of one that drives, NEVER of others."""
+    return heeds_tick(row, setup) if row.mode == DRIVE else NEVER
 
 
 @inlined
@@ -419,19 +426,20 @@ def clear_ticks(
     a: Planner,
     b: Planner,
     setup: Setup,
-    touch: float,
     tick: int,
+    a_first: bool,
     roughly: bool,
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Ticks that surely pass from ``tick`` before ``a`` sees ``b``, ``b`` sees ``a``, and they are nearer than ``touch``.
+    """Ticks that surely pass from ``tick`` before ``a`` sees ``b``, ``b`` sees ``a``, and one's move ends in the other.
 
-    0 if it is so. Nearer than ``touch`` a single move may bring them into contact.
+    0 if one sees the other; below 1 if a move from ``tick`` may end so.
 
     Args:
+        a_first: whether ``a`` moves before ``b``.
         roughly: robots that turn are taken as standing somewhere within their slack, which is mostly enough.
-        a_looks, b_looks: whether their rays matter, if they drive.
+        a_looks, b_looks: whether it is asked what they see: only of those that drive.
     """
     a_x, a_y, a_sin, a_cos = about(a, setup, tick, roughly)
     b_x, b_y, b_sin, b_cos = about(b, setup, tick, roughly)
@@ -453,16 +461,28 @@ def clear_ticks(
     x, y = b_x - a_x, b_y - a_y
     dx, dy = b_step * b_cos - a_step * a_cos, b_step * b_sin - a_step * a_sin
     apart = math.sqrt(x * x + y * y)
-    contact = side_ticks(apart - touch - slack, creep - (x * dx + y * dy) / apart, swerve)
+    gap, both = apart - 2.0 * setup.radius_m - slack - CONTACT_M, a.rate_m + b.rate_m
+    closing = creep - (x * dx + y * dy) / apart
+    # The first has moved when the second has not: apart may then be less by its step, as after so many ticks.
+    contact = side_ticks(gap - (a.rate_m if a_first else b.rate_m), closing, swerve)
+    if contact < 1.0 and gap > 0.0:
+        on_x, on_y, beside = x - a_step * a_cos, y - a_step * a_sin, a.rate_m * abs(a_bend)
+        if not a_first:
+            on_x, on_y, beside = x + b_step * b_cos, y + b_step * b_sin, b.rate_m * abs(b_bend)
+        if is_turning(a if a_first else b):
+            beside = a.rate_m if a_first else b.rate_m
+        on = math.sqrt(on_x * on_x + on_y * on_y)
+        contact = side_ticks(gap - apart + on - beside, creep - (on_x * dx + on_y * dy) / on, swerve)
+        contact = min(contact, side_ticks(gap, closing, swerve))
     a_sight = b_sight = SIDE_TICKS
-    far = apart + SIDE_TICKS * (a.rate_m + b.rate_m)
-    if a.mode == DRIVE and a_looks:
-        spin = abs(a_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(a_bend) * far)
+    far = apart + SIDE_TICKS * both
+    if a_looks:
+        spin = abs(a_bend) * (2.0 * both + abs(a_bend) * far)
         a_sight = fan_ticks(
             setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
         )
-    if b.mode == DRIVE and b_looks:
-        spin = abs(b_bend) * (2.0 * (a.rate_m + b.rate_m) + abs(b_bend) * far)
+    if b_looks:
+        spin = abs(b_bend) * (2.0 * both + abs(b_bend) * far)
         b_sight = fan_ticks(
             setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
         )
