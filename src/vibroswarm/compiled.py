@@ -253,3 +253,12 @@ def signed(value: Any) -> int:
     Numba would compile for each size anew what is given one, and reckon unsigned with signed numbers as floats.
     """
     return np.int64(value)  # type: ignore[return-value]
+
+
+@kernel
+def unsigned(value: Any) -> int:
+    """An index that is not below 0: compiled code need not ask whether it counts from the end.
+
+    Only such may be added to it: with a signed number it would make a float.
+    """
+    return np.uint64(value)  # type: ignore[return-value]

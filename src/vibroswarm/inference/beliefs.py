@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
+from vibroswarm.compiled import kernel, unsigned
 from vibroswarm.robot.believe import SURE, belief_below
 
 LEAST_COUNTS: Final = 1024
@@ -54,8 +54,9 @@ def belief_of(beliefs: Beliefs, alpha: int, beta: int) -> float:
     place = alpha - int(boundary * counts) + values.shape[0] // 2
     if counts >= values.shape[1] or place < 0 or place >= values.shape[0]:
         return belief_below(alpha, beta, boundary)
-    known: float = values[place, counts]
+    row, column = unsigned(place), unsigned(counts)
+    known: float = values[row, column]
     if known == 0.0:
         known = belief_below(alpha, beta, boundary)
-        values[place, counts] = known
+        values[row, column] = known
     return known

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inner, kernel, read_only, signed, zero_rows
+from vibroswarm.compiled import inner, kernel, read_only, signed, unsigned, zero_rows
 from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
 from vibroswarm.inference.minds import (
     MIND,
@@ -88,9 +88,9 @@ def hear_all(
         ones_sent: (rows + 1,): ones among the run's messages before each row. own_ones: (rows,): ones among the
             sender's messages up to each row.
     """
-    ones = ones_sent[heard[HEARD_ROWS]]
+    ones = ones_sent[unsigned(heard[HEARD_ROWS])]
     if heard[LAST_OWN] >= 0:
-        ones -= own_ones[heard[LAST_OWN]]
+        ones -= own_ones[unsigned(heard[LAST_OWN])]
     return come_to(minds, i, ones, signed(heard[OTHERS]))
 
 
@@ -130,32 +130,33 @@ def replay_runs(
     in_full = columns.belief.size > 0
     begin_minds(minds, program)
     ones_sent[0] = 0
-    words = reach.words.shape[1]
-    told = words > 0
+    words, told = unsigned(reach.words.shape[1]), reach.words.shape[1] > 0
     for w in range(words):
         ones_reached[0, w] = 0
     for r in range(runs.size):
         low, high, run = bounds[r], bounds[r + 1], runs[r]
         swarm = minds[r * robots : (r + 1) * robots]
         senders, samples, bits = robot[low:high], sample[low:high], message[low:high]
-        for k in range(low, high):
-            i = signed(robot[k])
+        for m in range(unsigned(high - low)):
+            k, after = unsigned(low) + m, m + unsigned(1)
+            i = unsigned(robot[k])
             if told:
-                ones = in_lane(ones_reached[heard[k, HEARD_ROWS]], i)
+                ones = in_lane(ones_reached[unsigned(heard[k, HEARD_ROWS])], signed(i))
                 mind = come_to(swarm, i, ones, signed(reach.others[k]))
             elif loss > 0.0:
-                hear(swarm, i, heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
+                hear(swarm, signed(i), heard[k, HEARD_ROWS], senders, samples, bits, seed, run, loss)
                 mind = load_mind(swarm, i)
             else:
                 mind = hear_all(swarm, i, heard[k], ones_sent, own_ones)
             u = numbers[k] if program.strategy == SOFT else 0.5
-            bit = sample_with(mind, swarm, i, k, signed(observation[k]), u, program, beliefs, in_full)
+            seen = signed(observation[k])
+            bit = sample_with(mind, swarm, i, signed(k), seen, u, program, beliefs, in_full)
             message[k] = bit
-            ones_sent[k - low + 1] = ones_sent[k - low] + bit
-            own_ones[k - low] = swarm[i].own_ones
+            ones_sent[after] = ones_sent[m] + bit
+            own_ones[m] = swarm[i].own_ones
             for w in range(words):
                 more = reach.words[k, w] if bit == 1 else np.uint64(0)
-                ones_reached[k - low + 1, w] = ones_reached[k - low, w] + more
+                ones_reached[after, w] = ones_reached[m, w] + more
             if in_full:
                 write_row(columns, k, swarm, i)
         for i in range(robots):

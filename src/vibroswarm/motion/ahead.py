@@ -432,7 +432,7 @@ def clear_ticks(
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Ticks that surely pass from ``tick`` before ``a`` sees ``b``, ``b`` sees ``a``, and one's move ends in the other.
+    """Ticks that surely pass before ``a`` sees ``b``, before ``b`` sees ``a``, and before one's move ends in the other.
 
     0 if one sees the other; below 1 if a move from ``tick`` may end so.
 
