@@ -81,14 +81,15 @@ def stand_still(row: Planner) -> None:
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
     """Ticks for which a robot whose move has just been blocked stays blocked, at most ``most``.
 
-    It stands and turns on, by the others' plans; when one of those near changes its plan, it is woken anyway.
+    It stands and turns on, by the others' plans. When one of those near changes its plan, it is woken anyway; so it
+    is held only by those that stand, or that stay near from now on.
     """
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
     gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
-    shift = (
+    a_tick = (
         abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
-    )  # of where a driver would go, a tick
+    )  # so far a driver's place shifts
     n = 1
     while n < most:
         if row.mode == DRIVE:
@@ -98,7 +99,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
             integral_deg_s += error_deg * setup.tick_s
             gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
             x, y = swung_to(row, setup, row.error_deg - error_deg, gyro_deg)
-        held = held_ticks(setup.radius_m - to_wall_m(setup, x, y), shift)
+        held = held_ticks(setup.radius_m - to_wall_m(setup, x, y), a_tick)
         for m in range(how_many(near, i)):
             j = listed(near, i, m)
             other = planners[j]
@@ -108,13 +109,22 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
                 return n
             other_x, other_y = place_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
             apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
-            held = held_ticks(2.0 * setup.radius_m - apart, shift + other.rate_m)
-            if other.mode != STOP:
+            held = held_ticks(2.0 * setup.radius_m - apart, a_tick + other.rate_m)
+            if held > 0 and other.mode != STOP:
+                if not other.blocked and not stays_near(other, row, setup):
+                    return n
                 held = min(held, other.own_tick - row.tick - n)
         if held == 0:
             return n
         n += held if row.mode == DRIVE else 1
     return most
+
+
+@inlined
+def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
+    """Whether a robot whose plan brings it to touch another is within the zone all the way to there."""
+    far = setup.zone_m - 2.0 * other.slack_m
+    return bool(far > 2.0 * setup.radius_m and apart2(other, row.x_m, row.y_m, row.tick) < far * far)
 
 
 @inlined
@@ -170,7 +180,7 @@ def to_wall_m(setup: Setup, x_m: float, y_m: float) -> float:
 def turn_at_walls(row: Planner, setup: Setup) -> int:
     """``wall_tick`` for a robot that turns near walls: the tick at which its pivot would swing its body into one."""
     tick = row.tick + 1
-    while tick < row.own_tick:
+    while tick < row.own_tick and row.rate_m > 0.0:
         x, y = peek(row, setup, tick)
         gap = to_wall_m(setup, x, y) - setup.radius_m - ROUNDING_M
         if gap < row.rate_m:
