@@ -141,6 +141,17 @@ def test_calibrated_robots_are_identical_too(robots):
         assert apart < MICROMETRE
 
 
+@pytest.mark.parametrize("robots", [16, 30])
+@pytest.mark.parametrize("name", ["paper", "text"])
+def test_crowds_are_identical_too(name, robots):
+    """Many that block each other, of which one goes on first, and others that come near and turn before."""
+    for run in range(80):
+        scenario = preset(name).with_values({"swarm.robots": robots, "run.t_end_s": 60.0})
+        first, apart = difference(scenario, 2026116, run)
+        assert first is None, f"run {run} differs from {first} s on"
+        assert apart < MICROMETRE
+
+
 @given(
     robots=st.integers(1, 12),
     width=st.floats(0.2, 1.5),
