@@ -98,7 +98,13 @@ def begin_minds(minds: NDArray[np.void], program: MindProgram) -> None:
 @inner
 def lost(seed: int, run: int, receiver: int, sender: int, index: int, loss: float) -> bool:
     """Whether the sender's message of its sample ``index`` does not reach the receiver."""
-    return loss > 0.0 and uniform(seed, run, receiver, LOSS, index, sender) < loss
+    return loss > 0.0 and loss_number(seed, run, receiver, sender, index) < loss
+
+
+@inner
+def loss_number(seed: int, run: int, receiver: int, sender: int, index: int) -> float:
+    """The uniform number of a message and a receiver: below ``loss`` it does not arrive."""
+    return uniform(seed, run, receiver, LOSS, index, sender)
 
 
 @inner

@@ -15,9 +15,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, inner, read_only, signed
+from vibroswarm.compiled import allocating_kernel, inner, read_only, signed, unsigned
 from vibroswarm.draws import ALONE, MESSAGE, uniform
-from vibroswarm.inference.minds import lost
+from vibroswarm.inference.minds import loss_number
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
@@ -238,29 +238,45 @@ def reaching(
     words = np.zeros((robot.size, (robots + LANES - 1) // LANES), dtype=np.uint64)
     others = np.empty(robot.size, dtype=np.int32)
     at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
-    past = np.empty(robots, dtype=np.int32)  # rows of the run that the robot has come past
-    count = np.empty(robots, dtype=np.int32)
+    numbers = np.empty(robot.size, dtype=np.float64)
+    reached = np.zeros((robot.size + 1, words.shape[1]), dtype=np.uint64)  # by the messages before each row of a run
     for r in range(runs.size):
         low, high = bounds[r], bounds[r + 1]
-        past[:] = 0
-        count[:] = 0
-        for k in range(low, high + robots):
-            ended = k >= high
-            receiver = k - high if ended else signed(robot[k])
-            e = r * robots + receiver
-            until = heard_at_end[e, HEARD_ROWS] if ended else heard[k, HEARD_ROWS]
-            while past[receiver] < until:
-                count[receiver] += signed(in_lane(words[low + past[receiver]], receiver))
-                past[receiver] += 1
-            if ended:
-                at_end[e] = count[receiver]
-                continue
-            others[k] = count[receiver]
-            sender, index = receiver, signed(sample[k])
-            for i in range(robots):
-                if i != sender and not lost(seed, runs[r], i, sender, index, loss):
-                    words[k, i // LANES] |= np.uint64(1) << np.uint64(i % LANES * LANE_BITS)
+        for i in range(robots):
+            hears(words[low:high], numbers, i, seed, runs[r], robot[low:high], sample[low:high], loss)
+        for k in range(unsigned(low), unsigned(high)):
+            others[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
+            for w in range(unsigned(words.shape[1])):
+                place = k - unsigned(low)
+                reached[place + unsigned(1), w] = reached[place, w] + words[k, w]
+        for i in range(robots):
+            e = r * robots + i
+            at_end[e] = in_lane(reached[unsigned(heard_at_end[e, HEARD_ROWS])], i)
     return words, others, at_end
+
+
+@inner
+def hears(
+    words: NDArray[np.uint64],
+    numbers: NDArray[np.float64],
+    i: int,
+    seed: int,
+    run: int,
+    robot: NDArray[np.uint16],
+    sample: NDArray[np.uint32],
+    loss: float,
+) -> None:
+    """Put robot ``i`` into the words of a run's messages that reach it.
+
+    Args:
+        words: (rows, words), robot, sample: (rows,), of the run. numbers: scratch, as many or more.
+    """
+    for k in range(unsigned(robot.size)):  # a loop of its own, of which a compiler makes vectors
+        numbers[k] = loss_number(seed, run, i, signed(robot[k]), signed(sample[k]))
+    word, one = np.uint64(i // LANES), np.uint64(1) << np.uint64(i % LANES * LANE_BITS)
+    for k in range(unsigned(robot.size)):
+        reached = (robot[k] != i) & (numbers[k] >= loss)
+        words[k, word] |= one if reached else np.uint64(0)
 
 
 @inner

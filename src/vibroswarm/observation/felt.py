@@ -98,7 +98,8 @@ def nearest_of_kind(
             index = row * place.columns + column
             if tiles[index] == kind:
                 before = place.left_m + column * place.width_m - x_m
-                distance = math.hypot(max(before, -place.width_m - before, 0.0), up)
+                beside = max(before, -place.width_m - before, 0.0)
+                distance = math.sqrt(beside * beside + up * up)  # math.hypot takes ten times as long
                 if distance < best and distance <= within_m:
                     best, found = distance, index
     return found, best
