@@ -15,6 +15,7 @@ that of most (``CALM_S``). The first and last step, in which it starts and stops
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -108,11 +109,13 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
     time, x, y = track[first:last].T
     if time.size < 7:
         return None
-    dx, dy, dt = (np.diff(each)[1:-1] for each in (x, y, time))
+    dx, dy, dt = (each[2:-1] - each[1:-2] for each in (x, y, time))
     step = np.hypot(dx, dy)
     if step.min() < 0.2 * _median(step) or step.min() <= 0.0:
         return None
-    course = np.unwrap(np.arctan2(dy, dx))
+    course = np.arctan2(dy, dx)
+    if np.abs(np.diff(course)).max() >= math.pi:  # for most there is nothing to unwrap
+        course = np.unwrap(course)
     middle = ((time[1:] + time[:-1]) / 2)[1:-1]
     middle = middle - middle.mean()
     slope = float(middle @ course / (middle @ middle))  # least squares

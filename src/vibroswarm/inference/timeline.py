@@ -239,7 +239,9 @@ def reaching(
     others = np.empty(robot.size, dtype=np.int32)
     at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
     numbers = np.empty(robot.size, dtype=np.float64)
-    reached = np.zeros((robot.size + 1, words.shape[1]), dtype=np.uint64)  # by the messages before each row of a run
+    reached = np.zeros(
+        (robot.size + 1, words.shape[1]), dtype=np.uint64
+    )  # by the messages before each row of a run
     for r in range(runs.size):
         low, high = bounds[r], bounds[r + 1]
         for i in range(robots):

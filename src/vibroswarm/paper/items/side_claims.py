@@ -20,6 +20,7 @@ from vibroswarm.paper.published import published
 from vibroswarm.paper.real_floor import REAL_FLOOR, real_floor
 from vibroswarm.paper.show import two_forms
 from vibroswarm.plots import draw_density
+from vibroswarm.scenario import Scenario
 from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
@@ -47,8 +48,11 @@ def compute(work: Work) -> Tables:
     """Cells, corner densities, where samples fell, claims."""
     columns = work.settings.columns
     keys = [(column, timer) for column in columns for timer in TIMERS]
+    scenarios = {key: _scenario(work, *key) for key in keys}
+    distinct = list(dict.fromkeys(scenarios.values()))  # the timer may be one of these as it ran
     with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
-        placed = dict(zip(keys, pool.map(lambda key: _placed(work, *key), keys), strict=True))
+        came = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
+    placed = {key: came[scenario] for key, scenario in scenarios.items()}
     corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
     rows = [
         {"column": column, "timer": timer, "density": found.estimate, "low": found.low, "high": found.high,
@@ -68,10 +72,14 @@ def compute(work: Work) -> Tables:
     }
 
 
-def _placed(work: Work, column: str, timer: str) -> tuple[Any, Any, Any]:
-    """Run and place of all samples of some runs of P0."""
+def _scenario(work: Work, column: str, timer: str) -> Scenario:
+    """P0 with a timer."""
     values = {} if timer == TIMERS[0] else {"sample.timer": timer}
-    scenario = work.settings.scenario(column, values, with_=EMPIRICAL)
+    return work.settings.scenario(column, values, with_=EMPIRICAL)
+
+
+def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
+    """Run and place of all samples of some runs."""
     runs = list(range(min(work.settings.runs, MOST_RUNS)))
     samples = source("event").batch(scenario, work.settings.seed, runs, False).samples
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
