@@ -308,7 +308,45 @@ def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
         far = max(far, setup.sight_m)
     far += a.slack_m + b.slack_m
     span = min(a.own_tick, b.own_tick) - tick
-    return comes_within(x, y, a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m, span, far)
+    dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
+    if not comes_within(x, y, dx, dy, span, far):
+        return False
+    end_x, end_y, slack = x + span * dx, y + span * dy, a.slack_m + b.slack_m
+    a_drives, b_drives = a.mode == DRIVE, b.mode == DRIVE
+    if a_drives and not passes_by(a, setup, -x, -y, -end_x, -end_y, slack):
+        return True
+    if b_drives and not passes_by(b, setup, x, y, end_x, end_y, slack):
+        return True
+    return not (a_drives or b_drives)
+
+
+@inlined
+def passes_by(
+    row: Planner, setup: Setup, x: float, y: float, end_x: float, end_y: float, slack: float
+) -> bool:
+    """Whether another robot stays beside, behind or ahead of all that a driver's rays and body reach, as it drives.
+
+    Seen along the driver's chord the other goes straight; the heading is off it by half of all it turns at most.
+
+    Args:
+        x, y, end_x, end_y: where the other is from the driver, in the world's axes, at first and in the end, m.
+        slack: how far both may be beside their chords, m.
+    """
+    turned = 0.5 * abs(row.rate_rad_s) * (row.own_tick - row.tick) * setup.tick_s
+    far = slack + max(setup.sight_m, setup.zone_m) * turned
+    # All times the chord's length, which is at most ``rate_m``.
+    ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + far) * row.rate_m
+    behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - far) * row.rate_m
+    beside = (max(setup.fan_beside_m, setup.zone_m) + far) * row.rate_m
+    on, off = x * row.chord_x_m + y * row.chord_y_m, y * row.chord_x_m - x * row.chord_y_m
+    end_on = end_x * row.chord_x_m + end_y * row.chord_y_m
+    end_off = end_y * row.chord_x_m - end_x * row.chord_y_m
+    return bool(
+        (min(on, end_on) > ahead)
+        | (max(on, end_on) < behind)
+        | (min(off, end_off) > beside)
+        | (max(off, end_off) < -beside)
+    )
 
 
 @inlined
@@ -324,7 +362,10 @@ def may_pass(a: Planner, b: Planner, setup: Setup) -> bool:
     y = a.own_y_m - b.mid_y_m - (a.own_tick - b.tick) * b.chord_y_m
     far = b.slack_m + (max(setup.zone_m, setup.sight_m) if b.mode == DRIVE else setup.zone_m)
     span = min(a.last_tick, b.own_tick) - a.own_tick
-    return comes_within(x, y, -b.chord_x_m, -b.chord_y_m, span, far)
+    if not comes_within(x, y, -b.chord_x_m, -b.chord_y_m, span, far):
+        return False
+    end_x, end_y = x - span * b.chord_x_m, y - span * b.chord_y_m
+    return not (b.mode == DRIVE and passes_by(b, setup, x, y, end_x, end_y, b.slack_m))
 
 
 @inlined

@@ -42,9 +42,10 @@ misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_each (0, 1: ``ro
 ray_sin; outside_m: how far from the centre rays start, where that may be beyond a wall, else 0; look_m: rays matter up
 to the shorter of their range and theta_c; ray_reach_m: no ray sees a thing further than this from the robot's centre;
 disc_radius_m of other robots to rays; longest_step_m: no robot moves further between two ticks; zone_m: bodies further
-apart than this, centre to centre, cannot touch at the next tick; sight_m: no ray sees a robot further away; blind_ms:
-so long after a turn no ray is heeded (0: none); start: x from, x to, y from, y to of the centres at the start; lattice:
-columns and rows of robots that fit side by side into it."""
+apart than this, centre to centre, cannot touch at the next tick; sight_m: no ray sees a robot further away;
+fan_ahead_m, fan_behind_m, fan_beside_m: nor one further ahead of the rays' start, behind it, or aside of the robot's
+axis; blind_ms: so long after a turn no ray is heeded (0: none); start: x from, x to, y from, y to of the centres at the
+start; lattice: columns and rows of robots that fit side by side into it."""
 
 
 @lru_cache(maxsize=16)
@@ -73,6 +74,9 @@ def setup_of(scenario: Scenario) -> Setup:
     start_m = math.hypot(max(forward_m), aside_m)
     ray_reach_m = start_m + look_m
     angles = [math.radians(angle) for angle in rays.angle_deg]
+    ahead_m = [look_m * math.cos(angle) for angle in angles]
+    beside_m = [side + look_m * math.sin(angle) for side, angle in zip(rays.side_m, angles, strict=True)]
+    zone_m = 2.0 * (robot.body_radius_m + longest_step_m(scenario))
     values: dict[str, Any] = {
         "tick_s": scenario.tick_s,
         "width_m": scenario.arena.width_m,
@@ -98,8 +102,11 @@ def setup_of(scenario: Scenario) -> Setup:
         "ray_reach_m": ray_reach_m,
         "disc_radius_m": rays.disc_radius_m,
         "longest_step_m": longest_step_m(scenario),
-        "zone_m": 2.0 * (robot.body_radius_m + longest_step_m(scenario)),
+        "zone_m": zone_m,
         "sight_m": ray_reach_m + rays.disc_radius_m,
+        "fan_ahead_m": max(0.0, *ahead_m) + rays.disc_radius_m,
+        "fan_behind_m": min(0.0, *ahead_m) - rays.disc_radius_m,
+        "fan_beside_m": max(aside_m, *map(abs, beside_m)) + rays.disc_radius_m,
         "blind_ms": scenario.walk.blind_after_turn_ms or 0.0,
         "start": list(start_region(scenario)),
         "lattice": list(lattice_sites(scenario)),
