@@ -15,23 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import branching_kernel, inlined, inner, kernel, zero_rows
-from vibroswarm.motion.ahead import (
-    apart2,
-    blocked_ticks,
-    may_meet,
-    may_pass,
-    maybe_within,
-    meeting_tick,
-    passing_tick,
-    prepare_to_look,
-    stand_still,
-    stops_before,
-    wall_tick,
-)
+from vibroswarm.motion.ahead import apart2, maybe_within, prepare_to_look, stand_still
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.held import blocked_ticks
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
+from vibroswarm.motion.meetings import may_meet, may_pass, meeting_tick, passing_tick, stops_before
 from vibroswarm.motion.neighbours import (
     LIST_TICKS,
     SMALL_SWARM,
@@ -76,6 +66,7 @@ from vibroswarm.motion.wakes import (
     set_wake,
     wake_by,
 )
+from vibroswarm.motion.walls import wall_tick
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
@@ -443,17 +434,27 @@ def plan(planners: Planners, places: NDArray[np.float64], i: int, setup: Setup, 
     """
     row = planners[i]
     ahead = own_ticks(row, setup, HORIZON_TICKS)
-    row.own_tick = row.last_tick = tick + ahead
     if row.blocked:
+        row.own_tick = tick + ahead
         stand_still(row)
         return 1
+    plan_until(planners, places, i, setup, tick, ahead)
+    return 0
+
+
+@inlined
+def plan_until(
+    planners: Planners, places: NDArray[np.float64], i: int, setup: Setup, tick: int, ahead: int
+) -> None:
+    """Robot ``i``'s plan reaches so many ticks ahead, and to the end of the stop if one is due then."""
+    row = planners[i]
+    row.own_tick = row.last_tick = tick + ahead
     if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
         row.last_tick += ticks_to_sample(setup, 0) + 1
     prepare_to_look(row, setup)
     if planners.size <= SMALL_SWARM:
         put_down(places, i, row, setup)
     row.alert_tick = wall_tick(row, setup)
-    return 0
 
 
 @inner
@@ -472,17 +473,9 @@ def hold(
     """
     for k in range(count):
         i = one_of(awake, k)
-        row = planners[i]
-        if not row.blocked:
-            continue
-        ahead = blocked_ticks(planners, near, i, setup, row.own_tick - tick)
-        row.own_tick = row.last_tick = tick + ahead
-        if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
-            row.last_tick += ticks_to_sample(setup, 0) + 1
-        prepare_to_look(row, setup)
-        if planners.size <= SMALL_SWARM:
-            put_down(places, i, row, setup)
-        row.alert_tick = wall_tick(row, setup)
+        if planners[i].blocked:
+            ahead = blocked_ticks(planners, near, i, setup, planners[i].own_tick - tick)
+            plan_until(planners, places, i, setup, tick, ahead)
 
 
 @inlined
