@@ -8,9 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy import stats
+from scipy.spatial.distance import cdist
 
 from vibroswarm.calibrate.classifier import fit_logistic, share_told, tell_apart
-from vibroswarm.calibrate.energy_distance import compare_distance, effect_size
+from vibroswarm.calibrate.energy_distance import compare_distance, effect_size, mean_distance
 from vibroswarm.calibrate.features import histogram, sample_table, sessions_of, values_of
 from vibroswarm.calibrate.similarity import at_equal_counts, ceiling, compare_feature, cosine, null
 from vibroswarm.presets import preset
@@ -65,6 +66,10 @@ def test_energy_distance_is_that_of_scipy_less_its_bias() -> None:
 
 def test_energy_distance_is_zero_on_average_between_equals() -> None:
     rng = np.random.default_rng(8)
+    for count, columns in ((1, 2), (7, 2), (8, 3), (61, 2)):
+        x, y = rng.random((60, columns)), rng.random((count, columns))
+        assert mean_distance(x, y) == pytest.approx(cdist(x, y).mean(), rel=1e-12)
+        assert mean_distance(x) == pytest.approx(cdist(x, x).sum() / (60 * 59), rel=1e-12)
     equal = [effect_size(rng.random((60, 2)), rng.random((60, 2))) for _ in range(200)]
     assert abs(np.mean(equal)) < 3 * np.std(equal) / math.sqrt(200)
     assert min(equal) < 0 < max(equal)

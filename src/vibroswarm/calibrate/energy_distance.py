@@ -20,13 +20,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.distances import sum_of_distances
 
 Floats = NDArray[np.float64]
 MOST: Final = 4000
-"""Values of a session that are taken, evenly spread over it; a table of their distances has 128 MB."""
+"""Values of a session that are taken, evenly spread over it: 16 million pairs."""
 
 
 @dataclass(frozen=True)
@@ -54,20 +54,13 @@ class EnergyDistance:
         return {"feature": self.feature, "effect": plain(self.effect), "real": plain(self.real)}
 
 
-def mean_distance(one: Floats, other: Floats | None = None, room: Floats | None = None) -> float:
-    """E abs(X - Y); of one sample: without each value's pair with itself.
-
-    Args:
-        room: at least as many numbers as pairs, overwritten: memory that was used before is there at once.
-    """
+def mean_distance(one: Floats, other: Floats | None = None) -> float:
+    """E abs(X - Y); of one sample: without each value's pair with itself."""
     if one.shape[1] == 1:
         return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
     columns = one if other is None else other
-    out = None if room is None else room[: len(one) * len(columns)].reshape(len(one), len(columns))
-    table = cdist(one, columns, out=out)
-    if other is None:
-        return float(table.sum()) / (len(one) * (len(one) - 1))
-    return float(table.mean())
+    pairs = len(one) * (len(columns) - (other is None))
+    return sum_of_distances(np.ascontiguousarray(one), np.ascontiguousarray(columns.T)) / pairs
 
 
 def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
@@ -118,32 +111,31 @@ def compare_distance(
     scale = np.concatenate(real).std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     a, b = ([_thinned(one) / scale for one in each] for each in (real, simulated))
-    room = np.empty(max(len(one) for one in (*a, *b)) ** 2)
     known = {} if known is None else known
     if feature not in known:
-        known[feature] = _inside(a, level, room)
+        known[feature] = _inside(a, level)
     inside = known[feature]
-    inside_b = [mean_distance(one, room=room) for one in b]
+    inside_b = [mean_distance(one) for one in b]
     against = [
-        float(np.mean([_effect(x, y, of_x, of_y, room) for y, of_y in zip(b, inside_b, strict=True)]))
+        float(np.mean([_effect(x, y, of_x, of_y) for y, of_y in zip(b, inside_b, strict=True)]))
         for x, of_x in zip(a, inside.each, strict=True)
     ]
     return EnergyDistance(feature, mean_interval(against, level), inside.against)
 
 
-def _inside(sessions: Sequence[Floats], level: float, room: Floats) -> Inside:
-    each = tuple(mean_distance(one, room=room) for one in sessions)
+def _inside(sessions: Sequence[Floats], level: float) -> Inside:
+    each = tuple(mean_distance(one) for one in sessions)
     if len(sessions) < 2:
         return Inside(each, None)
     pairs = np.full((len(sessions), len(sessions)), np.nan)
     for i in range(len(sessions)):
         for j in range(i):
-            pairs[i, j] = pairs[j, i] = _effect(sessions[i], sessions[j], each[i], each[j], room)
+            pairs[i, j] = pairs[j, i] = _effect(sessions[i], sessions[j], each[i], each[j])
     return Inside(each, mean_interval(np.nanmean(pairs, axis=1).tolist(), level))
 
 
-def _effect(x: Floats, y: Floats, of_x: float, of_y: float, room: Floats) -> float:
-    across = mean_distance(x, y, room)
+def _effect(x: Floats, y: Floats, of_x: float, of_y: float) -> float:
+    across = mean_distance(x, y)
     return (2 * across - of_x - of_y) / (2 * across) if across > 0 else math.nan
 
 
