@@ -80,6 +80,8 @@ def read_samples(
     known: bool,
     tile: NDArray[np.int32],
     numbers: NDArray[np.float64],
+    felt_known: bool,
+    felt: NDArray[np.int32],
     observation: NDArray[np.uint8],
     vibrating: NDArray[np.bool_],
     factors: NDArray[np.float64],
@@ -90,6 +92,7 @@ def read_samples(
         bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to y_m: (rows,).
         places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
         known: tile and numbers have been written before. tile, numbers: (rows,), written, or read where known.
+        felt_known, felt: likewise, the tiles that were felt; of no rows where edges do not matter.
         observation: (rows,), written. vibrating, factors: (rows,), written, or of no rows: of the tile that was felt.
     """
     wanted = vibrating.size > 0
@@ -102,9 +105,14 @@ def read_samples(
             if not known:
                 tile[k] = tile_below(x_m[k], y_m[k], place)
                 numbers[k] = uniform(seed, runs[r], i, SENSING, number, ALONE)
-            felt = felt_tile(x_m[k], y_m[k], signed(tile[k]), place, own, response, seed, runs[r], i, number)
-            vibrates = felt >= 0 and own[felt] == 1
-            row = factor_row(response, r, i, felt)
+            at = signed(tile[k])
+            if felt_known:
+                at = signed(felt[k])
+            elif response.edges:
+                at = felt_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
+                felt[k] = at
+            vibrates = at >= 0 and own[at] == 1
+            row = factor_row(response, r, i, at)
             observation[k] = numbers[k] > response.shares_below[row, int(vibrates)]
             if wanted:
                 vibrating[k], factors[k] = vibrates, response.factors[row]
@@ -138,6 +146,7 @@ class Places:
         self._robot, self._sample = (read_only(samples[name].to_numpy()) for name in ("robot", "sample"))
         self._x_m, self._y_m = (read_only(samples[name].to_numpy()) for name in ("x_m", "y_m"))
         self._met: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
+        self._felt: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
         self._responses: dict[Any, Response] = {}
 
     def read(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool = False) -> Readings:
@@ -153,14 +162,33 @@ class Places:
         if met is None:
             met, known = (np.empty(count, dtype=np.int32), np.empty(count)), False
             self._met[places.tobytes()] = met
+        felt, felt_known = self._felt_by(response, places, first_tiles, tiles)
         kept = count if energies else 0
         observation, vibrating = np.empty(count, dtype=np.uint8), np.empty(kept, dtype=np.bool_)
         found = Readings(*met, observation, vibrating, np.empty(kept))
         read_samples(
             self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, places, first_tiles,
-            tiles, response, known, found.tile, found.numbers, found.observation, found.vibrating, found.factors,
+            tiles, response, known, found.tile, found.numbers, felt_known, felt, found.observation, found.vibrating,
+            found.factors,
         )  # fmt: skip
         return found
+
+    def _felt_by(
+        self,
+        response: Response,
+        places: NDArray[np.float64],
+        first_tiles: NDArray[np.int64],
+        tiles: NDArray[np.uint8],
+    ) -> tuple[NDArray[np.int32], bool]:
+        """Room for the tiles that samples feel, (rows,), and whether they stand there: sensors feel edges alike."""
+        if not response.edges:
+            return np.empty(0, dtype=np.int32), False
+        laid = b"".join(part.tobytes() for part in (places, first_tiles, tiles))
+        key = (response.reach_m, response.blur_m, laid)
+        if key in self._felt:
+            return self._felt[key], True
+        self._felt[key] = np.empty(self.samples.height, dtype=np.int32)
+        return self._felt[key], False
 
     def _response(self, scenario: Scenario, tiles: Sequence[int]) -> Response:
         key = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
