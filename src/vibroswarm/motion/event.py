@@ -561,9 +561,9 @@ def new_lists(
     for i in range(planners.size):
         for m in range(how_many(near, i)):
             j = listed(near, i, m)
-            if j > i:
+            if j > i and may_meet(planners[i], planners[j], setup, tick - 1):
                 look_out(planners, wakes, i, j, setup, tick - 1)
-            if stops_before(planners[i], planners[j]):
+            if stops_before(planners[i], planners[j]) and may_pass(planners[i], planners[j], setup):
                 look_out_for(planners, wakes, standing, i, j, setup)
 
 

@@ -21,8 +21,8 @@ def may_meet(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
 
     One test for the many pairs that do not.
     """
-    x = a.mid_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
-    y = a.mid_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
+    x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
+    y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     far = setup.zone_m
     if a.mode == DRIVE or b.mode == DRIVE:
         far = max(far, setup.sight_m)

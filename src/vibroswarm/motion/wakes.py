@@ -65,17 +65,19 @@ def next_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
     """The least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
 
-    The bounds of the blocks are made exact as far as need be.
+    The bounds of the blocks are made exact as far as need be. One that is the key of its robot is.
     """
+    if wakes.shape[0] == 1:
+        return least_of(wakes, 0, robots, beyond)
     while True:
         first = 0
         for k in range(1, wakes.shape[0]):
             if wakes[k, 0] < wakes[first, 0]:
                 first = k
-        earliest = least_of(wakes, first, min(robots - 16 * first, 16), beyond)
-        if earliest == wakes[first, 0] or wakes.shape[0] == 1:
-            return earliest
-        wakes[first, 0] = earliest
+        bound, i = int(wakes[first, 0]), int(wakes[first, 0]) & ROBOT_BITS
+        if bound >= NEVER or (bound > beyond and wakes[i >> 4, (i & 15) + 1] == bound):
+            return bound
+        wakes[first, 0] = least_of(wakes, first, min(robots - 16 * first, 16), beyond)
 
 
 @inlined
