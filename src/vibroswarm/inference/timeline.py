@@ -239,17 +239,16 @@ def reaching(
     others = np.empty(robot.size, dtype=np.int32)
     at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
     numbers = np.empty(robot.size, dtype=np.float64)
-    reached = np.zeros(
-        (robot.size + 1, words.shape[1]), dtype=np.uint64
-    )  # by the messages before each row of a run
+    # Whom the messages before each row of a run reach, added up.
+    reached = np.zeros((robot.size + 1, words.shape[1]), dtype=np.uint64)
     for r in range(runs.size):
         low, high = bounds[r], bounds[r + 1]
         for i in range(robots):
             hears(words[low:high], numbers, i, seed, runs[r], robot[low:high], sample[low:high], loss)
         for k in range(unsigned(low), unsigned(high)):
             others[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
+            place = k - unsigned(low)
             for w in range(unsigned(words.shape[1])):
-                place = k - unsigned(low)
                 reached[place + unsigned(1), w] = reached[place, w] + words[k, w]
         for i in range(robots):
             e = r * robots + i

@@ -25,9 +25,8 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
     gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
-    a_tick = (
-        abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
-    )  # so far a driver's place shifts
+    # So far the place where a driver's move would end shifts in a tick.
+    a_tick = abs(row.wish_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
     n = 1
     while n < most:
         if row.mode == DRIVE:

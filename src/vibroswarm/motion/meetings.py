@@ -235,16 +235,19 @@ def clear_ticks(
     gap, both = apart - 2.0 * setup.radius_m - slack - CONTACT_M, a.rate_m + b.rate_m
     closing = creep - (x * dx + y * dy) / apart
     # The first has moved when the second has not: apart may then be less by its step, as after so many ticks.
-    contact = side_ticks(gap - (a.rate_m if a_first else b.rate_m), closing, swerve)
+    first_rate = a.rate_m if a_first else b.rate_m
+    contact = side_ticks(gap - first_rate, closing, swerve)
     if contact < 1.0 and gap > 0.0:
-        on_x, on_y, beside = x - a_step * a_cos, y - a_step * a_sin, a.rate_m * abs(a_bend)
+        on_x, on_y, veer = x - a_step * a_cos, y - a_step * a_sin, a.rate_m * abs(a_bend)
         if not a_first:
-            on_x, on_y, beside = x + b_step * b_cos, y + b_step * b_sin, b.rate_m * abs(b_bend)
-        if is_turning(a if a_first else b):
-            beside = a.rate_m if a_first else b.rate_m
+            on_x, on_y, veer = x + b_step * b_cos, y + b_step * b_sin, b.rate_m * abs(b_bend)
+        # It is there a tick later, by which its heading and so its way differ.
+        beside = first_rate if is_turning(a if a_first else b) else veer
         on = math.sqrt(on_x * on_x + on_y * on_y)
-        contact = side_ticks(gap - apart + on - beside, creep - (on_x * dx + on_y * dy) / on, swerve)
-        contact = min(contact, side_ticks(gap, closing, swerve))
+        approach = creep + veer - (on_x * dx + on_y * dy) / on
+        contact = min(
+            side_ticks(gap - apart + on - beside, approach, swerve), side_ticks(gap, closing, swerve)
+        )
     a_sight = b_sight = SIDE_TICKS
     far = apart + SIDE_TICKS * both
     if a_looks:
