@@ -128,6 +128,24 @@ def _check_sensor(s: Scenario) -> None:
                 )
 
 
+def _check_boundary(s: Scenario) -> None:
+    decision = s.decision
+    positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
+    taken_at_word = decision.boundary_of == "readings"
+    if s.strategy.name == "soft" and taken_at_word and decision.decision_boundary != 0.5:
+        raise InputError(
+            f"soft feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
+            f"{decision.decision_boundary:g}; choose another strategy",
+            field="strategy.name",
+        )
+    if positive is not None and negative is not None and positive + negative >= 1.0:
+        raise InputError(
+            f"{positive:g} and assumed_false_negative {negative:g} sum to 1 or more: such readings tell nothing, or "
+            "the opposite; give rates that sum to less than 1",
+            field="decision.assumed_false_positive",
+        )
+
+
 FACTOR_LIMIT = 10_000_000
 """Factors of sensors and tiles that a run may have."""
 
@@ -160,6 +178,7 @@ ALL = (
     _check_time,
     _check_signal,
     _check_sensor,
+    _check_boundary,
     _check_factors,
     _check_floor,
 )

@@ -11,6 +11,7 @@ Field to paper:
 | sensor.rms_threshold | theta_E | - |
 | decision.credible_threshold, decision.min_observations | p_c, O_c | - |
 | decision.decision_boundary | 0.5 in the paper | - |
+| decision.boundary_of, decision.assumed_false_positive, decision.assumed_false_negative | not in the paper | - |
 | strategy.eta, strategy.kappa | eta, kappa | - |
 | robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
 | robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
@@ -265,6 +266,15 @@ class Decision(Section):
 
     decision_boundary: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """The question: does more than this share vibrate?"""
+    boundary_of: Literal["tiles", "readings"] = "readings"
+    """What the boundary is a share of. "readings": robots test the share of ones against ``decision_boundary`` itself,
+    as the study did, which is right only where the sensor's errors balance at it. "tiles": against the share of ones
+    that a floor at the boundary is expected to give, by the error rates that robots assume."""
+    assumed_false_positive: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """For "tiles": the share of samples at still places that robots expect to read as vibrating. Without it they know
+    their sensor: its own rate, averaged over uniformly random places, edges included."""
+    assumed_false_negative: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """For "tiles": the share of samples on vibrating tiles that they expect to read as still; likewise."""
     credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
     """p_c: a robot decides when its belief exceeds this."""
     min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381

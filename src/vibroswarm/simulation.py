@@ -18,6 +18,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline
 from vibroswarm.motion.contract import Motion, join, source
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.observation.model import observe
 from vibroswarm.outcome import outcome_tables
 from vibroswarm.result import Result, floor_frame
@@ -52,9 +53,10 @@ def simulate(
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:
-        InputError: a seed or a run out of range, an unknown source.
+        InputError: a seed or a run out of range, an unknown source, a question that its readings cannot answer.
     """
     chosen = check_runs(seed, runs)
+    readings_boundary(scenario)  # what cannot be asked is refused before anything moves
     floors = floors_of(scenario, seed, chosen)
     if scenario.run.stop == "all_decided":
         moved = until_all_decided(scenario, seed, chosen, floors, motion, segments, progress)

@@ -18,12 +18,12 @@ from vibroswarm.analysis.decidability import (
     mending_thresholds,
     observed_share,
     samples_needed,
-    tiled_share,
 )
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.boundary import tiled_share
 from vibroswarm.observation.felt import error_rates_on
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.presets import preset
@@ -74,7 +74,9 @@ def test_on_the_boundary_neither_is_right() -> None:
 
 
 def test_off_the_tiles_robots_read_as_on_still_ones() -> None:
-    assert tiled_share(Floor(np.ones((2, 2)), 0.2, 0.25, 0.8, 0.0), 1.0, 1.0) == pytest.approx(0.2 * 0.5)
+    assert tiled_share(Floor(np.ones((2, 2)), 0.2, 0.25, 0.8, 0.0).geometry, (1.0, 1.0)) == pytest.approx(
+        0.2 * 0.5
+    )
     d = at(floor__source="stripe:0.48", floor__tile_width_m=0.05, floor__tile_height_m=0.05)
     assert d.share == pytest.approx(expected_share(PAPER.sensor, 0.48, 0.25))
     assert d.share < 0.3

@@ -145,14 +145,17 @@ def test_json_holds_all_and_nothing_else_is_said(capsys: pytest.CaptureFixture[s
 
 def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "how many"
-    line = ["detect", "--robots", "2,6", "--fills", "0.2,0.48", "--runs", "60", "--error", "20%"]
+    line = ["detect", "--robots", "2,6", "--fills", "0.2,0.48,0.8", "--runs", "60", "--error", "20%"]
     line += ["--set", "run.t_end_s=300", "--set", "decision.min_observations=30"]
     code, said, _ = told(capsys, *line, "--out", out)
     assert code == 0
-    assert "needed for 20 %" in said
+    assert "at most 20 % misses and 20 % false alarms" in said
     need = pl.read_csv(out / "needed.csv")
-    assert need["fill_ratio"].to_list() == [0.2, 0.2, 0.48, 0.48]
-    assert need["robots"].to_list() == [2, 6, 2, 6]
+    assert need["fill_ratio"].to_list() == [0.2, 0.2, 0.48, 0.48, 0.8, 0.8]
+    assert need["robots"].to_list() == [2, 6, 2, 6, 2, 6]
+    assert need["false_alarm"].null_count() == 2  # above the boundary there are none
+    pairs = pl.read_csv(out / "pairs.csv")
+    assert pairs.select("fill_ratio", "fill_ratio_below", "robots").unique().height == pairs.height == 4
     easy = need.filter((pl.col("fill_ratio") == 0.2) & (pl.col("robots") == 6))
     assert easy["needed_s"][0] < 300
     assert easy["missed_high"][0] < 0.2
@@ -161,20 +164,33 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
         p.name for p in out.iterdir()
     }
     code, said, _ = told(capsys, *line, "--json")
-    assert len(json.loads(said)["needed"]) == 4
+    assert len(json.loads(said)["needed"]) == 6
 
 
 def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]) -> None:
     line = ["detect", "--fills", "0.01,0.1", "--tiles", "10x10", "--runs", "5"]
-    assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
+    line += ["--set", "decision.decision_boundary=0.03"]
+    assert main([*line, "--boundary-of", "readings"]) == 0
     told = capsys.readouterr().out
     assert (
         "Warning: fill ratio 0.01: 15.1% of the samples read as vibrating, but less than 3.0% vibrates"
         in told
     )
     assert "Warning: fill ratio 0.1" not in told
-    assert main([*line, "--json"]) == 0
+    assert main([*line, "--json"]) == 0  # robots that allow for their errors can
     assert json.loads(capsys.readouterr().out)["warnings"] == []
+    mistaken = ["--set", "decision.assumed_false_positive=0.3"]
+    assert main([*line, *mistaken, "--json"]) == 0
+    assert "wrong side" in json.loads(capsys.readouterr().out)["warnings"][0]
+
+
+def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["detect", "--fills", "0.1", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60"]
+    assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
+    assert "Added, to count false alarms: fill ratio 0, 0.01, 0.02." in capsys.readouterr().out
+    assert main(["detect", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60", "--json"]) == 0
+    fills = {row["fill_ratio"] for row in json.loads(capsys.readouterr().out)["needed"]}
+    assert min(fills) < 0.5 < max(fills)
 
 
 @pytest.mark.parametrize(
@@ -182,6 +198,9 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
     [
         ("detect --fills 2", "--fills: '2' is no fill ratio"),
         ("detect --fills 0.461 --runs 2", "the nearest that can be had"),
+        ("detect --strategy soft --runs 2", "soft feedback is neutral at a boundary of 0.5 only"),
+        ("detect --boundary-of readings --set decision.boundary_of=tiles", "--boundary-of: is set by --set"),
+        ("detect --false-alarms 2 --runs 2", "--false-alarms: '2' is no share"),
         ("detect --error 5", "--error: '5' is no share; write it with a per cent sign"),
         ("detect --robots x", "--robots: 'x' is no whole number"),
         ("detect --style poster", "--style: there is no style 'poster'"),

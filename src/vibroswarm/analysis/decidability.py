@@ -3,19 +3,23 @@
 | name | symbol | equation |
 |---|---|---|
 | fill ratio, boundary | f, x | the question: is f above x? |
+| tested boundary | q(x) | what the share of ones is held against: x, or q of a floor at x (``observation.boundary``) |
 | false positive, false negative | a(theta), b(theta) | of the sensor at the threshold theta |
-| spill | s | share felt as vibrating beyond f, where vibration reaches across tile edges (``felt.spill``) |
-| tiled share of the arena | c | places off all tiles read as still ones do |
+| spill | s | share felt as vibrating beyond f, where vibration reaches across tile edges |
+| tiled share of the arena | c | places off all tiles read as still ones do, where no vibration reaches them |
 | share of ones expected | q | c [g (1 - b) + (1 - g) a] + (1 - c) a, g = f + s, at uniformly random places |
-| margin | - | q - x where f > x, x - q where f < x: above 0 is the right side |
-| threshold that mends | theta_- < theta < theta_+ | q of f and q of its mirror 2x - f both on their right sides |
-| samples needed | n | P(share of n independent bits not on q's side of x) <= error |
+| margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
+| threshold that mends | theta_- < theta < theta_+ | q of f and q of its mirror 2x - f both on their right sides of x |
+| samples needed | n | P(share of n independent bits not on q's side of q(x)) <= error |
 
-A robot takes each bit at its word, as if no sensor erred. So when false positives and negatives do not balance at the
-boundary, floors near it lean to the wrong side, and **more samples make the wrong answer surer**. q falls as theta
-grows; a threshold that is right for f alone (some always is) may only lean all floors one way, so it has to do for the
-mirror image of f across the boundary too (with the same spill). Where vibrating tiles do not read higher than still
-ones none does.
+With ``boundary_of = "readings"`` a robot takes each bit at its word, as if no sensor erred: q(x) = x. So when false
+positives and negatives do not balance at the boundary, floors near it lean to the wrong side, and **more samples make
+the wrong answer surer**. q falls as theta grows; a threshold that is right for f alone (some always is) may only lean
+all floors one way, so it has to do for the mirror image of f across the boundary too (with the same spill). Where
+vibrating tiles do not read higher than still ones none does.
+
+With "tiles" robots allow for the errors: only mistaken rates, or a floor whose edges lie otherwise than those of random
+floors, can put it on the wrong side.
 
 This speaks of own samples. Under soft or positive feedback robots hear beliefs and decisions in place of readings: an
 echo, which makes a lean, right or wrong, faster and surer, and cannot turn it.
@@ -36,7 +40,7 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.felt import spill
+from vibroswarm.observation.boundary import felt_on, readings_boundary, tiled_share
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.outcome import truth_of
 from vibroswarm.scenario import Scenario
@@ -56,6 +60,9 @@ class Decidability:
     verdict: Word
     says: str
     boundary: float
+    """Of the question."""
+    tested: float
+    """What the share of ones is held against: the boundary itself, or the share of ones expected at it."""
     truth: int | None
     share: float
     """Of ones: expected, or as it was observed."""
@@ -77,32 +84,36 @@ class Decidability:
         return {name: plain(value) for name, value in self.__dict__.items()}
 
 
-def decidability(scenario: Scenario, error: float = 0.05) -> Decidability:
+def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Whether a scenario's question can be decided from the samples its swarm will take.
-
-    The fill ratio is that of run 0's floor (seed 0): of random floors all have it, unless the arena cuts them.
 
     Args:
         error: the probability of a wrong majority that ``samples_needed`` is for.
+        floor: without, run 0's of seed 0: random floors all have its fill ratio, unless the arena cuts them.
     """
-    floor = scenario.floor_for(0, 0)
-    arena, sensor = scenario.arena, scenario.sensor
-    fill = floor.fill_ratio_within(arena.width_m, arena.height_m)
-    boundary, tiled = scenario.decision.decision_boundary, tiled_share(floor, arena.width_m, arena.height_m)
+    floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
+    size = (scenario.arena.width_m, scenario.arena.height_m)
+    fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
+    boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_of(fill, boundary)
-    spilt = spill(sensor, floor)
+    felt = felt_on(sensor, floor, size)
+    spilt = (felt.found + felt.spilt - felt.vibrating) / tiled
     share = expected_share(sensor, fill, tiled, spilt)
-    verdict = _side(share, boundary, truth)
-    low, high = mending_thresholds(sensor, fill, boundary, tiled, spilt) or (None, None)
+    verdict = _side(share, tested, truth)
+    low, high, mend = None, None, ""
+    if scenario.decision.boundary_of == "readings":
+        low, high = mending_thresholds(sensor, fill, boundary, tiled, spilt) or (None, None)
+        mend = _mend(verdict, sensor.rms_threshold, low, high)
     return Decidability(
         verdict=verdict,
-        says=_words(verdict, share, boundary, truth) + _mend(verdict, sensor.rms_threshold, low, high),
+        says=_words(verdict, share, boundary, tested, truth) + mend,
         boundary=boundary,
+        tested=tested,
         truth=truth,
         share=share,
-        margin=_margin(share, boundary, truth),
+        margin=_margin(share, tested, truth),
         fill_ratio=fill,
-        samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
+        samples_needed=samples_needed(share, tested, error) if verdict == "decidable" else None,
         threshold=sensor.rms_threshold,
         mending_low=low,
         mending_high=high,
@@ -131,7 +142,7 @@ def decidability_of_share(
         raise InputError(f"{share!r} is no share; give a number from 0 to 1", field="share")
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
-    says = _words(verdict, share, boundary, truth)
+    says = _words(verdict, share, boundary, boundary, truth)
     if effective_samples is not None and math.isfinite(effective_samples):
         limits = wilson_limits(share * effective_samples, effective_samples, level)
         low, high = (float(limit) for limit in limits)
@@ -145,6 +156,7 @@ def decidability_of_share(
         verdict=verdict,
         says=says,
         boundary=boundary,
+        tested=boundary,
         truth=truth,
         share=share,
         margin=_margin(share, boundary, truth),
@@ -153,14 +165,6 @@ def decidability_of_share(
         effective_samples=effective_samples,
         samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
     )
-
-
-def tiled_share(floor: Floor, width_m: float, height_m: float) -> float:
-    """Share of the arena's area (its width and height in m, from its corner at 0, 0) that lies on tiles."""
-    rows, columns, tile_width, tile_height, left, bottom = floor.geometry
-    across = min(left + columns * tile_width, width_m) - max(left, 0.0)
-    up = min(bottom + rows * tile_height, height_m) - max(bottom, 0.0)
-    return min(max(across, 0.0) * max(up, 0.0) / (width_m * height_m), 1.0)
 
 
 def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spilt: float = 0.0) -> float:
@@ -281,19 +285,22 @@ def _margin(share: float, boundary: float, truth: int | None) -> float | None:
     return None if truth is None else (share - boundary) * (1 if truth == 1 else -1)
 
 
-def _words(verdict: Word, share: float, boundary: float, truth: int | None) -> str:
+def _words(verdict: Word, share: float, boundary: float, tested: float, truth: int | None) -> str:
     if truth is None:
         return f"The fill ratio is the boundary itself, {boundary:.1%}: neither decision is right."
     kind = "more" if truth == 1 else "less"
     seen = f"{share:.1%} of the samples read as vibrating"
+    line = f"the boundary of {boundary:.1%}"
+    if tested != boundary:
+        line = f"the {tested:.1%} by which robots recognise {line}"
     if verdict == "decidable":
-        return f"{seen}, on the right side of the boundary of {boundary:.1%}: it can be decided."
+        return f"{seen}, on the right side of {line}: it can be decided."
     if verdict == "wrong side":
-        return (
-            f"{seen}, but {kind} than {boundary:.1%} vibrates: more samples make the wrong answer surer, and "
-            "feedback makes it faster."
-        )
-    return f"{seen}, which is the boundary: however many samples are taken, nothing is decided but by chance."
+        found = f"but {kind} than {boundary:.1%} vibrates"
+        if tested != boundary:
+            found = f"on the wrong side of {line}"
+        return f"{seen}, {found}: more samples make the wrong answer surer, and feedback makes it faster."
+    return f"{seen}, just {line}: however many samples are taken, it is decided by chance alone."
 
 
 def _mend(verdict: Word, threshold: float, low: float | None, high: float | None) -> str:

@@ -1,26 +1,29 @@
-"""How many robots, and for how long, for a wanted error: from cells of different fill ratios and swarm sizes.
+"""How many robots, and for how long, for a wanted pair of errors: from cells of different fill ratios and swarm sizes.
 
 | name | what it is | limits |
 |---|---|---|
 | missed | share of runs without a right consensus by the horizon | Wilson |
 | wrong | share of runs with a wrong consensus by then | Wilson |
+| false alarm | a wrong consensus on a floor below the boundary: the swarm says "more", and it is not so | Wilson |
 | robots_missed | share of robots that had not decided right by then | cluster bootstrap over runs |
-| robots_wrong | share that had decided wrong | cluster bootstrap over runs |
-| needed | the first time at which the upper limit of the miss lies below the wanted error | |
+| robots_wrong, robots_false_alarm | share that had decided wrong; that on floors below the boundary | the same |
+| needed | the first time at which the upper limit of the misses lies below the wanted error | |
+| clear until | the time from which on the upper limit of the false alarms is no longer below what is wanted | |
 
-A miss is not an error made: undecided counts as missed. "Needed" takes the upper limit, not the estimate: with too few
-runs (fewer than about 73 for 5 % at the level of 95 %) nothing is enough.
+A miss is not an error made: undecided counts as missed. Misses fall with time and false alarms rise, so a floor above
+the boundary and one below it are told apart as wanted at a time T with needed <= T < clear until: the first is T =
+needed. All upper limits are taken, not the estimates: with too few runs (fewer than about 73 for 5 % at the level of
+95 %) nothing is enough. Each limit holds by itself; both of a pair together hold at twice the error of the level.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
@@ -31,7 +34,7 @@ Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
 """Tables of robots and of runs of each cell, one scenario's runs; fill ratio and number of robots stand in them."""
 
 HORIZONS: Final = 6
-"""Even parts of t_end at which misses are told where no horizons are given."""
+"""Even parts of t_end at which misses are reported where no horizons are given."""
 GRID: Final = 481
 """Times that ``needed`` looks at for robots, whose limits are drawn."""
 
@@ -48,8 +51,9 @@ def detection_curve(
     Args:
         cells: tables ``robots`` and ``runs`` of each. t_end_s: end of their runs, s. horizons_s: times, s, up to it.
         level: of the intervals. seed: of the bootstrap.
-    Returns: fill_ratio, robots, runs, horizon_s, and missed, wrong, robots_missed, robots_wrong, each with ``_low``
-        and ``_high``; null where no decision is right.
+    Returns: fill_ratio, truth (1: above the boundary), robots, runs, horizon_s, and missed, wrong, false_alarm,
+        robots_missed, robots_wrong, robots_false_alarm, each with ``_low`` and ``_high``; null where no decision is
+        right, false alarms also above the boundary.
     """
     horizons = time_grid(
         t_end_s, np.linspace(0, t_end_s, HORIZONS + 1)[1:] if horizons_s is None else horizons_s
@@ -68,6 +72,12 @@ def detection_curve(
                 *_same(each, "robots_wrong"),
             )
         )
+        below = pl.col("truth") == 0
+        frames[-1] = frames[-1].with_columns(
+            pl.when(below).then(pl.col(f"{of}wrong{end}")).alias(f"{of}false_alarm{end}")
+            for of in ("", "robots_")
+            for end in ("", "_low", "_high")
+        )
     if not frames:
         raise InputError("give at least one cell", field="cells")
     return pl.concat(frames).sort("robots", "fill_ratio", "horizon_s")
@@ -79,6 +89,7 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
         raise InputError("a cell is of one scenario, with one number of robots", field="cells")
     return {
         "fill_ratio": _fill_ratio(runs["fill_ratio"]),
+        "truth": _truth(runs["truth"]),
         "robots": int(sizes[0]),
         "runs": runs.height,
     }
@@ -87,6 +98,11 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
 def _fill_ratio(fills: pl.Series) -> float:
     """The mean, and just the value where all are equal."""
     return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
+
+
+def _truth(truths: pl.Series) -> int | None:
+    """What is so in all runs; None where they differ, or no decision is right."""
+    return int(truths[0]) if truths.n_unique() == 1 and truths.null_count() == 0 else None
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
@@ -108,63 +124,127 @@ def needed(
     of: Literal["swarm", "robots"] = "swarm",
     level: float = 0.95,
     seed: int = 0,
+    false_alarms: float | None = None,
 ) -> pl.DataFrame:
-    """How long each cell needs until the upper limit of its miss lies below ``error``.
+    """How long each cell needs until the upper limit of its misses lies below ``error``.
 
     Args:
         t_end_s: end of the runs, s. error: the wanted probability of a miss.
         of: of a right consensus, or of a robot that has decided right (then to the next of 481 times).
-    Returns: fill_ratio, robots, runs, needed_s (null: not by t_end), missed and missed_high at t_end, and ``fewest``:
-        whether no cell of this fill ratio gets there with fewer robots; by fill ratio and robots.
+        false_alarms: the wanted probability of a false alarm; without, ``error``.
+    Returns: fill_ratio, truth, robots, runs, needed_s (null: not by t_end), missed and missed_high at t_end, and
+        ``fewest``: whether no cell of this fill ratio gets there with fewer robots; of floors below the boundary
+        false_alarm and false_alarm_high at t_end, and clear_until_s (null: to the end; 0: never); by fill ratio and
+        robots.
     Raises:
         InputError: an error or level outside 0 to 1, neither swarm nor robots.
     """
     check_level(level)
-    if not 0.0 < error < 1.0:
-        raise InputError(f"{error!r} is no error to aim at; give a share such as 0.05", field="error")
+    wanted = error if false_alarms is None else false_alarms
+    for name, value in (("error", error), ("false_alarms", wanted)):
+        if not 0.0 < value < 1.0:
+            raise InputError(f"{value!r} is no error to aim at; give a share such as 0.05", field=name)
     if of not in ("swarm", "robots"):
         raise InputError(f"'{of}' cannot miss; swarm or robots", field="of")
     rows = []
     for robots, runs in cells:
-        find = _swarm_needs if of == "swarm" else _robots_need
-        needed_s, missed, high = find(robots, runs, t_end_s, error, level, seed)
-        found = {"needed_s": plain(needed_s), "missed": plain(missed), "missed_high": plain(high)}
-        rows.append(_about(robots, runs, t_end_s) | found)
+        row = _about(robots, runs, t_end_s)
+        events = _swarm_events if of == "swarm" else _robot_events
+        right, wrong = events(robots, runs, t_end_s, level, seed)
+        row |= _first_below(right, error)
+        row |= _clear(wrong, wanted) if row["truth"] == 0 else dict.fromkeys(_ALARM)
+        rows.append(row)
     if not rows:
         raise InputError("give at least one cell", field="cells")
-    schema = {"fill_ratio": pl.Float64, "robots": pl.Int64, "runs": pl.Int64, "needed_s": pl.Float64}
-    frame = pl.DataFrame(rows, schema=schema | {"missed": pl.Float64, "missed_high": pl.Float64})
+    whole = {"truth": pl.Int8, "robots": pl.Int64, "runs": pl.Int64}
+    shares = dict.fromkeys(("needed_s", "missed", "missed_high", *_ALARM), pl.Float64)
+    frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **whole, **shares})
     enough = pl.when(pl.col("needed_s").is_not_null()).then(pl.col("robots"))
     fewest = (enough == enough.min().over("fill_ratio")).fill_null(False)
     return frame.with_columns(fewest=fewest).sort("fill_ratio", "robots")
 
 
-Found = tuple[float, float, float]
-"""Time needed (infinite: never), and the miss at t_end with its upper limit."""
+def pairs(found: pl.DataFrame) -> pl.DataFrame:
+    """When a floor above the boundary is told from one below it with few enough misses and false alarms.
+
+    Args:
+        found: of ``needed``.
+    Returns: fill_ratio (above), fill_ratio_below, robots, time_s (null: not by the end, or only with more false
+        alarms), fewest (whether no fewer robots do it); a row for each two floors and number of robots.
+    """
+    above = found.filter(pl.col("truth") == 1).select("fill_ratio", "robots", "needed_s")
+    below = found.filter(pl.col("truth") == 0).select(
+        "robots", "clear_until_s", fill_ratio_below="fill_ratio"
+    )
+    both = above.join(below, on="robots")
+    clear = pl.col("clear_until_s").is_null() | (pl.col("needed_s") < pl.col("clear_until_s"))
+    both = both.with_columns(time_s=pl.when(clear).then(pl.col("needed_s")))
+    enough = pl.when(pl.col("time_s").is_not_null()).then(pl.col("robots"))
+    fewest = (enough == enough.min().over("fill_ratio", "fill_ratio_below")).fill_null(False)
+    chosen = both.with_columns(fewest=fewest).select(
+        "fill_ratio", "fill_ratio_below", "robots", "time_s", "fewest"
+    )
+    return chosen.sort("fill_ratio", "fill_ratio_below", "robots")
 
 
-def _swarm_needs(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, error: float, level: float, seed: int
-) -> Found:
-    """Exactly: the time of that right consensus which is the k-th, with the least k whose limit is low enough."""
+_ALARM: Final = ("false_alarm", "false_alarm_high", "clear_until_s")
+
+
+class _Events(NamedTuple):
+    """What happened more and more: times, increasing; the share from each on, with its upper and lower limits.
+
+    All are of shape (times,), the first time being 0.
+    """
+
+    time_s: NDArray[np.float64]
+    share: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def _swarm_events(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
+) -> tuple[_Events, _Events]:
+    """Right and wrong consensus, at each time at which there was one more."""
     table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
-    n = table.height
-    if n == 0:
-        return math.inf, math.nan, math.nan
-    at = np.sort(table.filter(pl.col("consensus") == "right")["consensus_time_s"].to_numpy())
-    _, high = wilson_limits(n - np.arange(at.size + 1), n, level)
-    enough = np.flatnonzero(high < error)
-    needed_s = math.inf
-    if enough.size:
-        needed_s = float(at[enough[0] - 1]) if enough[0] else 0.0
-    return needed_s, 1.0 - at.size / n, float(high[-1])
+    n, found = table.height, []
+    for outcome in ("right", "wrong"):
+        at = np.sort(table.filter(pl.col("consensus") == outcome)["consensus_time_s"].to_numpy())
+        count = np.arange(at.size + 1)
+        low, high = wilson_limits(count, n, level)
+        share = count / n if n else np.full(count.size, np.nan)
+        found.append(_Events(np.append(0.0, at), share, low, high))
+    return found[0], found[1]
 
 
-def _robots_need(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, error: float, level: float, seed: int
-) -> Found:
+def _robot_events(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
+) -> tuple[_Events, _Events]:
+    """Shares of robots that had decided right, and wrong, on an even grid of times."""
     times = np.linspace(0.0, t_end_s, GRID)
-    right = robot_incidence(robots, runs, t_end_s, times, level, seed)
-    missed, high = (1.0 - right[name].fill_null(np.nan).to_numpy() for name in ("right", "right_low"))
-    enough = np.flatnonzero(high < error)
-    return float(times[enough[0]]) if enough.size else math.inf, float(missed[-1]), float(high[-1])
+    table = robot_incidence(robots, runs, t_end_s, times, level, seed)
+    found = [
+        _Events(times, *(table[f"{name}{end}"].fill_null(np.nan).to_numpy() for end in ("", "_low", "_high")))
+        for name in ("right", "wrong")
+    ]
+    return found[0], found[1]
+
+
+def _first_below(right: _Events, error: float) -> dict[str, float | None]:
+    """When the upper limit of the misses is low enough for the first time, and the misses at the end."""
+    enough = np.flatnonzero(1.0 - right.low < error)
+    return {
+        "needed_s": float(right.time_s[enough[0]]) if enough.size else None,
+        "missed": plain(1.0 - float(right.share[-1])),
+        "missed_high": plain(1.0 - float(right.low[-1])),
+    }
+
+
+def _clear(wrong: _Events, wanted: float) -> dict[str, float | None]:
+    """Until when the upper limit of the false alarms is low enough, and the false alarms at the end."""
+    over = np.flatnonzero(~(wrong.high < wanted))
+    return {
+        "false_alarm": plain(float(wrong.share[-1])),
+        "false_alarm_high": plain(float(wrong.high[-1])),
+        "clear_until_s": float(wrong.time_s[over[0]]) if over.size else None,
+    }

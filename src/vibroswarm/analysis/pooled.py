@@ -3,7 +3,7 @@
 | name | symbol | equation |
 |---|---|---|
 | bits so far, ones among them | n, S | of all robots of the run, in order of time |
-| evidence by count | X | S - x n, with x the decision boundary |
+| evidence by count | X | S - x n, with x the tested boundary (``observation.boundary``) |
 | evidence by belief | X | ln[(1 - p) / p], p = I_x(a0 + S, b0 + n - S) with the scenario's prior Beta(a0, b0) |
 | threshold | h | decide 1 once X >= h, 0 once X <= -h; undecided if never |
 | error | - | share wrong + u (share undecided), the same u for both |
@@ -36,6 +36,7 @@ from vibroswarm.analysis.intervals import (
 )
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.result import Result
 
 Rule = Literal["count", "belief"]
@@ -176,14 +177,14 @@ def first_passages(
 
 def evidence(bits: NDArray[np.uint8], result: Result, rule: Rule) -> NDArray[np.float64]:
     """X after each bit, shape as ``bits``; above 0 speaks for 1."""
-    decision = result.scenario.decision
+    decision, boundary = result.scenario.decision, readings_boundary(result.scenario)
     ones, n = np.cumsum(bits, dtype=np.int64), np.arange(1, bits.size + 1)
     if rule == "count":
-        return np.asarray(ones - decision.decision_boundary * n)
+        return np.asarray(ones - boundary * n)
     alpha, beta = decision.prior_alpha + ones, decision.prior_beta + n - ones
     # Each tail by itself, so that a belief near 1 keeps its digits.
-    below = betainc(alpha, beta, decision.decision_boundary)
-    above = betainc(beta, alpha, 1.0 - decision.decision_boundary)
+    below = betainc(alpha, beta, boundary)
+    above = betainc(beta, alpha, 1.0 - boundary)
     smallest = np.finfo(np.float64).tiny
     return np.asarray(np.log(np.maximum(above, smallest)) - np.log(np.maximum(below, smallest)))
 

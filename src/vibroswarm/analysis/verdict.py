@@ -14,8 +14,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.observation.felt import spill
-from vibroswarm.observation.reading import error_rates
+from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 
 
@@ -54,8 +53,10 @@ class Verdict:
     wrong: int
     undecided: int
     end_s: float
+    readings_boundary: float
+    """The share of ones that robots hold their readings against (``observation.boundary``)."""
     share_of_ones_expected: float
-    """What a sample at a uniformly random place on the tiles reads as vibrating, with the sensor's errors
+    """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
     and what vibration does across tile edges."""
     share_of_ones_read: float | None
     robots: tuple[RobotVerdict, ...]
@@ -71,9 +72,9 @@ def verdict(result: Result, run: int = 0) -> Verdict:
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())
     alike = {robot.decision for robot in robots}
-    false_positive, false_negative = error_rates(result.scenario.sensor)
     fill = summary["fill_ratio"]
-    felt = fill + spill(result.scenario.sensor, result.floor(run))
+    arena = result.scenario.arena
+    size = (arena.width_m, arena.height_m)
     bits = result.observations.filter(of_run)["observation"]
     return Verdict(
         consensus=summary["consensus"],
@@ -86,7 +87,8 @@ def verdict(result: Result, run: int = 0) -> Verdict:
         wrong=summary["wrong"],
         undecided=summary["undecided"],
         end_s=summary["end_s"],
-        share_of_ones_expected=felt * (1 - false_negative) + (1 - felt) * false_positive,
+        readings_boundary=readings_boundary(result.scenario),
+        share_of_ones_expected=expected_ones_on(result.scenario.sensor, result.floor(run), size),
         share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
     )

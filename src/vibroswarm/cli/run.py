@@ -20,7 +20,7 @@ examples:
   vibroswarm run                                        the paper's setting, no feedback
   vibroswarm run --strategy soft --seed 2 --out first   keep tables, picture and page in the folder 'first'
   vibroswarm run --floor diagonal:0.46 --robots 8 --watch
-  vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
+  vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
 """
 
 
@@ -113,21 +113,29 @@ def _keep(result: Result, out: Path, *, replace: bool) -> None:
 
 
 def _say(result: Result, arguments: argparse.Namespace) -> None:
+    from textwrap import fill
+
+    from vibroswarm.analysis.decidability import decidability
     from vibroswarm.analysis.verdict import verdict
-    from vibroswarm.cli.words import verdict_text
+    from vibroswarm.cli.words import WIDTH, verdict_text
 
     found = verdict(result)
+    decidable = decidability(result.scenario, floor=result.floor())
+    warnings = [] if decidable.verdict == "decidable" else [decidable.says]
     if arguments.json:
         about = {
             "scenario_hash": result.scenario.hash,
             "seed": result.seed,
             "out": None if arguments.out is None else str(arguments.out),
             "verdict": found.as_dict(),
+            "warnings": warnings,
             "versions": dict(result.versions),
         }
         print(json.dumps(about, indent=2, allow_nan=False))
         return
     print(verdict_text(result, found))
+    for warning in warnings:
+        print(fill(f"Warning: {warning}", WIDTH))
     if arguments.out is None:
         print("Nothing was kept; --out DIR keeps scenario, tables, picture and page.")
     else:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.cli.words import decision_words
 from vibroswarm.motion.pose import pose
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Playback:
         from scipy.special import betainc
 
         decision = self.scenario.decision
-        return float(betainc(decision.prior_alpha, decision.prior_beta, decision.decision_boundary))
+        return float(betainc(decision.prior_alpha, decision.prior_beta, readings_boundary(self.scenario)))
 
 
 def play(result: Result, speed: float) -> None:

@@ -93,12 +93,17 @@ def verdict_text(result: Result, found: Verdict) -> str:
     if found.share_of_ones_read is not None:
         lines.append(
             f"Samples read as vibrating: {percent(round(found.share_of_ones_read, 4))}; with the sensor's errors, "
-            f"{percent(round(found.share_of_ones_expected, 4))} were to be expected on this floor."
+            f"{percent(round(found.share_of_ones_expected, 4))} are expected on this floor."
+        )
+    if found.readings_boundary != found.decision_boundary:
+        lines.append(
+            f"Robots test the share of ones against {percent(round(found.readings_boundary, 4))}, which a floor with "
+            f"{percent(found.decision_boundary)} vibrating tiles is expected to give."
         )
     lines += [
         "",
         f"{'robot':>5}  {'decision':<26} {'at':>9} {'belief':>8}   "
-        f"{'posterior of f (95 %)':<20} {'own':>8} {'heard':>6}",
+        f"{'share of ones (95 %)':<20} {'own':>8} {'heard':>6}",
         *(robot_line(robot, found.decision_boundary) for robot in found.robots),
         "",
     ]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inner, kernel, signed
 from vibroswarm.draws import LOSS, uniform
 from vibroswarm.inference.beliefs import Beliefs, belief_of
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies.program import (
     GATES,
@@ -58,7 +59,7 @@ def mind_program(scenario: Scenario) -> MindProgram:
         strategy=STRATEGIES.index(strategy.name),
         eta=strategy.eta,
         kappa=strategy.kappa,
-        boundary=decision.decision_boundary,
+        boundary=readings_boundary(scenario),
         credible_threshold=decision.credible_threshold,
         min_observations=decision.min_observations,
         gate=GATES.index(decision.gate),

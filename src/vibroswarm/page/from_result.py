@@ -8,6 +8,7 @@ from pathlib import Path
 import polars as pl
 
 from vibroswarm.errors import InputError
+from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.page.record import RunRecord
 from vibroswarm.page.write import write_page
 from vibroswarm.result import Result
@@ -24,6 +25,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     floor = result.floor(run)
     scenario = result.scenario
     rays, decision = scenario.rays, scenario.decision
+    size = (scenario.arena.width_m, scenario.arena.height_m)
+    boundary, tested = decision.decision_boundary, readings_boundary(scenario)
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
@@ -47,7 +50,9 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         min_observations=decision.min_observations,
         gate=decision.gate,
         credible_threshold=decision.credible_threshold,
-        decision_boundary=decision.decision_boundary,
+        decision_boundary=boundary,
+        readings_boundary=tested,
+        expected_ones=expected_ones_on(scenario.sensor, floor, size) if tested != boundary else None,
         prior_alpha=decision.prior_alpha,
         prior_beta=decision.prior_beta,
         tick_s=scenario.tick_s,

@@ -62,7 +62,11 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "body": _body(record),
         "time": {"tick_s": float(record.tick_s), "end_s": float(record.t_end_s)},
         "rule": _rule(record),
-        "truth": {"fill_ratio": float(record.fill_ratio), "decision": record.true_decision},
+        "truth": {
+            "fill_ratio": float(record.fill_ratio),
+            "ones": float(record.fill_ratio if record.expected_ones is None else record.expected_ones),
+            "decision": record.true_decision,
+        },
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
@@ -100,12 +104,14 @@ def _body(record: RunRecord) -> dict[str, Any]:
 
 def _rule(record: RunRecord) -> dict[str, Any]:
     prior = (record.prior_alpha, record.prior_beta)
+    tested = record.decision_boundary if record.readings_boundary is None else record.readings_boundary
     return {
         "credible_threshold": float(record.credible_threshold),
         "boundary": float(record.decision_boundary),
+        "tested": float(tested),
         "prior_alpha": prior[0],
         "prior_beta": prior[1],
-        "prior_belief": float(betainc(*prior, record.decision_boundary)),
+        "prior_belief": float(betainc(*prior, tested)),
         "min_observations": int(record.min_observations),
         "gate": record.gate,
     }

@@ -6,7 +6,7 @@
 | credible_threshold | p_c | - |
 | min_observations | O_c | - |
 | fill_ratio | f | - |
-| belief | p = P(f < decision_boundary) | - |
+| belief | p = P(share of ones < readings_boundary) | - |
 | decision | d_f | 1 vibrating, 0 still, -1 undecided |
 """
 
@@ -62,6 +62,9 @@ class RunRecord:
         gate: what ``min_observations`` counts.
         ray_forward_m, ray_sides_m, ray_angles_rad: where rays start and point, seen from the robot.
         ray_disc_radius_m: how large other robots are to rays.
+        readings_boundary: the share of ones that robots hold their readings against; None: ``decision_boundary``.
+        expected_ones: the share of ones that this floor is expected to give, shown in place of the fill ratio where
+            posteriors are held against another share than ``decision_boundary``; None: the fill ratio.
         details: more to show in the footer, name to text.
 
     Raises:
@@ -88,6 +91,8 @@ class RunRecord:
     gate: str = "total"
     credible_threshold: float = 0.95
     decision_boundary: float = 0.5
+    readings_boundary: float | None = None
+    expected_ones: float | None = None
     prior_alpha: int = 1
     prior_beta: int = 1
     tick_s: float = 0.02

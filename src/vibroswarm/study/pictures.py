@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.plots.belief import draw_belief
 from vibroswarm.plots.boxes import draw_boxes
 from vibroswarm.plots.density import draw_density
@@ -374,7 +375,7 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
         index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
         beliefs = of_robot["belief"].to_numpy()
         held[row] = np.where(index >= 0, beliefs[np.maximum(index, 0)], np.nan)
-    prior = _prior_belief(start.prior_alpha, start.prior_beta, start.decision_boundary)
+    prior = _prior_belief(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
     held[np.isnan(held)] = prior
     columns = {f"q{q:02d}": np.quantile(held, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
     return pl.DataFrame({"time_s": times, "series": [one.cell.name] * TIMES, **columns})

@@ -30,6 +30,7 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
+from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.scenario import Scenario, read_text
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of
@@ -144,7 +145,8 @@ class Study:
                 "a whole scenario leaves a preset nothing to say; give only what shall be the same in all cells",
                 field=PRESET,
             )
-        _ = self.cells
+        for cell in self.cells:
+            readings_boundary(cell.scenario)  # refused here, before anything is simulated
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:

@@ -26,8 +26,8 @@ function betaMoments(alpha, beta) {
 const HALF_WIDTHS = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5];
 
 function shapeWindow(minds) {
-  const centre = run.rule.boundary;
-  let reach = Math.abs(run.truth.fill_ratio - centre) + 0.01;
+  const centre = run.rule.tested;
+  let reach = Math.abs(run.truth.ones - centre) + 0.01;
   for (const mind of minds) {
     const { mean, deviation } = betaMoments(mind.alpha, mind.beta);
     reach = Math.max(reach, Math.abs(mean - centre) + 3.2 * deviation);

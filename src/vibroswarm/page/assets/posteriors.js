@@ -64,7 +64,7 @@ function drawDensity(card, mind, frame) {
   context.clearRect(0, 0, width, CARD_HEIGHT + AXIS_HEIGHT);
   const steps = Math.max(Math.round(width / 1.5), 40);
   const heights = betaShape(mind.alpha, mind.beta, frame.low, frame.high, steps);
-  const split = x(run.rule.boundary);
+  const split = x(run.rule.tested);
   for (const [from, to, fills] of [
     [0, split, [colours["still-soft"]]], [split, width, [colours["vibrating-soft"], card.waves]],
   ]) {
@@ -100,8 +100,8 @@ function drawDensityAxis(context, width, floor, x, frame) {
   context.strokeStyle = colours["line-strong"];
   line(context, 0, crisp(floor), width, crisp(floor));
   context.strokeStyle = colours.ink;
-  line(context, crisp(x(run.rule.boundary)), 0, crisp(x(run.rule.boundary)), floor + 3);
-  const truth = x(run.truth.fill_ratio);
+  line(context, crisp(x(run.rule.tested)), 0, crisp(x(run.rule.tested)), floor + 3);
+  const truth = x(run.truth.ones);
   context.setLineDash([2, 2]);
   line(context, crisp(truth), 4, crisp(truth), floor);
   context.setLineDash([]);

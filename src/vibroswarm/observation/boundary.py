@@ -1,0 +1,348 @@
+"""The share of ones that robots hold their readings against: the boundary, as their sensors would show it.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| decision boundary | x | - | the question: does more than this share of the tiles vibrate? |
+| false positive, false negative | a, b | - | of the sensor, away from edges |
+| share felt | h(x) | - | probability that a sample at a uniformly random place in the arena feels vibration |
+| boundary of readings | q(x) | - | h (1 - b) + (1 - h) a; for a plain sensor on a tiled arena x (1 - b) + (1 - x) a |
+| assumed rates | a', b' | - | q = v (1 - b') + (1 - v) a', v = x times the tiled share of the arena |
+
+With ``decision.boundary_of = "readings"`` (the study) robots test the share of ones against x itself, which asks the
+question of the tiles only where the errors balance at x. With "tiles" they test it against q(x).
+
+h is a mean over random floors: floors of this grid, every choice of x N vibrating tiles among the N alike (between
+whole numbers of tiles the same formula is used). A place near edges feels the tile below it or the nearest tile of the
+other kind (``felt``), so that only the order of the tiles near it, by distance, matters.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import allocating_kernel
+from vibroswarm.errors import InputError
+from vibroswarm.fields import Sensor
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.felt import FAR, Place, felt_share, place_of, share_past
+from vibroswarm.observation.reading import error_rates
+from vibroswarm.scenario import Scenario
+
+GRID = 40
+"""Points to a tile's side at which places are averaged."""
+MOST_NEIGHBOURS = 400
+"""Tiles near one place that the mean over random floors can take into account."""
+
+Geometry = tuple[int, int, float, float, float, float]
+"""``Floor.geometry``."""
+Size = tuple[float, float]
+"""Width and height of the arena, m."""
+
+
+class Felt(NamedTuple):
+    """Shares of the arena's area: that vibrates, that vibrates and is felt so, that is still and is felt to vibrate."""
+
+    vibrating: float
+    found: float
+    spilt: float
+
+
+def readings_boundary(scenario: Scenario) -> float:
+    """The share of ones that a robot's belief is about, in (0, 1).
+
+    Raises:
+        InputError: ``boundary_of = "tiles"`` and error rates that sum to 1 or more; or soft feedback with a boundary
+            other than 1/2.
+    """
+    decision = scenario.decision
+    x = decision.decision_boundary
+    if decision.boundary_of == "readings":
+        return x
+    given = (decision.assumed_false_positive, decision.assumed_false_negative)
+    tested = _expected_at(scenario, x, given)
+    if scenario.strategy.name == "soft" and tested != 0.5:
+        raise InputError(
+            f"soft feedback is neutral at a boundary of 0.5 only, and this one is tested at {tested:.4f} of the "
+            'readings; set decision.boundary_of = "readings", or another strategy',
+            field="strategy.name",
+        )
+    return tested
+
+
+def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
+    """q: share of ones expected of random floors with this share of vibrating tiles, by the sensor's own rates.
+
+    Raises:
+        InputError: edges that reach over too many tiles.
+    """
+    return _expected(scenario.sensor, _geometry(scenario), _size(scenario), fill_ratio)
+
+
+def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
+    """The share of ones expected of one floor at uniformly random places in an arena of this size (m)."""
+    a, b = error_rates(sensor)
+    felt = felt_on(sensor, floor, size)
+    share = felt.found + felt.spilt
+    return share * (1.0 - b) + (1.0 - share) * a
+
+
+def felt_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> Felt:
+    """Shares of an arena of this size (m) with one floor; ``grid``: points to a tile's side, where edges matter."""
+    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    tiled = tiled_share(floor.geometry, size)
+    fill = floor.fill_ratio_within(*size)
+    if not _edges(sensor):
+        return Felt(tiled * fill, tiled * fill, 0.0)
+    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
+    within_m = abs(reach_m) + FAR * blur_m
+    x = _points(columns, width_m, left_m, size[0], within_m, grid, every=True)
+    y = _points(rows, height_m, bottom_m, size[1], within_m, grid, every=True)
+    found, spilt = _felt_on_floor(*x, *y, place_of(floor), floor.tiles.ravel(), reach_m, blur_m)
+    return Felt(tiled * fill, found / (size[0] * size[1]), spilt / (size[0] * size[1]))
+
+
+def mean_felt(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float, grid: int = GRID) -> Felt:
+    """``felt_on``, on average over random floors of this grid with this share of vibrating tiles.
+
+    Raises:
+        InputError: edges that reach over too many tiles.
+    """
+    rows, columns, width_m, height_m, left_m, bottom_m = geometry
+    vibrating = tiled_share(geometry, size) * fill_ratio
+    if not _edges(sensor):
+        return Felt(vibrating, vibrating, 0.0)
+    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
+    within_m = abs(reach_m) + FAR * blur_m
+    near = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
+    if min(near, rows * columns) > MOST_NEIGHBOURS:
+        raise InputError(
+            f"edges that are felt {within_m:g} m away reach over too many tiles of {width_m:g} m x {height_m:g} m for "
+            'decision.boundary_of = "tiles"; give decision.assumed_false_positive and assumed_false_negative',
+            field="sensor.edge_reach_m",
+        )
+    x = _points(columns, width_m, left_m, size[0], within_m, grid)
+    y = _points(rows, height_m, bottom_m, size[1], within_m, grid)
+    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    found, spilt = _mean_felt(*x, *y, place, fill_ratio * rows * columns, reach_m, blur_m, within_m)
+    return Felt(vibrating, found / (size[0] * size[1]), spilt / (size[0] * size[1]))
+
+
+def tiled_share(geometry: Geometry, size: Size) -> float:
+    """Share of the arena's area (its width and height in m, from its corner at 0, 0) that lies on tiles."""
+    rows, columns, tile_width, tile_height, left, bottom = geometry
+    across = min(left + columns * tile_width, size[0]) - max(left, 0.0)
+    up = min(bottom + rows * tile_height, size[1]) - max(bottom, 0.0)
+    return min(max(across, 0.0) * max(up, 0.0) / (size[0] * size[1]), 1.0)
+
+
+def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float | None]) -> float:
+    """q(x) by the rates that robots assume.
+
+    A rate that is not given is the sensor's, averaged over uniformly random places on floors at the boundary.
+    """
+    sensor, size = scenario.sensor, _size(scenario)
+    felt = _mean_felt_cached(sensor, _geometry(scenario), size, x)
+    v = felt.vibrating
+    a, b = error_rates(sensor)
+    of_still = felt.spilt / (1.0 - v) if v < 1.0 else 0.0
+    of_vibrating = felt.found / v if v > 0.0 else 1.0
+    positive, negative = given
+    if positive is None:
+        positive = of_still * (1.0 - b) + (1.0 - of_still) * a
+    if negative is None:
+        negative = of_vibrating * b + (1.0 - of_vibrating) * (1.0 - a)
+    if positive + negative >= 1.0:
+        raise InputError(
+            f'"tiles" needs readings that tell: the rates of false positives ({positive:.3g}) and of false negatives '
+            f"({negative:.3g}) have to sum to less than 1; change sensor.rms_threshold, or the assumed rates",
+            field="decision.boundary_of",
+        )
+    return v * (1.0 - negative) + (1.0 - v) * positive
+
+
+def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> float:
+    a, b = error_rates(sensor)
+    felt = _mean_felt_cached(sensor, geometry, size, fill_ratio)
+    share = felt.found + felt.spilt
+    return share * (1.0 - b) + (1.0 - share) * a
+
+
+@lru_cache(maxsize=256)
+def _mean_felt_cached(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> Felt:
+    return mean_felt(sensor, geometry, size, fill_ratio)
+
+
+def _geometry(scenario: Scenario) -> Geometry:
+    return scenario.floor_for(0, 0).geometry
+
+
+def _size(scenario: Scenario) -> Size:
+    return scenario.arena.width_m, scenario.arena.height_m
+
+
+def _edges(sensor: Sensor) -> bool:
+    return sensor.edge_reach_m is not None or sensor.edge_blur_m is not None
+
+
+Points = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+"""Coordinates along one side of the arena, m; the length that each stands for, m; its lane of tiles, -1: none."""
+
+
+def _points(
+    count: int, size_m: float, first_m: float, arena_m: float, within_m: float, grid: int, every: bool = False
+) -> Points:
+    """Midpoints along one side; lanes of tiles whose surroundings are alike are represented by one unless ``every``.
+
+    Lanes are counted from the lower end. Beyond ``within_m`` off the floor nothing is felt, and there are no points.
+    """
+    near = int(np.ceil(within_m / size_m))
+    at: list[NDArray[np.float64]] = []
+    length: list[NDArray[np.float64]] = []
+    lane: list[NDArray[np.int64]] = []
+    alike: int | None = None
+    for number in range(count):
+        low, high = first_m + number * size_m, first_m + (number + 1) * size_m
+        whole = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
+        if whole and not every and near <= number < count - near:
+            if alike is not None:
+                length[alike] += (high - low) / grid
+                continue
+            alike = len(at)
+        inside = (max(low, 0.0), min(high, arena_m))
+        if inside[1] > inside[0]:
+            at.append(_midpoints(*inside, grid))
+            length.append(np.full(grid, (inside[1] - inside[0]) / grid))
+            lane.append(np.full(grid, number))
+    end_m = first_m + count * size_m
+    for low, high in ((max(first_m - within_m, 0.0), first_m), (end_m, min(end_m + within_m, arena_m))):
+        if high > low:
+            at.append(_midpoints(low, high, grid))
+            length.append(np.full(grid, (high - low) / grid))
+            lane.append(np.full(grid, -1))
+    return np.concatenate(at), np.concatenate(length), np.concatenate(lane)
+
+
+def _midpoints(low: float, high: float, grid: int) -> NDArray[np.float64]:
+    return low + (np.arange(grid) + 0.5) * (high - low) / grid
+
+
+@allocating_kernel
+def _felt_on_floor(
+    x_m: NDArray[np.float64],
+    x_length_m: NDArray[np.float64],
+    column: NDArray[np.int64],
+    y_m: NDArray[np.float64],
+    y_length_m: NDArray[np.float64],
+    lane: NDArray[np.int64],
+    place: Place,
+    tiles: NDArray[np.uint8],
+    reach_m: float,
+    blur_m: float,
+) -> tuple[float, float]:
+    """Area, m2, that vibrates and is felt so, and that does not and is felt to; rows of ``lane`` count from below."""
+    found = spilt = 0.0
+    for j in range(y_m.size):
+        for i in range(x_m.size):
+            at = -1
+            if column[i] >= 0 and lane[j] >= 0:
+                at = (place.rows - 1 - lane[j]) * place.columns + column[i]
+            share, _ = felt_share(x_m[i], y_m[j], at, place, tiles, reach_m, blur_m)
+            area = share * x_length_m[i] * y_length_m[j]
+            if at >= 0 and tiles[at] == 1:
+                found += area
+            else:
+                spilt += area
+    return found, spilt
+
+
+@allocating_kernel
+def _mean_felt(
+    x_m: NDArray[np.float64],
+    x_length_m: NDArray[np.float64],
+    column: NDArray[np.int64],
+    y_m: NDArray[np.float64],
+    y_length_m: NDArray[np.float64],
+    lane: NDArray[np.int64],
+    place: Place,
+    vibrating: float,
+    reach_m: float,
+    blur_m: float,
+    within_m: float,
+) -> tuple[float, float]:
+    """``_felt_on_floor``, on average over the places of ``vibrating`` tiles on the grid."""
+    tiles = float(place.rows * place.columns)
+    found = spilt = 0.0
+    distance = np.empty(MOST_NEIGHBOURS)
+    for j in range(y_m.size):
+        for i in range(x_m.size):
+            row = place.rows - 1 - lane[j] if lane[j] >= 0 else -1
+            on = column[i] >= 0 and row >= 0
+            near = _distances(
+                x_m[i], y_m[j], row if on else -1, column[i] if on else -1, within_m, place, distance
+            )
+            area = x_length_m[i] * y_length_m[j]
+            # The tile below is one of the grid's, if there is one.
+            others = tiles - 1.0 if on else tiles
+            if on:
+                share = vibrating / tiles
+                inside = _nearest(distance, near, others - (vibrating - 1.0), others, reach_m, blur_m, 1.0)
+                found += area * share * inside
+                area *= 1.0 - share
+            spilt += area * _nearest(distance, near, vibrating, others, reach_m, blur_m, -1.0)
+    return found, spilt
+
+
+@allocating_kernel
+def _distances(
+    x_m: float, y_m: float, row: int, column: int, within_m: float, place: Place, out: NDArray[np.float64]
+) -> int:
+    """Distances to all tiles within ``within_m`` but the one at (row, column), increasing; gives how many."""
+    count = 0
+    first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
+    last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
+    first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
+    last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
+    for r in range(first_row, last_row + 1):
+        above = y_m - (place.top_m - r * place.height_m)
+        up = max(above, -place.height_m - above, 0.0)
+        for c in range(first_column, last_column + 1):
+            if r == row and c == column:
+                continue
+            before = place.left_m + c * place.width_m - x_m
+            beside = max(before, -place.width_m - before, 0.0)
+            d = np.sqrt(beside * beside + up * up)
+            if d <= within_m and count < out.size:
+                k = count
+                while k > 0 and out[k - 1] > d:
+                    out[k] = out[k - 1]
+                    k -= 1
+                out[k] = d
+                count += 1
+    return count
+
+
+@allocating_kernel
+def _nearest(
+    distance: NDArray[np.float64],
+    near: int,
+    of_kind: float,
+    tiles: float,
+    reach_m: float,
+    blur_m: float,
+    sign: float,
+) -> float:
+    """Mean probability of feeling vibration, over which of the ``near`` tiles is the nearest of the other kind.
+
+    Args:
+        of_kind: how many of ``tiles`` tiles are of the other kind. sign: 1 on a vibrating tile, -1 elsewhere.
+    """
+    total, none_before = 0.0, 1.0
+    for k in range(near):
+        is_of_kind = min(max(of_kind / (tiles - k), 0.0), 1.0) if tiles > k else 0.0
+        total += none_before * is_of_kind * share_past(reach_m + sign * distance[k], blur_m)
+        none_before *= 1.0 - is_of_kind
+    return total + (none_before if sign > 0.0 else 0.0)

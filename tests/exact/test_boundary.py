@@ -1,0 +1,203 @@
+"""The boundary that readings are held against: by enumerating floors, by sampling, and by false alarms."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.decidability import decidability
+from vibroswarm.errors import InputError
+from vibroswarm.fields import Sensor
+from vibroswarm.floors.floor import Floor
+from vibroswarm.motion.contract import MOTION
+from vibroswarm.observation.boundary import (
+    expected_ones,
+    expected_ones_on,
+    felt_on,
+    mean_felt,
+    readings_boundary,
+)
+from vibroswarm.observation.model import observe
+from vibroswarm.observation.reading import error_rates
+from vibroswarm.presets import preset
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate
+
+PAPER, CALIBRATED = preset("paper"), preset("calibrated")
+TILES = {"decision.boundary_of": "tiles"}
+FLAW: dict[str, Any] = {"floor.rows": 10, "floor.columns": 10, "decision.decision_boundary": 0.03}
+
+
+def test_a_plain_sensor_by_the_formula() -> None:
+    a, b = error_rates(PAPER.sensor)
+    for x in (0.03, 0.5, 0.9):
+        asked = PAPER.with_values({**TILES, "decision.decision_boundary": x})
+        assert readings_boundary(asked) == pytest.approx(x * (1 - b) + (1 - x) * a, abs=1e-12)
+        assert readings_boundary(asked.with_values({"decision.boundary_of": "readings"})) == x
+
+
+@pytest.mark.parametrize(
+    ("reach_m", "blur_m", "left_m", "width_m"),
+    [(0.02, None, 0.0, 0.2), (-0.03, 0.01, 0.1, 0.2), (0.25, 0.05, 0.0, 0.2), (0.03, 0.03, -0.1, 0.3)],
+)
+def test_the_mean_over_all_floors_of_a_grid(
+    reach_m: float, blur_m: float | None, left_m: float, width_m: float
+) -> None:
+    """Every floor of 2 x 3 tiles with so many that vibrate, one by one; arenas that cut tiles, and bare ones."""
+    sensor, size = Sensor(edge_reach_m=reach_m, edge_blur_m=blur_m), (0.6, 0.5)
+    for vibrating in range(1, 6):
+        found = []
+        for which in combinations(range(6), vibrating):
+            tiles = np.zeros(6, dtype=np.uint8)
+            tiles[list(which)] = 1
+            floor = Floor(tiles.reshape(2, 3), width_m, 0.2, left_m, 0.05)
+            felt = felt_on(sensor, floor, size, grid=12)
+            found.append(felt.found + felt.spilt)
+        mean = mean_felt(sensor, floor.geometry, size, vibrating / 6, grid=12)
+        assert mean.found + mean.spilt == pytest.approx(np.mean(found), abs=1e-12)
+
+
+def test_lanes_that_are_alike_may_be_taken_together() -> None:
+    """A larger floor, where one lane of tiles stands for many, against random floors."""
+    scenario = CALIBRATED.with_values({"floor.rows": 8, "floor.columns": 9, "floor.source": "random:0.375"})
+    shares = [expected_ones_on(scenario.sensor, scenario.floor_for(3, run), (1.0, 1.0)) for run in range(150)]
+    error = np.std(shares) / np.sqrt(len(shares))
+    assert abs(np.mean(shares) - expected_ones(scenario, 0.375)) < 3.5 * error
+    assert abs(np.mean(shares) - expected_ones(scenario, 0.389)) > 3.5 * error  # one tile more would be seen
+
+
+def test_what_is_expected_of_a_floor_is_what_samples_read() -> None:
+    """By the sensor itself, at uniformly random places; part of the arena is bare, and vibration reaches onto it."""
+    values = {"floor.source": "diagonal:0.48", "floor.tile_width_m": 0.06, "floor.left_m": 0.2}
+    edges = {"sensor.edge_reach_m": 0.02, "sensor.edge_blur_m": 0.01}
+    scenario = PAPER.with_values({**values, **edges})
+    count, numbers = 200_000, np.random.default_rng(5)
+    places = pl.DataFrame(
+        {
+            "run": np.zeros(count, dtype=np.uint32),
+            "robot": np.zeros(count, dtype=np.uint16),
+            "sample": np.arange(count, dtype=np.uint32),
+            "x_m": numbers.random(count),
+            "y_m": numbers.random(count),
+        }
+    ).with_columns(
+        pl.lit(None, kind).alias(name)
+        for name, kind in MOTION.items()
+        if name not in ("run", "robot", "sample", "x_m", "y_m")
+    )
+    floor = scenario.floor_for(0, 0)
+    read = observe(scenario, 1, places.select(list(MOTION)), {0: floor}, energies=False)["observation"]
+    expected = expected_ones_on(scenario.sensor, floor, (1.0, 1.0))
+    error = np.sqrt(expected * (1 - expected) / count)
+    assert abs(float(read.cast(pl.Float64).mean()) - expected) < 3.5 * error  # type: ignore[arg-type]
+    without = expected_ones_on(PAPER.sensor, floor, (1.0, 1.0))
+    assert abs(without - expected) > 3.5 * error  # edges left out would be seen
+
+
+def test_the_simple_formula_would_put_calibrated_robots_on_the_wrong_side() -> None:
+    a, b = error_rates(CALIBRATED.sensor)
+    simple = 0.5 * (1 - b) + 0.5 * a
+    share = decidability(CALIBRATED).share
+    assert simple == pytest.approx(0.460, abs=5e-4)
+    assert share == pytest.approx(0.476, abs=5e-4)
+    tested = readings_boundary(CALIBRATED.with_values(TILES))
+    assert simple < share < tested < 0.5
+    assert decidability(CALIBRATED.with_values(TILES)).verdict == "decidable"
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(0.02, 0.96),
+    st.floats(0.005, 0.02),
+    st.sampled_from([None, -0.01, 0.02]),
+    st.floats(0.5, 2.0),
+)
+def test_the_more_vibrates_the_more_is_read(
+    x: float, more: float, reach_m: float | None, threshold: float
+) -> None:
+    values = {**TILES, "sensor.rms_threshold": threshold, "floor.left_m": 0.1}
+    if reach_m is not None:
+        values["sensor.edge_reach_m"] = reach_m
+    low, high = (
+        readings_boundary(PAPER.with_values({**values, "decision.decision_boundary": at}))
+        for at in (x, x + more)
+    )
+    assert 0.0 < low < high < 1.0
+
+
+def test_robots_that_think_their_sensor_perfect_are_those_of_the_study() -> None:
+    values = {"floor.source": "random:0.44", "run.t_end_s": 400.0, "decision.min_observations": 60}
+    perfect = {**TILES, "decision.assumed_false_positive": 0.0, "decision.assumed_false_negative": 0.0}
+    plain, mistaken = (simulate(PAPER.with_values({**values, **more}), 3, 4) for more in ({}, perfect))
+    assert plain.inference.equals(mistaken.inference)
+    assert plain.robots.equals(mistaken.robots)
+    known = simulate(PAPER.with_values({**values, **TILES}), 3, 4)
+    assert not plain.inference.equals(known.inference)
+    assert plain.motion.equals(known.motion)
+
+
+def test_a_rate_that_is_given_goes_before_the_sensors() -> None:
+    a, b = error_rates(PAPER.sensor)
+    asked = PAPER.with_values({**TILES, "decision.assumed_false_positive": 0.25})
+    assert readings_boundary(asked) == pytest.approx(0.5 * (1 - b) + 0.5 * 0.25, abs=1e-12)
+    asked = PAPER.with_values({**TILES, "decision.assumed_false_negative": 0.05})
+    assert readings_boundary(asked) == pytest.approx(0.5 * 0.95 + 0.5 * a, abs=1e-12)
+
+
+REFUSED: dict[str, dict[str, Any]] = {
+    "sum to less than 1": {**TILES, "sensor.rms_threshold": 0.0, "sensor.vibrating_location": -0.5},
+    "sum to 1 or more": {**TILES, "decision.assumed_false_positive": 0.5, "decision.assumed_false_negative": 0.5},
+    "neutral at a boundary of 0.5 only, and this one is tested at": {**TILES, "strategy.name": "soft"},
+    "and decision.decision_boundary is 0.3": {"strategy.name": "soft", "decision.decision_boundary": 0.3},
+    "reach over too many tiles": {
+        **TILES, "sensor.edge_reach_m": 0.5, "floor.rows": 50, "floor.columns": 50, "floor.source": "random:0.5"
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_is_refused(words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        readings_boundary(PAPER.with_values(REFUSED[words]))
+
+
+def test_soft_feedback_is_neutral_where_its_bits_are_as_likely_as_the_boundary() -> None:
+    """Hence the refusal: an undecided robot sends ones with probability 1/2, whatever q is."""
+    symmetric = {
+        "sensor.still_shape": PAPER.sensor.vibrating_shape, "sensor.still_scale": PAPER.sensor.vibrating_scale,
+        "decision.assumed_false_positive": 0.1, "decision.assumed_false_negative": 0.1,
+    }  # fmt: skip
+    assert readings_boundary(PAPER.with_values({**TILES, **symmetric, "strategy.name": "soft"})) == 0.5
+
+
+def share_that_says_more(fill: float, runs: int, **more: Any) -> tuple[float, float]:
+    """Shares of robots that decide "more", and of runs with a right consensus."""
+    scenario = PAPER.with_values({**FLAW, "floor.source": f"random:{fill}", **more})
+    result = simulate(scenario, 11, runs, energies=False)
+    return float((result.robots["decision"] == 1).mean()), float((result.runs["consensus"] == "right").mean())  # type: ignore[arg-type]
+
+
+def test_undamaged_floors_no_longer_raise_an_alarm() -> None:
+    """200 runs each: at most 9 of 200 alarms (p < 1e-3 if 1 % of robots alarm, 5 of a run alike), 95 % found."""
+    alarms, _ = share_that_says_more(0.0, 200, **TILES)
+    assert alarms < 0.045
+    found, right = share_that_says_more(0.08, 200, **TILES)
+    assert found > 0.9
+    assert right > 0.9
+    # Negative control: robots that take each reading at its word raise an alarm on every undamaged floor.
+    assert share_that_says_more(0.0, 40)[0] == 1.0
+    # And so do robots that think their sensor better than it is.
+    better = {**TILES, "decision.assumed_false_positive": 0.05}
+    assert share_that_says_more(0.0, 40, **better)[0] > 0.9
+
+
+def test_a_scenario_keeps_what_robots_assume() -> None:
+    asked = PAPER.with_values({**TILES, "decision.assumed_false_positive": 0.2})
+    assert Scenario.from_toml(asked.to_toml()) == asked
+    assert asked.hash != PAPER.with_values(TILES).hash != PAPER.hash
