@@ -134,11 +134,16 @@ FLOORS: tuple[dict[str, Any], ...] = (
     {"decision.decision_boundary": 0.48},
 )  # fmt: skip
 
+
+def scenario_on(floor: int, robots: int, **values: Any) -> Scenario:
+    found = {name.replace("__", "."): value for name, value in values.items()} | FLOORS[floor]
+    if found.get("decision.decision_boundary", 0.5) != 0.5 and found["strategy.name"] == "soft":
+        found["strategy.name"] = "positive"  # soft feedback is refused there
+    return Scenario().with_values({"swarm.robots": robots, **found})
+
+
 scenarios = st.builds(
-    lambda floor, robots, **values: Scenario().with_values(
-        {"swarm.robots": robots, **{name.replace("__", "."): value for name, value in values.items()}}
-        | FLOORS[floor]
-    ),
+    scenario_on,
     floor=st.integers(0, len(FLOORS) - 1),
     robots=st.sampled_from([1, 2, 5]),
     run__t_end_s=st.sampled_from(

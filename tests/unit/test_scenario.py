@@ -245,6 +245,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
+        "decision.assumed_false_positive", "decision.assumed_false_negative",
     }  # fmt: skip
     assert named == set(field_names()) - optional
 
