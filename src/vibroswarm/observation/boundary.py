@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel
+from vibroswarm.compiled import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
@@ -230,7 +230,7 @@ def _midpoints(low: float, high: float, grid: int) -> NDArray[np.float64]:
     return low + (np.arange(grid) + 0.5) * (high - low) / grid
 
 
-@allocating_kernel
+@kernel
 def _felt_on_floor(
     x_m: NDArray[np.float64],
     x_length_m: NDArray[np.float64],
@@ -296,7 +296,7 @@ def _mean_felt(
     return found, spilt
 
 
-@allocating_kernel
+@inner
 def _distances(
     x_m: float, y_m: float, row: int, column: int, within_m: float, place: Place, out: NDArray[np.float64]
 ) -> int:
@@ -325,7 +325,7 @@ def _distances(
     return count
 
 
-@allocating_kernel
+@inner
 def _nearest(
     distance: NDArray[np.float64],
     near: int,

@@ -24,9 +24,9 @@ function buildLeads() {
   say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
     + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`);
   const { tested } = run.rule, moved = tested !== boundary;
-  const line = moved ? `${ratio(tested)}, the share of ones expected at the boundary,` : boundary;
+  const line = moved ? `${percent(tested)}, the share of ones expected at the boundary,` : boundary;
   byId("posterior-lead").replaceChildren(
     `Beta(\u03b1, \u03b2) after its latest own sample; left of ${line} is p, hatched the rest. `,
     make("span", "nobreak", moved ? "\u25b2 ones expected on this floor: " : "\u25b2 truth: ",
-      make("b", "", ratio(run.truth.ones)), "."));
+      make("b", "", moved ? percent(run.truth.ones) : ratio(run.truth.ones)), "."));
 }
