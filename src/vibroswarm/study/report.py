@@ -227,6 +227,7 @@ def _decidability(outcome: Outcome) -> Section:
                 "can it be decided": found.verdict,
                 "share of ones expected": found.share,
                 "boundary": found.boundary,
+                "readings are held against": found.tested,
                 "threshold": found.threshold,
                 "mends from": found.mending_low,
                 "mends to": found.mending_high,
@@ -235,7 +236,7 @@ def _decidability(outcome: Outcome) -> Section:
         )
     text = (
         "From the sensor's error rates, the floor and the boundary: which share of ones the swarm will see. If that "
-        "lies on the wrong side of the boundary, more samples make the wrong answer surer. `samples` are independent "
+        "lies on the wrong side of what readings are held against, more samples make the wrong answer surer. `samples` are independent "
         "ones.",
     )
     return Section("Can it be decided at all", text, (ReportTable(pl.DataFrame(rows), name="decidability"),))
