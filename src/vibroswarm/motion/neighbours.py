@@ -31,10 +31,21 @@ def list_radius_m(setup: Setup) -> float:
     return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
-def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
-    """Lists of everybody else, with room for as many as can lie within the radius."""
+def most_listed(robots: int, setup: Setup) -> int:
+    """No list needs room for more than so many: of all others in a small swarm, else of what fits within the radius.
+
+    Bodies do not overlap: those whose centres lie within a circle of radius R, all within one of R + r, cover less
+    than pi / sqrt(12) of it, so that there are fewer than 0.91 (R / r + 1)^2.
+    """
+    if robots <= SMALL_SWARM:
+        return robots - 1
     discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
-    room = min(robots - 1, math.ceil(discs))
+    return min(robots - 1, math.ceil(discs))
+
+
+def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
+    """Lists with room for ``most_listed``; those of a small swarm name everybody else, for ever."""
+    room = most_listed(robots, setup)
     near = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
         for i in range(robots):

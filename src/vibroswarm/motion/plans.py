@@ -409,8 +409,9 @@ def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def end_stop(row: Planner) -> None:
-    """The stop is over: bring a robot that stands to the tick of its sample."""
+    """The stop is over: bring a robot that stands, whose gyro reads 0, to the tick of its sample."""
     row.stop_ticks += row.sample_tick - row.tick
+    row.gyro_deg = 0.0
     row.tick, row.sampled = row.sample_tick, 1
     row.samples += 1
 
