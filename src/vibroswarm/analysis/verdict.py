@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.forked import check_threads
 from vibroswarm.observation.felt import spill
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.result import Result
@@ -67,6 +68,7 @@ class Verdict:
 
 def verdict(result: Result, run: int = 0) -> Verdict:
     """The verdict on one run of a result."""
+    check_threads()
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())
