@@ -26,6 +26,7 @@ import polars as pl
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
+from vibroswarm.leftovers import remove_leftovers
 from vibroswarm.scenario import read_text
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Range, missing
@@ -106,6 +107,8 @@ class Store:
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
+        for place in (folder, folder / SHARDS, folder / FAILURES):
+            remove_leftovers(place)
         store = cls.existing(folder, study)
         if store is None:
             try:
