@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.leftovers import OLD, remove_leftovers, remove_leftovers_once, tag
 
 MARKER = "scenario.toml"
 """The file by which a folder is known to be a result."""
+LONGEST = 100
+"""Of a name, as much goes into the temporary one, which must not be too long for a file system either."""
 
 
 @contextmanager
@@ -30,14 +31,14 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     if path.exists() and not replace:
         raise InputError(f"'{path}' exists already; choose another name or say --force", field="--out")
     # Named before it is there, so that whatever ends this, even Ctrl-C just as it is made, leaves none behind.
-    part = path.parent / f".{path.name}.{secrets.token_hex(6)}{path.suffix}"
+    part = path.parent / f".{path.name[:LONGEST]}.{tag()}{path.suffix[:LONGEST]}"
+    remove_leftovers_once(path.parent)
     try:
         try:
             _make_empty(part)
         except OSError as error:
             raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
         yield part
-        part.chmod(0o666 & ~_umask())
         part.replace(path)
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
@@ -47,7 +48,7 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 def _make_empty(part: Path) -> None:
-    os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
+    os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
 
 
 @contextmanager
@@ -62,11 +63,12 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         RunError: the disk is full or failed.
     """
     path = Path(path)
+    remove_leftovers(path.parent)
     check_folder(path, replace=replace, marker=marker)
+    part = path.parent / f".{path.name[:LONGEST]}.{tag()}"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-        part.chmod(0o777 & ~_umask())
+        part.mkdir()
     except OSError as error:
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
     old: Path | None = None
@@ -74,7 +76,7 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         yield part
         check_folder(path, replace=replace, marker=marker)  # somebody may have made it in the meantime
         if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
+            old = path.parent / f".{path.name}.{OLD}{tag()}"
             path.replace(old)
         part.replace(path)
     except OSError as error:
@@ -102,9 +104,3 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
                 f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",
                 field="--out",
             )
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -18,6 +18,7 @@ from polars.testing import assert_frame_equal
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
+from vibroswarm.forked import check_threads
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS
 from vibroswarm.observation.model import OBSERVATIONS
@@ -142,6 +143,7 @@ class Result:
         Raises:
             InputError: there is no such ``run``.
         """
+        check_threads()
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
             raise InputError(f"there is no run {run} in this result", field="run")
@@ -217,6 +219,7 @@ class Result:
 
 
 def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
+    check_threads()
     try:
         frame.write_parquet(path, compression="zstd", metadata=metadata)
     except pl.exceptions.PolarsError as error:  # a full disk, for one
@@ -224,6 +227,7 @@ def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> N
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:
+    check_threads()
     path = folder / f"{name}.parquet"
     try:
         frame = pl.read_parquet(path)

@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.floors.floor import Floor
+from vibroswarm.forked import check_threads
 from vibroswarm.inference.follow import Follower
 from vibroswarm.inference.replay import infer
 from vibroswarm.motion.contract import Motion, join, source
@@ -98,6 +99,7 @@ def _by_tables(
 
 def _all_decided_s(motion: Motion, inference: pl.DataFrame, robots: int) -> float | None:
     """When the last robot of a run has decided for the first time, or None."""
+    check_threads()
     decided = inference["decision"] != -1
     first = motion.samples.filter(decided).group_by("robot").agg(pl.col("time_s").min())["time_s"]
     return float(first.to_numpy().max()) if first.len() == robots else None

@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.forked import check_threads
 from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 
@@ -68,6 +69,7 @@ class Verdict:
 
 def verdict(result: Result, run: int = 0) -> Verdict:
     """The verdict on one run of a result."""
+    check_threads()
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())

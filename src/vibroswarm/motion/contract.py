@@ -23,6 +23,7 @@ from typing import Any, Final, Protocol
 import polars as pl
 
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.forked import check_threads
 from vibroswarm.scenario import Scenario
 
 MOTION: Final[dict[str, Any]] = {
@@ -124,6 +125,7 @@ def join(pieces: Sequence[Motion]) -> Motion:
 
     The ends of a run are those of its last piece.
     """
+    check_threads()
     ends = pl.concat([piece.ends for piece in pieces])
     ends = ends.group_by("run", "robot", maintain_order=True).last()
     segments = [piece.segments for piece in pieces if piece.segments is not None]

@@ -7,6 +7,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.forked import check_threads
 
 
 def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
@@ -20,6 +21,7 @@ def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDA
     Raises:
         InputError: no such run or robot in the table, or a time before its first segment.
     """
+    check_threads()
     own = segments.filter((pl.col("run") == run) & (pl.col("robot") == robot))
     if own.height == 0:
         raise InputError(f"the segment table has no robot {robot} in run {run}", field="robot")

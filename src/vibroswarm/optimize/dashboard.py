@@ -3,20 +3,63 @@
     optuna-dashboard out/search/optuna.journal
 
 A copy for the eye: a journal of JSON lines, safe on shared file systems; nothing is read back from it but which
-candidates it holds.
+candidates it holds. So one that is damaged is put aside and written anew. A lock that a killed
+process left is taken over.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from vibroswarm.errors import RunError
+from vibroswarm.notices import say_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.libraries import no_warnings, optuna
 from vibroswarm.optimize.space import Dimension
 
 FILE: Final = "optuna.journal"
+DAMAGED: Final = "optuna.journal.damaged"
+LOCK_S: Final = 5.0
+"""A lock is held while a line is written; one that does not change for so long is of a process that was killed."""
+
+
+class Lock:
+    """Optuna's own lock file of a journal, for whatever else writes to it, taken over where it is left behind.
+
+    Optuna's locks look at the age of what a link leads to: of a link to nowhere, as a killed process leaves it in
+    another folder, they never find one, and ask for ever.
+    """
+
+    def __init__(self, journal: Path) -> None:
+        self.path = Path(f"{journal}.lock")
+
+    def acquire(self) -> bool:
+        """Wait for the lock, and take it."""
+        seen: int | None = None
+        since_s = time.monotonic()
+        while True:
+            try:
+                os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+                return True
+            except FileExistsError:
+                pass
+            with suppress(FileNotFoundError):
+                made = self.path.lstat().st_mtime_ns
+                if made != seen:
+                    seen, since_s = made, time.monotonic()
+                elif time.monotonic() - since_s > LOCK_S:
+                    self.path.unlink()
+                    continue
+            time.sleep(0.01)
+
+    def release(self) -> None:
+        """Let others have it."""
+        self.path.unlink(missing_ok=True)
 
 
 class Dashboard:
@@ -24,17 +67,30 @@ class Dashboard:
 
     def __init__(self, folder: Path, archive: Archive, name: str) -> None:
         self.library, self.archive = optuna(), archive
+        path = folder.absolute() / FILE
+        try:
+            _cut(path)
+            self.study, self.shown = self._open(path, name)
+        except OSError as error:
+            raise RunError(f"could not write '{path}': {error.strerror or error}") from error
+        except Exception as error:  # whatever a library says of a file that is damaged
+            path.replace(folder / DAMAGED)
+            say_once(f"{path} is damaged ({type(error).__name__}); it is kept as {DAMAGED} and written anew")
+            self.study, self.shown = self._open(path, name)
+        self.distributions = {d.name: distribution_of(self.library, d) for d in archive.space}
+
+    def _open(self, path: Path, name: str) -> tuple[Any, set[int]]:
+        """Optuna's study in this file, and the candidates that it holds."""
         storages = self.library.storages
         with no_warnings():
-            backend = storages.journal.JournalFileBackend(str(folder / FILE))
-            self.study = self.library.create_study(
+            backend = storages.journal.JournalFileBackend(str(path), Lock(path))
+            study = self.library.create_study(
                 storage=storages.JournalStorage(backend),
                 study_name=name or "vibroswarm",
-                directions=["minimize"] * len(archive.objectives),
+                directions=["minimize"] * len(self.archive.objectives),
                 load_if_exists=True,
             )
-            self.shown = {int(t.user_attrs["key"]) for t in self.study.trials if "key" in t.user_attrs}
-        self.distributions = {d.name: distribution_of(self.library, d) for d in archive.space}
+            return study, {int(t.user_attrs["key"]) for t in study.trials if "key" in t.user_attrs}
 
     def show(self) -> None:
         """Add the candidates that have runs and are not there yet."""
@@ -59,6 +115,20 @@ class Dashboard:
                 )
                 self.study.add_trial(trial)
             self.shown.add(candidate.key)
+
+
+def _cut(path: Path) -> None:
+    """Drop a last line that was not written whole: whoever wrote it was killed."""
+    if not path.exists():
+        return
+    lock = Lock(path)
+    lock.acquire()
+    try:
+        end = (data := path.read_bytes()).rfind(b"\n") + 1
+        if end < len(data):
+            os.truncate(path, end)
+    finally:
+        lock.release()
 
 
 def distribution_of(library: Any, dimension: Dimension) -> Any:

@@ -3,10 +3,11 @@
     search.toml     the search, standing alone
     search.json     format, hash, versions
     journal.jsonl   a line a step: what was asked for and the figures of every run
+    .lock           the process that is at it, while it is
 
 A search is resumed by asking its method anew, from the beginning, and telling it what the journal holds: nothing is
 unpickled, and the same history gives the same next question, bit by bit. A line that was being written when the process
-was killed is dropped.
+was killed is dropped. Only one process at a time may write: see ``Journal.alone``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +24,10 @@ import numpy as np
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
+from vibroswarm.folder_lock import FILE as LOCK
+from vibroswarm.folder_lock import folder_lock
+from vibroswarm.leftovers import remove_leftovers
+from vibroswarm.notices import say_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
@@ -46,23 +52,61 @@ class Journal:
     """A search's folder."""
 
     def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
-        """Open the folder of this search, or make it.
+        """The folder of this search: one that is there, or that ``alone`` makes.
 
         Raises:
             InputError: something else is there, another search, other versions.
-            RunError: it cannot be written.
         """
-        self.folder = Path(folder)
-        text = search.to_toml()
-        if (self.folder / HEAD).is_file():
-            self._check(search, mixed)
-            return
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+        self.folder, self.search, self.mixed = Path(folder), search, mixed
+        self._text = search.to_toml()
+        if not self._is_there() and self._is_foreign():
             raise InputError("is there and no search; give the name of a new folder", field=str(self.folder))
-        head = {"format": FORMAT, "hash": search.hash, "versions": versions()}
+
+    def _is_there(self) -> bool:
+        """Whether this search is in the folder; raises where another is."""
+        if not (self.folder / HEAD).is_file():
+            return False
+        self._check(self.search, self.mixed)
+        return True
+
+    def _is_foreign(self) -> bool:
+        """Whether something is there that is not of this search; what a killed process had begun is."""
+        return self.folder.exists() and not (
+            self.folder.is_dir() and all(self._is_begun(path) for path in self.folder.iterdir())
+        )
+
+    def _is_begun(self, path: Path) -> bool:
+        if path.name == SEARCH:
+            return path.read_bytes() == self._text.encode()
+        if path.name == JOURNAL:
+            return path.stat().st_size == 0
+        return path.name == LOCK or path.name.startswith((f".{SEARCH}.", f".{JOURNAL}.", f".{HEAD}."))
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Be the one process that writes; make the folder if it is not there yet.
+
+        Raises:
+            InputError: another process is at it. RunError: it cannot be written.
+        """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            for name, content in ((SEARCH, text), (JOURNAL, ""), (HEAD, json.dumps(head, indent=1) + "\n")):
+        except OSError as error:
+            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+        with folder_lock(self.folder):
+            remove_leftovers(self.folder)
+            if not self._is_there():
+                self._make()
+            yield
+
+    def _make(self) -> None:
+        head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
+        try:
+            for name, content in (
+                (SEARCH, self._text),
+                (JOURNAL, ""),
+                (HEAD, json.dumps(head, indent=1) + "\n"),
+            ):
                 with whole_file(self.folder / name) as part:
                     part.write_text(content, encoding="utf-8")
         except OSError as error:
@@ -73,13 +117,16 @@ class Journal:
         return steps_in(self.folder)
 
     def cut(self) -> None:
-        """Drop a last line that was not written whole."""
+        """Drop a last line that was not written whole, and say so."""
         path = self.folder / JOURNAL
         data = path.read_bytes()
         end = data.rfind(b"\n") + 1
         if end < len(data):
             with path.open("r+b") as stream:
                 stream.truncate(end)
+            say_once(
+                f"{path}: the last line was not written whole; it is dropped, and its runs are done again"
+            )
 
     def add(self, archive: Archive, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
         """A step is done."""
@@ -133,17 +180,28 @@ def steps_in(folder: Path) -> Iterator[Step]:
     """The steps of a search's folder, in order.
 
     Raises:
-        InputError: the journal is damaged before its last line.
+        InputError: the journal cannot be read, or is damaged before its last line.
     """
-    lines = (folder / JOURNAL).read_bytes().split(b"\n")
+    try:
+        lines = (folder / JOURNAL).read_bytes().split(b"\n")
+    except FileNotFoundError:
+        raise InputError(f"{JOURNAL} is missing", field=str(folder)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", field=str(folder / JOURNAL)) from None
     for k, line in enumerate(lines[:-1]):
         try:
             step = json.loads(line)
             asks = [Ask(int(key), int(count)) for key, count in step["asks"]]
             found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
+            if [ask.runs for ask in asks] != [sum(map(_runs_of, pieces)) for pieces in found]:
+                raise ValueError("not the runs that were asked for")
             yield Step(asks, [str(origin) for origin in step["origins"]], found)
-        except (ValueError, KeyError, TypeError):
-            raise InputError(f"line {k + 1} is damaged", field=str(folder / JOURNAL)) from None
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError):
+            raise InputError(
+                f"line {k + 1} is damaged; put the file back from a copy, or cut it before that line, from where the "
+                "search then goes on",
+                field=str(folder / JOURNAL),
+            ) from None
 
 
 def is_search(folder: Path) -> bool:
@@ -158,14 +216,13 @@ def held(folder: Path) -> dict[str, Any]:
         InputError: it is damaged.
     """
     search = Search.read(folder / SEARCH)
+    steps = list(steps_in(folder))
     try:
-        steps = list(steps_in(folder))
         result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        if error.filename is None or Path(error.filename).name == JOURNAL:
-            raise InputError(f"{JOURNAL} is missing", field=str(folder)) from None
-        result = None
-    except ValueError:
+    except (
+        OSError,
+        ValueError,
+    ):  # not there yet, or being looked at as it is damaged: it is written anew at the end
         result = None
     failed = [
         piece[1] for step in steps for pieces in step.found for piece in pieces if isinstance(piece, tuple)
@@ -192,3 +249,8 @@ def _piece(given: Any) -> Any:
     if rows.ndim != 3:
         raise ValueError("no rows")
     return rows
+
+
+def _runs_of(piece: Any) -> int:
+    """Runs of a piece, done or failed."""
+    return int(piece.shape[0] if isinstance(piece, np.ndarray) else piece[1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -78,12 +79,13 @@ def run_search(
         folder: where its journal is kept; without, nothing is. executor, workers: see ``study.executors``.
         mixed: also go on where other versions began. tell: called as runs come back.
     Raises:
-        InputError: another search is there, a library is not, or a cost gives no number.
+        InputError: another search is there or another process is at it, a library is not there, or a cost gives no
+            number.
         RunError: every run of the first step failed, or the workers are gone; what was done is kept.
     """
     check_libraries(search)
     journal = None if folder is None else Journal(folder, search, mixed=mixed)
-    with workers_for(executor, workers) as hands:
+    with workers_for(executor, workers) as hands, nullcontext() if journal is None else journal.alone():
         return _Loop(search, journal, hands, tell).run()
 
 

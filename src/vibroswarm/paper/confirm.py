@@ -16,6 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
+from vibroswarm.leftovers import tag
 from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
 from vibroswarm.paper.cells import FIRST_RUNS, Came, Cell, run_cells
 from vibroswarm.paper.claims import MEASURED, decide
@@ -72,7 +73,7 @@ def confirm(
         robots = _frame(archive, "robots.csv", {"key": pl.String, **ROBOTS})
     differing = _differing(head["versions"])
     runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory(prefix=f"vibroswarm-{tag()}.") as folder:
         came = run_cells(made.values(), runs, seed, Path(folder), workers, tell)
     for row in chosen:
         here = robots.filter(pl.col("key") == row["key"]).drop("key")

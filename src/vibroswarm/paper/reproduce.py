@@ -9,6 +9,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.forked import check_threads
 from vibroswarm.paper.beside import Bar, Check, beside
 from vibroswarm.paper.cells import Came, Cell, run_cells
 from vibroswarm.paper.claims import Decided, decide
@@ -72,6 +73,7 @@ def reproduce(
     Raises:
         InputError, RunError: as their rooms say.
     """
+    check_threads()
     folder = Path(folder)
     items = all_items() if items is None else items
     skipped = {item.name: item.skipped(settings) for item in items}

@@ -10,12 +10,13 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.leftovers import remove_leftovers_once, tag
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.came import SAMPLES
@@ -34,7 +35,9 @@ class _Passing:
     """A folder that goes with the last result that is in it."""
 
     def __init__(self) -> None:
-        self.folder = Path(mkdtemp(prefix="vibroswarm-"))
+        remove_leftovers_once(Path(gettempdir()))
+        self.folder = Path(gettempdir()) / f"vibroswarm-{tag()}"
+        self.folder.mkdir(mode=0o700)
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from vibroswarm.compiled import is_cached
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.forked import check_threads
 from vibroswarm.study.executors import GO_ON, Workers, check_worker, workers_for
 from vibroswarm.study.looks import settled
 from vibroswarm.study.plan import Group, Plan, plan_of
@@ -71,6 +72,7 @@ def run_study(
         InputError: another study is there, nobody answers at ``executor``, or a worker has other versions.
         RunError: the disk is full, the cluster is gone, or batches failed twice; what was done is kept.
     """
+    check_threads()
     if share is not None and study.until is not None:
         raise InputError(
             "goes with a number of runs, not with a precision: shares know nothing of each other",

@@ -25,6 +25,8 @@ import polars as pl
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
+from vibroswarm.forked import check_threads
+from vibroswarm.leftovers import remove_leftovers
 from vibroswarm.scenario import read_text
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Range, missing
@@ -105,6 +107,8 @@ class Store:
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
+        for place in (folder, folder / SHARDS, folder / FAILURES):
+            remove_leftovers(place)
         store = cls.existing(folder, study)
         if store is None:
             try:
@@ -245,6 +249,7 @@ class Store:
 
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
         """The rows of the first ``runs`` runs of a group, each once; None where there are none."""
+        check_threads()
         frames, low = [], 0
         for shard in sorted(
             (s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)

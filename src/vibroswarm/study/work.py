@@ -13,6 +13,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.forked import check_threads
 from vibroswarm.simulation import versions
 from vibroswarm.study.came import Asked, Cancelled, came_of
 from vibroswarm.study.plan import Group, Texts
@@ -69,7 +70,9 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
 
     Raises:
         Cancelled: ``cancelled`` said so between two steps.
+        RunError: this process was forked after polars had begun its threads.
     """
+    check_threads()
     first = scenario_of(work.observed[0][0][0])
     a_run = max(
         first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0

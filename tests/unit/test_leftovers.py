@@ -1,0 +1,138 @@
+"""What killed processes leave is removed, and nothing else; files get the modes that the user's mask gives."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import vibroswarm
+from vibroswarm import leftovers
+from vibroswarm.files import whole_file, whole_folder
+from vibroswarm.leftovers import OLD, remove_leftovers, tag
+from vibroswarm.study.spec import Study
+from vibroswarm.study.store import SHARDS, Store
+
+needs_posix = pytest.mark.skipif(os.name != "posix", reason="whether a process lives cannot be asked")
+
+
+def run(text: str) -> subprocess.CompletedProcess[str]:
+    env = os.environ | {"PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
+    return subprocess.run([sys.executable, "-c", text], env=env, capture_output=True, text=True, timeout=60)
+
+
+@pytest.fixture
+def dead() -> str:
+    """A name's tag of a process that has ended."""
+    return run("from vibroswarm.leftovers import tag; print(tag())").stdout.strip()
+
+
+KILLED = """
+import os, signal
+from pathlib import Path
+from vibroswarm.files import whole_file, whole_folder
+with {with_}(Path({path!r})) as part:
+    {write}
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@needs_posix
+def test_what_a_killed_process_had_begun_is_removed_by_the_next(tmp_path: Path) -> None:
+    file, folder = tmp_path / "table.csv", tmp_path / "result"
+    assert (
+        run(KILLED.format(with_="whole_file", path=str(file), write="part.write_text('x')")).returncode == -9
+    )
+    made = run(KILLED.format(with_="whole_folder", path=str(folder), write="(part / 'x').write_text('x')"))
+    assert made.returncode == -9
+    assert [path.name[:8] for path in tmp_path.glob(".*")] == [".result."], (
+        "and the file of the first is gone"
+    )
+    with whole_folder(folder) as part:
+        (part / "scenario.toml").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+    assert (
+        run(KILLED.format(with_="whole_file", path=str(file), write="part.write_text('x')")).returncode == -9
+    )
+    leftovers._looked_at.clear()
+    with whole_file(file) as part:
+        part.write_text("y")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "table.csv"]
+
+
+@needs_posix
+def test_only_what_is_ours_and_dead_is_removed(tmp_path: Path, dead: str) -> None:
+    host = dead.split("-")[0]
+    stay = [
+        f".a.csv.{tag()}.csv",  # this process lives
+        f".a.csv.{dead.replace(host, 'vs00000000')}.csv",  # on another machine
+        f".a.csv.{dead[:-1]}",
+        f"a.csv.{dead}",
+        ".a.csv.0123456789ab.csv",
+        ".hidden",
+        "vibroswarm-notes",
+        f"x.{dead}",
+    ]
+    for name in stay:
+        (tmp_path / name).touch()
+    (tmp_path / f".a.csv.{dead}.csv").touch()
+    (tmp_path / f".a folder.{dead}").mkdir()
+    (tmp_path / f".a folder.{dead}" / "x").touch()
+    (tmp_path / f"vibroswarm-{dead}").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "x").touch()
+    (tmp_path / f".link.{dead}").symlink_to(tmp_path / "elsewhere")
+    assert remove_leftovers(tmp_path) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*stay, "elsewhere"])
+    assert (tmp_path / "elsewhere" / "x").exists()
+    assert remove_leftovers(tmp_path / "not there") == 0
+
+
+@needs_posix
+def test_a_result_moved_out_of_the_way_by_a_killed_process_comes_back(tmp_path: Path, dead: str) -> None:
+    (tmp_path / f".result.{OLD}{dead}").mkdir()
+    (tmp_path / f".result.{OLD}{dead}" / "scenario.toml").touch()
+    remove_leftovers(tmp_path)
+    assert [path.name for path in tmp_path.rglob("*")] == ["result", "scenario.toml"]
+
+
+@needs_posix
+def test_a_store_is_tidied_when_it_is_gone_on_with(tmp_path: Path, dead: str) -> None:
+    study = Study({"run": {"t_end_s": 60.0}}, {}, 2, seed=1)
+    Store.open_or_create(tmp_path / "s", study)
+    (tmp_path / "s" / SHARDS / f".x.parquet.{dead}.parquet").touch()
+    assert Store.open(tmp_path / "s").left_over == 1
+    assert Store.open_or_create(tmp_path / "s", study).left_over == 0
+
+
+@needs_posix
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_the_mask_of_the_process_is_kept_and_not_touched(mask: int, tmp_path: Path) -> None:
+    text = f"""
+import os
+from pathlib import Path
+from vibroswarm.files import whole_file, whole_folder
+os.umask({mask})
+def never(mask):
+    raise AssertionError("another thread may be making a file just now")
+os.umask = never
+with whole_file(Path({str(tmp_path / "file.csv")!r})) as part:
+    part.write_text("x")
+with whole_folder(Path({str(tmp_path / "folder")!r})) as part:
+    (part / "x").touch()
+"""
+    done = run(text)
+    assert done.returncode == 0, done.stderr
+    assert stat.S_IMODE((tmp_path / "file.csv").stat().st_mode) == 0o666 & ~mask
+    assert stat.S_IMODE((tmp_path / "folder").stat().st_mode) == 0o777 & ~mask
+
+
+def test_names_as_long_as_a_file_system_allows_are_written(tmp_path: Path) -> None:
+    with whole_file(tmp_path / ("n" * 240 + ".csv")) as part:
+        part.write_text("x")
+    with whole_folder(tmp_path / ("n" * 250)) as part:
+        (part / "x").touch()
