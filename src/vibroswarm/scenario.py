@@ -35,6 +35,7 @@ from vibroswarm.fields import (
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.plain_files import read_text
 
 SCHEMA_VERSION = 1
 
@@ -192,25 +193,6 @@ class Scenario(Section):
     def ticks(self) -> int:
         """Control periods that begin before the end."""
         return math.ceil(self.run.t_end_s * 1000.0 / self.run.control_period_ms - 1e-9)
-
-
-def read_text(path: Path, what: str) -> str:
-    """The text of a TOML file of at most 64 MiB; ``what`` it should be, for the errors."""
-    try:
-        size = path.stat().st_size
-        if not path.is_file():  # a device or a pipe may never end
-            raise InputError("is no plain file; give the name of a file", field=str(path))
-        if size > 64 * 2**20:
-            raise InputError(f"is larger than 64 MiB; that is not {what}", field=str(path))
-        return path.read_text(encoding="utf-8")
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
-    except UnicodeDecodeError:
-        raise InputError(f"is not text in UTF-8; {what} is a TOML file", field=str(path)) from None
-    except ValueError as error:  # a name with a null byte
-        raise InputError(f"cannot be read: {error}", field=repr(str(path))) from None
 
 
 def field_names() -> list[str]:

@@ -30,7 +30,8 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
-from vibroswarm.scenario import Scenario, read_text
+from vibroswarm.plain_files import read_text
+from vibroswarm.scenario import Scenario
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of
 
