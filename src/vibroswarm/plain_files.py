@@ -11,7 +11,7 @@ import stat
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 
 T = TypeVar("T")
 
@@ -133,12 +133,6 @@ def texts(values: dict[str, Any], key: str, path: Path | str) -> dict[str, str]:
     """A table of texts by name of a JSON file, checked; the file is named by ``path``, the table by ``key``."""
     words(list(values.values()), key, path)
     return values
-
-
-def shown(value: Any) -> str:
-    """A value of a file in a message: one line, not long."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def sized(count: int) -> str:

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError, model_validator
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.fields import (
     Arena,
     Decision,
@@ -251,11 +251,10 @@ def _explain(error: ValidationError) -> InputError:
     if isinstance(cause, InputError):  # a check across fields; it names the field itself
         return cause
     value = first.get("input")
-    shown = repr(value) if len(repr(value)) <= 60 else repr(value)[:57] + "..."
     hint = ""
     if first["type"] == "literal_error" and isinstance(value, str):
         hint = nearest(
             value, [w.strip("'") for w in first["ctx"]["expected"].replace(" or ", ", ").split(", ")]
         )
     message = first["msg"][0].lower() + first["msg"][1:]
-    return InputError(f"{shown} is wrong: {message}{hint}", field=name or "scenario")
+    return InputError(f"{shown(value)} is wrong: {message}{hint}", field=name or "scenario")

@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.errors import InputError, shown
 from vibroswarm.observation.felt import spill
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.result import Result
@@ -65,8 +66,18 @@ class Verdict:
         return asdict(self)
 
 
-def verdict(result: Result, run: int = 0) -> Verdict:
-    """The verdict on one run of a result."""
+def verdict(result: Result, run: int | None = None) -> Verdict:
+    """The verdict on one run of a result.
+
+    Args:
+        run: its number; without, the first that the result holds.
+    Raises:
+        InputError: the result holds no such run.
+    """
+    there = result.runs["run"].to_list()
+    run = there[0] if run is None and there else run
+    if run not in there:
+        raise InputError(f"there is no run {shown(run)} in this result", field="run")
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown, whole_number_of
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
@@ -132,12 +132,13 @@ class Study:
         ):
             if value is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise InputError(f"{value!r} is wrong; give a whole number from {low} to {high}", field=name)
+            object.__setattr__(self, name, whole_number_of(value, name, low, high))
         source(self.motion)
         for table in self.keep:
             if table not in KEEP:
-                raise InputError(f"there is no table '{table}' to keep{nearest(table, KEEP)}", field="keep")
+                raise InputError(
+                    f"there is no table {shown(table)} to keep{nearest(table, KEEP)}", field="keep"
+                )
         if any(PRESET in point for point in self._points) and set(Scenario.model_fields) <= set(
             self._sections
         ):
