@@ -7,6 +7,7 @@ program while it worked (exit code 1). Both are printed as one message, never as
 from __future__ import annotations
 
 import difflib
+import operator
 from collections.abc import Iterable
 
 
@@ -27,7 +28,39 @@ class RunError(RuntimeError):
     """Something failed while the work was being done: a full disk, a folder that cannot be written."""
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: object, known: Iterable[str]) -> str:
     """``", did you mean 'x'?"`` for the known word nearest to ``word``, or an empty string."""
-    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
+
+
+def shown(value: object) -> str:
+    """A value as it stands in a message: on one line, and not long."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of more digits than Python turns into text
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def whole_number_of(value: object, field: str, low: int, high: int) -> int:
+    """A whole number of Python or NumPy in a range, as one of Python.
+
+    Raises:
+        InputError: of another type (true and false are no numbers), or outside of ``low`` to ``high``.
+    """
+    try:
+        found = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        found = None
+    if found is None or not low <= found <= high:
+        raise InputError(
+            f"{shown(value)} is wrong; give a whole number from {low} to {in_words(high)}", field=field
+        )
+    return found
+
+
+def in_words(number: int) -> str:
+    """A power of two less one as such: 2^63 - 1."""
+    power = (number + 1).bit_length() - 1
+    return f"2^{power} - 1" if number > 10**9 and number == 2**power - 1 else str(number)

@@ -91,6 +91,13 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
     """Refuse a result folder that exists (unless it may be replaced) or that a file stands in the way of."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # too long a name, or one with a NUL
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{str(path)[:200]!r} is no name for a folder: {why}", field="--out") from None
     if path.is_symlink() or path.exists():
         if not path.is_dir():
             raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")

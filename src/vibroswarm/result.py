@@ -15,6 +15,8 @@ from typing import Any, Final
 import polars as pl
 from polars.testing import assert_frame_equal
 
+from vibroswarm.compiled import source_hash
+from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
@@ -22,7 +24,10 @@ from vibroswarm.forked import check_threads
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS
 from vibroswarm.observation.model import OBSERVATIONS
+from vibroswarm.plain_files import entry, read_json, texts, words
+from vibroswarm.result_checks import check_result
 from vibroswarm.scenario import Scenario
+from vibroswarm.tables import Schema, read_table
 
 SCHEMA_VERSION: Final = 1
 
@@ -88,6 +93,33 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "runs": RUNS,
     "floors": FLOORS,
 }
+
+UNTOLD: Final[dict[str, frozenset[str]]] = {
+    "motion": frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}),
+    "ends": frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}),
+    "segments": frozenset(),
+    "observations": frozenset({"energy"}),
+    "inference": frozenset({"message", "alpha", "beta", "received", "belief", "decision"}),
+    "robots": frozenset(
+        {"decision", "decision_time_s", "belief_at_decision", "belief", "belief_in_truth", "alpha", "beta",
+         "received"}
+    ),
+    "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
+    "floors": frozenset(),
+}  # fmt: skip
+"""Columns that may be null: what did not happen, and what a recording cannot know."""
+
+KEYS: Final[dict[str, tuple[str, ...]]] = {
+    "motion": ("run", "robot", "sample"),
+    "ends": ("run", "robot"),
+    "segments": (),
+    "observations": ("run", "robot", "sample"),
+    "inference": ("run", "robot", "sample"),
+    "robots": ("run", "robot"),
+    "runs": ("run",),
+    "floors": ("run",),
+}
+SCHEMAS: Final = {name: Schema(columns, UNTOLD[name], KEYS[name]) for name, columns in TABLES.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,28 +225,21 @@ class Result:
             InputError: no result there, one of a newer format, or a damaged or missing table.
         """
         folder = Path(path)
-        try:
-            about = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-            version, names = int(about["schema_version"]), list(about["tables"])
-            source, versions = str(about["source"]), dict(about["versions"])
-            recorded = about["seed"] is None and source.startswith(RECORDED)
-            seed = None if recorded else int(about["seed"])
-        except OSError as error:
-            raise InputError(
-                f"is no result of vibroswarm ({error.strerror}: result.json)", field=str(folder)
-            ) from None
-        except (ValueError, KeyError, TypeError):
-            raise InputError("result.json is damaged", field=str(folder)) from None
-        if version > SCHEMA_VERSION:
-            raise InputError(
-                f"is of format {version}; this version reads up to {SCHEMA_VERSION}: update vibroswarm",
-                field=str(folder),
-            )
+        about = _head(folder)
+        seed, source, names = about["seed"], about["source"], about["tables"]
         frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
         missing = [name for name in TABLES if frames[name] is None and name != "segments"]
         if missing:
             raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / MARKER)
+        # A later version may know more fields, and give the same scenario another hash.
+        if about["versions"].get("code") == source_hash() and scenario.hash != about["scenario_hash"]:
+            raise InputError(
+                f"is not the scenario that result.json names ({about['scenario_hash']}); put it back",
+                field=str(folder / MARKER),
+            )
+        check_result(frames, scenario, folder, simulated=seed is not None)
+        versions = about["versions"]
         return cls(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
 
 
@@ -228,14 +253,35 @@ def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> N
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:
     check_threads()
-    path = folder / f"{name}.parquet"
-    try:
-        frame = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise InputError(f"is missing or damaged ({str(error).splitlines()[0]})", field=str(path)) from None
-    if dict(frame.schema) != TABLES[name]:
-        raise InputError(f"has not the columns of the table '{name}'", field=str(path))
-    return frame
+    return read_table(folder / f"{name}.parquet", SCHEMAS[name], name)
+
+
+def _head(folder: Path) -> dict[str, Any]:
+    """What ``result.json`` says, each entry of its type."""
+    path = folder / "result.json"
+    if not path.exists():
+        raise InputError("is no result of vibroswarm (there is no result.json)", field=str(folder))
+    about = read_json(path, "the head of a result")
+    version = entry(about, "schema_version", int, path)
+    if version < 1:
+        raise InputError(f"is damaged: format {version}", field=str(path))
+    if version > SCHEMA_VERSION:
+        raise InputError(
+            f"is of format {version}; this version reads up to {SCHEMA_VERSION}: update vibroswarm",
+            field=str(folder),
+        )
+    source = entry(about, "source", str, path)
+    recorded = about.get("seed") is None and source.startswith(RECORDED)
+    seed = None if recorded else entry(about, "seed", int, path)
+    if seed is not None and not 0 <= seed < SEED_LIMIT:
+        raise InputError(f"its seed, {seed}, is no seed", field=str(path))
+    return {
+        "seed": seed,
+        "source": source,
+        "tables": words(entry(about, "tables", list, path), "tables", path),
+        "scenario_hash": entry(about, "scenario_hash", str, path),
+        "versions": texts(entry(about, "versions", dict, path), "versions", path),
+    }
 
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:

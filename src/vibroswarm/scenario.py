@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError, model_validator
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.fields import (
     Arena,
     Decision,
@@ -35,6 +35,7 @@ from vibroswarm.fields import (
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.plain_files import read_text
 
 SCHEMA_VERSION = 1
 
@@ -194,25 +195,6 @@ class Scenario(Section):
         return math.ceil(self.run.t_end_s * 1000.0 / self.run.control_period_ms - 1e-9)
 
 
-def read_text(path: Path, what: str) -> str:
-    """The text of a TOML file of at most 64 MiB; ``what`` it should be, for the errors."""
-    try:
-        size = path.stat().st_size
-        if not path.is_file():  # a device or a pipe may never end
-            raise InputError("is no plain file; give the name of a file", field=str(path))
-        if size > 64 * 2**20:
-            raise InputError(f"is larger than 64 MiB; that is not {what}", field=str(path))
-        return path.read_text(encoding="utf-8")
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
-    except UnicodeDecodeError:
-        raise InputError(f"is not text in UTF-8; {what} is a TOML file", field=str(path)) from None
-    except ValueError as error:  # a name with a null byte
-        raise InputError(f"cannot be read: {error}", field=repr(str(path))) from None
-
-
 def field_names() -> list[str]:
     """All fields by their dotted names."""
     return [
@@ -269,11 +251,10 @@ def _explain(error: ValidationError) -> InputError:
     if isinstance(cause, InputError):  # a check across fields; it names the field itself
         return cause
     value = first.get("input")
-    shown = repr(value) if len(repr(value)) <= 60 else repr(value)[:57] + "..."
     hint = ""
     if first["type"] == "literal_error" and isinstance(value, str):
         hint = nearest(
             value, [w.strip("'") for w in first["ctx"]["expected"].replace(" or ", ", ").split(", ")]
         )
     message = first["msg"][0].lower() + first["msg"][1:]
-    return InputError(f"{shown} is wrong: {message}{hint}", field=name or "scenario")
+    return InputError(f"{shown(value)} is wrong: {message}{hint}", field=name or "scenario")

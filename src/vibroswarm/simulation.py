@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 
@@ -13,7 +13,7 @@ import vibroswarm.motion.event
 import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline
@@ -55,7 +55,8 @@ def simulate(
     Raises:
         InputError: a seed or a run out of range, an unknown source, a question that its readings cannot answer.
     """
-    chosen = check_runs(seed, runs)
+    check_scenario(scenario)
+    seed, chosen = check_seed(seed), check_runs(seed, runs)
     readings_boundary(scenario)  # what cannot be asked is refused before anything moves
     floors = floors_of(scenario, seed, chosen)
     if scenario.run.stop == "all_decided":
@@ -81,6 +82,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
     Raises:
         InputError: ``scenario`` would move the robots otherwise, or the runs ended when all had decided.
     """
+    check_scenario(scenario)
     if result.seed is None:
         raise InputError(
             "was recorded: what its robots read cannot be drawn anew; replay it with 'vibroswarm lab replay'",
@@ -105,18 +107,43 @@ def replay(result: Result, scenario: Scenario) -> Result:
     return result_of(scenario, result.seed, floors, motion, observations, inference, finals, result.source)
 
 
+MOST_RUNS = 100_000_000
+"""Runs of one call; the tables of so many would fill any memory, but their numbers do not."""
+
+
 def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
-    """The runs as a sorted list of distinct numbers."""
-    if not 0 <= seed < SEED_LIMIT:
-        raise InputError(f"{seed} is no seed; give a whole number from 0 to 2^63 - 1", field="seed")
-    if isinstance(runs, int):
-        if runs < 1:
-            raise InputError(f"{runs} is too few; at least 1", field="runs")
-        return list(range(runs))
-    chosen = sorted(set(runs))
-    if not chosen or len(chosen) != len(runs) or chosen[0] < 0 or chosen[-1] >= 2**32:
+    """The runs as a sorted list of distinct numbers; whole numbers of NumPy are taken too."""
+    check_seed(seed)
+    if isinstance(runs, str | bytes | float) or not isinstance(runs, Iterable):
+        return list(range(whole_number_of(runs, "runs", 1, MOST_RUNS)))
+    asked = list(runs)
+    chosen = sorted({whole_number_of(run, "runs", 0, 2**32 - 1) for run in asked})
+    if not chosen or len(chosen) != len(asked):
         raise InputError("give distinct whole numbers from 0 to 2^32 - 1, at least one", field="runs")
     return chosen
+
+
+def check_seed(seed: int) -> int:
+    """A seed as a whole number of Python.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return whole_number_of(seed, "seed", 0, SEED_LIMIT - 1)
+    except InputError:
+        raise InputError(
+            f"{shown(seed)} is no seed; give a whole number from 0 to 2^63 - 1", field="seed"
+        ) from None
+
+
+def check_scenario(scenario: object) -> None:
+    """Refuse what is no scenario, such as the name of one."""
+    if not isinstance(scenario, Scenario):
+        raise InputError(
+            f"{shown(scenario)} is no Scenario; make one with preset('paper') or Scenario.read(file)",
+            field="scenario",
+        )
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.errors import InputError, shown
 from vibroswarm.forked import check_threads
 from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
@@ -67,9 +68,19 @@ class Verdict:
         return asdict(self)
 
 
-def verdict(result: Result, run: int = 0) -> Verdict:
-    """The verdict on one run of a result."""
+def verdict(result: Result, run: int | None = None) -> Verdict:
+    """The verdict on one run of a result.
+
+    Args:
+        run: its number; without, the first that the result holds.
+    Raises:
+        InputError: the result holds no such run.
+    """
     check_threads()
+    there = result.runs["run"].to_list()
+    run = int(there[0]) if run is None and there else run
+    if run is None or run not in there:
+        raise InputError(f"there is no run {shown(run)} in this result", field="run")
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())

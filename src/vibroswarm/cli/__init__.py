@@ -6,10 +6,14 @@ Exit codes: 0 done; 2 bad input; 1 a failure while working; 130 Ctrl-C.
 from __future__ import annotations
 
 import argparse
+import errno
 import gc
+import io
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Final
 
 from vibroswarm.errors import InputError, RunError, nearest
@@ -80,6 +84,13 @@ OBJECTS_BETWEEN: Final = 50_000
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; gives the exit code."""
+    if sys.stderr is None:  # closed by whoever started this; what is said is lost, the exit code is not
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for as long as this lives
+    if sys.stdout is None:
+        return _failed("stdout is closed; send it to a file or to /dev/null", 1)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a file's name may hold what the terminal cannot show
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = _command(argv)
         sys.stdout.flush()
@@ -93,8 +104,38 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _failed("interrupted", 130)
     except BrokenPipeError:  # the reader, such as `head`, has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_stdout()
         return 1
+    except OSError as error:
+        return _failed_with(error)
+
+
+def _leave_stdout() -> None:
+    """What could not be written is not tried again when Python ends."""
+    with suppress(OSError, ValueError):  # a stream of a test has no number
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+OF_THE_USER: Final = (
+    errno.ENOENT, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EEXIST,
+)  # fmt: skip
+"""What is wrong with a name that was given, rather than with the machine."""
+
+
+def _failed_with(error: OSError) -> int:
+    why = error.strerror or str(error)
+    if error.filename is not None:
+        code = 2 if error.errno in OF_THE_USER else 1
+        return _failed(f"{shown_name(error.filename)}: cannot be used: {why}", code)
+    # Files are written by `files`, which names them: what has no name is an output of this process.
+    _leave_stdout()
+    return _failed(f"the output could not be written: {why}", 1)
+
+
+def shown_name(name: object) -> str:
+    """A file's name in a message: its beginning, where it is longer than any that there can be."""
+    text = str(name)
+    return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 
 
 def _command(argv: Sequence[str] | None) -> int:
@@ -116,5 +157,8 @@ def _command(argv: Sequence[str] | None) -> int:
 
 
 def _failed(message: str, code: int) -> int:
-    print(f"vibroswarm: {'error: ' if code != 130 else ''}{message}", file=sys.stderr)
+    # On one line and printable: what a file holds may stand in it.
+    plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in message)
+    with suppress(OSError):
+        print(f"vibroswarm: {'error: ' if code != 130 else ''}{plain}", file=sys.stderr, flush=True)
     return code

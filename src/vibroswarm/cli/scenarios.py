@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.files import parse_tiles
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.energies import read_energies
@@ -79,4 +79,4 @@ def whole_number(text: str, option: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"'{text}' is no whole number", field=option) from None
+        raise InputError(f"{shown(text)} is no whole number", field=option) from None

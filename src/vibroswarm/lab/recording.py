@@ -34,9 +34,11 @@ from vibroswarm.lab.paths import gaps_of, knots_of, segments_of
 from vibroswarm.motion.contract import ENDS, MOTION
 from vibroswarm.observation.model import OBSERVATIONS
 from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
+from vibroswarm.plain_files import entry, number, read_json, words
 from vibroswarm.result import RECORDED, Result, floor_frame
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import versions
+from vibroswarm.tables import Schema, read_table
 
 USUAL_AGE_S: Final = 0.25
 EDGE_M: Final = 1e-9
@@ -62,7 +64,12 @@ PLACES: Final[dict[str, Any]] = {
     "y_m": pl.Float64,
 }
 
-_MORE: Final = {"rows": ROWS, "tracks": PLACES}
+_MORE: Final = {
+    "rows": Schema(
+        ROWS, frozenset({"position_age_s", "avoid_total_s", "stop_total_s"}), ("run", "robot", "sample")
+    ),
+    "tracks": Schema(PLACES),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,29 +113,65 @@ class Recording(Result):
         if not (folder / "recording.json").is_file():
             raise InputError("is no recording; make one with 'vibroswarm lab import'", field=str(folder))
         result = Result.read(folder)
-        try:
-            about = json.loads((folder / "recording.json").read_text(encoding="utf-8"))
-            more = {name: pl.read_parquet(folder / f"{name}.parquet") for name in _MORE}
-            known = (about["names"], about["sessions"], about["stated"], about["inferred"])
-            names, sessions, stated, inferred = (tuple(one) for one in known)
-            words = str(about["floor"])
-        except (OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError) as error:
-            raise InputError(
-                f"is a damaged recording ({str(error).splitlines()[0]})", field=str(folder)
-            ) from None
-        for name, schema in _MORE.items():
-            if dict(more[name].schema) != schema:
-                raise InputError(f"has not the columns of the table '{name}'", field=str(folder))
+        if result.seed is not None or result.segments is None:
+            raise InputError("is no recording: result.json names a seed, or no segments", field=str(folder))
+        path = folder / "recording.json"
+        about = _head(read_json(path, "the head of a recording"), result, path)
+        more = {name: read_table(folder / f"{name}.parquet", _MORE[name], name) for name in _MORE}
+        _check_more(result, more, folder)
         fields = {name: getattr(result, name) for name in Result.__dataclass_fields__}
         return cls(
             **fields,
             rows=more["rows"],
             tracks=more["tracks"],
-            names=names,
-            sessions=sessions,
-            stated=stated,
-            inferred=inferred,
-            floor_words=words,
+            **about,
+        )
+
+
+def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
+    """What ``recording.json`` says, each entry of its type."""
+    names, sessions, inferred = (entry(about, key, list, path) for key in ("names", "sessions", "inferred"))
+    if len(names) != result.scenario.swarm.robots or not all(type(name) is int for name in names):
+        raise InputError("is damaged: 'names' are not the numbers of the robots", field=str(path))
+    if len(sessions) != result.runs.height:
+        raise InputError(f"is damaged: 'sessions' are not the {result.runs.height} runs", field=str(path))
+    for session in sessions:
+        entry(session, "log", str, path), entry(session, "reader", str, path)
+        for key in ("told", "wraps_at"):
+            for name in (numbers := entry(session, key, dict, path)):
+                number(numbers, name, path)
+    for one in inferred:
+        entry(one, "name", str, path), entry(one, "evidence", str, path)
+        for key in ("value", "low", "high"):
+            if key not in one or isinstance(one[key], list | dict):
+                raise InputError(f"is damaged: 'inferred' has no {key}", field=str(path))
+            if key != "value" and one[key] is not None:
+                number(one, key, path)
+    return {
+        "names": tuple(names),
+        "sessions": tuple(sessions),
+        "stated": tuple(words(entry(about, "stated", list, path), "stated", path)),
+        "inferred": tuple(inferred),
+        "floor_words": entry(about, "floor", str, path),
+    }
+
+
+def _check_more(result: Result, more: Mapping[str, pl.DataFrame], folder: Path) -> None:
+    """Rows are those of the samples; tracks are of the runs and robots that there are, each in the order of time."""
+    key = ["run", "robot", "sample"]
+    if not more["rows"].select(key).equals(result.motion.select(key)):
+        raise InputError(
+            "columns 'run', 'robot', 'sample' are not those of motion, in order",
+            field=str(folder / "rows.parquet"),
+        )
+    there = result.ends.select("run", "robot")
+    if more["tracks"].join(there, on=["run", "robot"], how="anti").height:
+        raise InputError(
+            "columns 'run' and 'robot' name one that is not in ends", field=str(folder / "tracks.parquet")
+        )
+    if (more["tracks"].select(later=pl.col("time_s").diff().over("run", "robot"))["later"] <= 0).any():
+        raise InputError(
+            "column 'time_s' does not grow with a robot's rows", field=str(folder / "tracks.parquet")
         )
 
 
@@ -168,7 +211,7 @@ def recording_of(
     tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]
     together = {name: pl.concat([one[name] for one in tables]) for name in tables[0] if name != "told"}
     samples = together["motion"].with_columns(energy=together["rows"]["energy"])
-    words = (
+    floor_words = (
         check_floor(floor, samples)
         if not any_floor
         else "Whether the floor fits was not asked (--any-floor)."
@@ -196,7 +239,7 @@ def recording_of(
         ),
         stated=tuple(stated),
         inferred=tuple(one.as_dict() for one in inferred),
-        floor_words=words,
+        floor_words=floor_words,
     )
 
 

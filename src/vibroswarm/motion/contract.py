@@ -22,7 +22,7 @@ from typing import Any, Final, Protocol
 
 import polars as pl
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.forked import check_threads
 from vibroswarm.scenario import Scenario
 
@@ -111,9 +111,9 @@ def source(name: str) -> Source:
     Raises:
         InputError: there is none; the nearest is named.
     """
-    if name not in _SOURCES:
+    if not isinstance(name, str) or name not in _SOURCES:
         raise InputError(
-            f"there is no source of motion '{name}'{nearest(name, _SOURCES)}"
+            f"there is no source of motion {shown(name)}{nearest(name, _SOURCES)}"
             f" (there are {', '.join(sorted(_SOURCES))})",
             field="motion",
         )

@@ -30,7 +30,7 @@ from vibroswarm.optimize.objective import Objective, several
 from vibroswarm.optimize.outcomes import Outcomes, from_tables
 from vibroswarm.optimize.spec import KEYS
 from vibroswarm.optimize.truth import Scored, Truth, paired_score, scored_of
-from vibroswarm.scenario import read_text
+from vibroswarm.plain_files import read_text
 from vibroswarm.study.result import StudyResult
 from vibroswarm.study.result import run as run_study
 from vibroswarm.study.runner import Tell

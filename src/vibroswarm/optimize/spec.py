@@ -33,8 +33,9 @@ from vibroswarm.optimize.evaluate import NUMBERS
 from vibroswarm.optimize.objective import Objective, several
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.space import PAPER, Point, Space
+from vibroswarm.plain_files import read_text
 from vibroswarm.presets import preset, preset_names
-from vibroswarm.scenario import Scenario, read_text
+from vibroswarm.scenario import Scenario
 from vibroswarm.study.spec import Cell, Study
 
 FORMAT: Final = 1

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vibroswarm.study.spec import SOURCE, Cell, words_of
+from vibroswarm.study.spec import SOURCE, Cell
 
 UNITS: Final = {
     "_ms": "ms",
@@ -40,10 +41,12 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
     if not several:
         return Layout(None, "", None, {cell.number: cell.name for cell in cells})
     field = max(several, key=lambda name: len(set(several[name].values())))
-    series = {
-        cell.number: words_of({k: v for k, v in cell.point.items() if k != field}) or "all" for cell in cells
-    }
-    return Layout(field, label_of(field), several[field], series)
+    x = several[field]
+    series = {cell.number: cell.words_of(k for k in cell.point if k != field) or "all" for cell in cells}
+    places = Counter((x[number], words) for number, words in series.items())
+    twice = {number for number, words in series.items() if places[x[number], words] > 1}
+    series |= {number: f"{series[number]} (cell {number})" for number in twice}
+    return Layout(field, label_of(field), x, series)
 
 
 def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:

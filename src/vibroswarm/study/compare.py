@@ -21,8 +21,8 @@ from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, c
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.study.result import StudyResult, run
 from vibroswarm.study.runner import Tell
-from vibroswarm.study.spec import SOURCE, Cell, Study, words_of
-from vibroswarm.study.varied import LABEL
+from vibroswarm.study.spec import SOURCE, Cell, Study
+from vibroswarm.study.varied import LABEL, flat
 
 SECOND: Final = "second-block"
 MOST_AGAIN: Final = 1000
@@ -47,12 +47,12 @@ class Compared:
     @property
     def name(self) -> str:
         """The two in words: ``soft - none (random:0.48)``."""
-        rest = words_of({k: v for k, v in self.cell.point.items() if k != self.field})
+        rest = self.cell.words_of(k for k in self.cell.point if k != self.field)
         if self.field == LABEL:
             return f"{self.cell.name} - {self.reference.name}"
-        mine, theirs = (
-            words_of({self.field: cell.point.get(self.field)}) for cell in (self.cell, self.reference)
-        )
+        mine, theirs = (cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference))
+        if mine == theirs:
+            return f"{self.cell.name} - {self.reference.name}"
         return f"{mine} - {theirs}" + (f" ({rest})" if rest else "")
 
     def as_row(self) -> dict[str, Any]:
@@ -74,12 +74,20 @@ class Compared:
 
 def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
     """Cells with their references, and the field in which they differ; none where too many fields have many values."""
-    by_point = {_key(cell.point): cell for cell in study.cells}
+    by_point: dict[str, Cell] = {}
+    for cell in study.cells:
+        by_point.setdefault(_key(cell.point), cell)
+    labelled = _fields_of_labels(study)
     pairs = []
     for name in _compared_fields(study):
         first = study.cells[0].point.get(name)
-        for cell in study.cells:
-            there = study.cells[0] if name == LABEL else by_point.get(_key(cell.point | {name: first}))
+        of_others: dict[str, Cell] = {}
+        for cell in by_point.values():  # of equal points the first
+            if name == LABEL:  # the first label's cell that is equal in all that labels do not say
+                others = _key({k: v for k, v in cell.point.items() if k not in labelled})
+                there: Cell | None = of_others.setdefault(others, cell)
+            else:
+                there = by_point.get(_key(cell.point | {name: first}))
             if there is not None and there.number != cell.number:
                 pairs.append((cell, there, name))
     return pairs if len(pairs) <= MOST_PAIRS else []
@@ -87,11 +95,28 @@ def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
 
 def _compared_fields(study: Study) -> list[str]:
     if LABEL in study.varied:
-        return [LABEL]
+        beside = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
+        return [LABEL, *beside]
     values = {name: {repr(cell.point.get(name)) for cell in study.cells} for name in study.varied}
     several = [name for name, found in values.items() if 1 < len(found) <= MOST_VALUES and name != SOURCE]
-    words = [name for name in several if isinstance(study.cells[0].point.get(name), str | bool)]
-    return words or (several if len([name for name, found in values.items() if len(found) > 1]) == 1 else [])
+    return _word_fields(study) or (
+        several if len([name for name, found in values.items() if len(found) > 1]) == 1 else []
+    )
+
+
+def _word_fields(study: Study) -> list[str]:
+    """Varied fields of a few values that are words, which name what is compared; a floor is the question."""
+    found = []
+    for name in study.varied:
+        values = {repr(cell.point.get(name)) for cell in study.cells}
+        if name not in (SOURCE, LABEL) and 1 < len(values) <= MOST_VALUES:
+            found += [name] if isinstance(study.cells[0].point.get(name), str | bool) else []
+    return found
+
+
+def _fields_of_labels(study: Study) -> set[str]:
+    """What the entries of a list say, by which their labels differ."""
+    return {LABEL} | {name for entry in study.vary.get("list", ()) for name in flat(entry)}
 
 
 def second_seed(seed: int) -> int:

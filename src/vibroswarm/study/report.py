@@ -236,8 +236,8 @@ def _decidability(outcome: Outcome) -> Section:
         )
     text = (
         "From the sensor's error rates, the floor and the boundary: which share of ones the swarm will see. If that "
-        "lies on the wrong side of what readings are held against, more samples make the wrong answer surer. `samples` are independent "
-        "ones.",
+        "lies on the wrong side of what readings are held against, more samples make the wrong answer surer. "
+        "`samples` are independent ones.",
     )
     return Section("Can it be decided at all", text, (ReportTable(pl.DataFrame(rows), name="decidability"),))
 

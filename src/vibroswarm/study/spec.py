@@ -17,7 +17,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,12 +26,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown, whole_number_of
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
 from vibroswarm.observation.boundary import readings_boundary
-from vibroswarm.scenario import Scenario, read_text
+from vibroswarm.plain_files import read_text
+from vibroswarm.scenario import Scenario
+from vibroswarm.study.names import in_digits, names_of, told, words_of_points
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of
 
@@ -60,34 +62,23 @@ KEEP: Final = ("samples",)
 MOST_RUNS: Final = 100_000_000
 
 
-_PLAIN: Final = ("floor.source", "strategy.name", PRESET)
-"""Fields whose values say what they are."""
-
-
 @dataclass(frozen=True)
 class Cell:
-    """One scenario of a study: its number, what is varied in it, and the scenario."""
+    """One scenario of a study: its number, what is varied in it, and the scenario.
+
+    ``words`` has each varied value as it is told, with as many digits as tell it from the others of the study.
+    """
 
     number: int
     point: Point
     scenario: Scenario
+    words: Mapping[str, str] = field(default_factory=dict, compare=False)
+    name: str = ""
+    """What tells it from all other cells, in words; the scenario's strategy where nothing is varied."""
 
-    @property
-    def name(self) -> str:
-        """What is varied, in words; or the scenario's strategy where nothing is."""
-        if LABEL in self.point:
-            return str(self.point[LABEL])
-        return words_of(self.point) or self.scenario.strategy.name
-
-
-def words_of(point: Point) -> str:
-    """Varied values in words: ``random:0.44, soft, eta 1250``."""
-    words = (_short(v) if k in _PLAIN else f"{k.rpartition('.')[2]} {_short(v)}" for k, v in point.items())
-    return ", ".join(words)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    def words_of(self, fields: Iterable[str]) -> str:
+        """Some of the varied values in words: ``random:0.44, soft, eta 1250``."""
+        return told({name: self.words[name] for name in fields if name in self.words})
 
 
 @dataclass(frozen=True)
@@ -132,12 +123,13 @@ class Study:
         ):
             if value is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise InputError(f"{value!r} is wrong; give a whole number from {low} to {high}", field=name)
+            object.__setattr__(self, name, whole_number_of(value, name, low, high))
         source(self.motion)
         for table in self.keep:
             if table not in KEEP:
-                raise InputError(f"there is no table '{table}' to keep{nearest(table, KEEP)}", field="keep")
+                raise InputError(
+                    f"there is no table {shown(table)} to keep{nearest(table, KEEP)}", field="keep"
+                )
         if any(PRESET in point for point in self._points) and set(Scenario.model_fields) <= set(
             self._sections
         ):
@@ -263,7 +255,12 @@ class Study:
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """One cell a point, in order."""
-        return tuple(Cell(k, point, self._scenario(point)) for k, point in enumerate(self._points))
+        words = words_of_points(self._points)
+        scenarios = [self._scenario(point) for point in self._points]
+        names = names_of(words, [scenario.strategy.name for scenario in scenarios])
+        return tuple(
+            Cell(k, *each) for k, each in enumerate(zip(self._points, scenarios, words, names, strict=True))
+        )
 
     def run(self, folder: str | Path | None = None, **how: Any) -> StudyResult:
         """Run the study, or go on with it.
@@ -339,8 +336,8 @@ class Study:
         except InputError as error:
             if not point:
                 raise
-            told = ", ".join(f"{k} = {_short(v)}" for k, v in point.items())
-            raise InputError(f"{error} (in the cell with {told})") from None
+            words = ", ".join(f"{k} = {in_digits(v)}" for k, v in point.items())
+            raise InputError(f"{error} (in the cell with {words})") from None
 
 
 def as_toml(values: Mapping[str, Any]) -> str:

@@ -27,7 +27,7 @@ from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
 from vibroswarm.leftovers import remove_leftovers
-from vibroswarm.scenario import read_text
+from vibroswarm.plain_files import read_text
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Range, missing
 from vibroswarm.study.spec import FORMAT, Study, as_toml

@@ -1,0 +1,107 @@
+"""The program and the system: full, closed and broken outputs, names and folders that cannot be."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.cli import main
+
+LINE = [sys.executable, "-m", "vibroswarm", "scenario"]
+
+
+def started(line: str) -> tuple[int, str]:
+    """Exit code and stderr of a shell's line."""
+    command = " ".join(LINE)
+    done = subprocess.run(
+        ["bash", "-c", line.replace("SCENARIO", command)], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [
+        ("SCENARIO > /dev/full", 1, "the output could not be written: No space left on device"),
+        ("SCENARIO >&-", 1, "stdout is closed"),
+        ("SCENARIO | head -1 > /dev/null; exit ${PIPESTATUS[0]}", None, ""),
+        ("SCENARIO --robots x 2>&-", 2, ""),
+    ],
+)
+def test_outputs_that_cannot_be_written(line: str, code: int | None, said: str) -> None:
+    found, stderr = started(line)
+    assert found == code if code is not None else found in (0, 1)
+    assert "Traceback" not in stderr
+    assert "Exception ignored" not in stderr
+    assert said in stderr
+    assert len(stderr.splitlines()) <= 1
+
+
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["scenario", "--scenario", LONG],
+        ["scenario", "--scenario", f"{LONG}/a.toml"],
+        ["scenario", "--energies", LONG],
+        ["scenario", "--floor", f"{LONG}.txt"],
+        ["run", "--out", LONG, "--set", "run.t_end_s=1"],
+        ["sweep", LONG],
+        ["show", LONG],
+        ["merge", LONG, LONG],
+        ["lab", "import", LONG, "--floor", "diagonal:0.46", "--out", "lab"],
+        ["lab", "export", LONG, "--out", "x"],
+        ["lab", "replay", LONG],
+        ["lab", "threshold", LONG],
+        ["calibrate", "compare", LONG, LONG],
+        ["calibrate", "figures", LONG],
+        ["optimize", LONG],
+        ["optimize", "--check", LONG],
+        ["reproduce", "--from", LONG, "--check"],
+        ["scenario", "--out", LONG],
+        ["floors", "show", LONG],
+        ["scenario", "--robots", "9" * 5000],
+        ["scenario", "--set", f"swarm.robots={'9' * 5000}"],
+        ["scenario", "--scenario", "a\0b"],
+        ["show", "a\0b"],
+        ["run", "--out", "a\0b", "--set", "run.t_end_s=1"],
+    ],
+    ids=lambda line: " ".join(line)[:30],
+)
+def test_names_that_cannot_be_are_refused(
+    line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(line) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("vibroswarm: error: ")
+    assert len(said) < 700
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="nothing is forbidden to root")
+@pytest.mark.parametrize("command", ["show", "lab replay", "sweep", "merge out"])
+def test_folders_that_cannot_be_read_are_refused(command: str, tmp_path: Path) -> None:
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0)
+    assert main([*command.split(), str(folder)]) == 2
+    folder.chmod(0o700)
+
+
+def test_what_a_file_holds_does_not_reach_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A message is one line, and no escape sequence of a terminal."""
+    path = tmp_path / "energies.csv"
+    path.write_text('kind,energy\n"\x1b[31m\nx",1\n')
+    assert main(["scenario", "--energies", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert said.rstrip("\n").isprintable()

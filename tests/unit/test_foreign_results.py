@@ -1,0 +1,256 @@
+"""Results and recordings that somebody else made or damaged: refused in one sentence that names file and column."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.lab.readers import read_log
+from vibroswarm.lab.recording import Recording, recording_of
+from vibroswarm.lab.write import write_rugbot
+from vibroswarm.presets import preset
+from vibroswarm.result import SCHEMAS, TABLES, Result
+from vibroswarm.simulation import simulate
+from vibroswarm.tables import ALLOWED, check_table
+
+Change = Callable[[pl.DataFrame], pl.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a result of two runs, and a recording of its first."""
+    folder = tmp_path_factory.mktemp("made")
+    scenario = preset("paper-empirical").with_values({
+        "floor.tiles": ("01", "10"), "floor.source": "ours", "strategy.name": "positive", "swarm.robots": 3,
+        "decision.min_observations": 10, "decision.gate": "own", "run.t_end_s": 100.0,
+    })  # fmt: skip
+    result = simulate(scenario, 7, 2, segments=True)
+    result.write(folder / "result")
+    write_rugbot(result, folder / "log.csv")
+    log = read_log(folder / "log.csv")
+    recording_of([log], scenario.floor_for(0, 0), scenario, any_floor=True).write(folder / "recording")
+    return folder
+
+
+@pytest.fixture
+def there(made: Path, tmp_path: Path) -> Path:
+    """A copy of both, to be damaged."""
+    for name in ("result", "recording"):
+        shutil.copytree(made / name, tmp_path / name)
+    return tmp_path
+
+
+def changed(path: Path, change: Change) -> None:
+    change(pl.read_parquet(path)).write_parquet(path)
+
+
+def refused(read: Callable[[Path], Any], folder: Path, path: Path, *said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(folder)
+    assert caught.value.field == str(path)
+    assert all(word in str(caught.value) for word in said), str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_what_was_not_touched_is_read(there: Path) -> None:
+    """Control of all below."""
+    assert Result.read(there / "result").runs.height == 2
+    assert Recording.read(there / "recording").runs.height == 1
+
+
+def put(column: str, value: Any, row: int = 0) -> Change:
+    """A value in one row."""
+    return lambda frame: frame.with_columns(
+        pl.when(pl.int_range(pl.len()) == row)
+        .then(pl.lit(value))
+        .otherwise(column)
+        .cast(frame.schema[column])
+        .alias(column)
+    )
+
+
+def _outside(column: str, kind: Any) -> Any:
+    """A value that the type can hold and the column may not; None where there is none."""
+    low, high = ALLOWED.get(column, (None, None))
+    for value in () if low is None else (high + 1, low - 1):
+        series = pl.Series([value], dtype=pl.Float64).cast(kind, strict=False)
+        if series[0] is not None and float(series[0]) == value:
+            return series[0]
+    return None
+
+
+def _ways(name: str, column: str) -> dict[str, Change]:
+    kind = TABLES[name][column]
+    other = pl.lit(1) if kind == pl.String else pl.col(column).cast(pl.String)
+    ways: dict[str, Change] = {
+        "missing": lambda frame: frame.drop(column),
+        "renamed": lambda frame: frame.rename({column: "other"}),
+        "retyped": lambda frame: frame.with_columns(other.alias(column)),
+        "one too many": lambda frame: frame.with_columns(pl.col(column).alias(f"{column}'")),
+    }
+    if column not in SCHEMAS[name].nullable:
+        ways["null"] = put(column, None)
+    if (value := _outside(column, kind)) is not None:
+        ways["outside"] = put(column, value)
+    if kind in (pl.Float32, pl.Float64):
+        ways |= {"nan": put(column, float("nan")), "infinite": put(column, -float("inf"))}
+    return ways
+
+
+@pytest.mark.parametrize("name", list(TABLES))
+def test_each_column_of_each_table_is_checked(made: Path, name: str) -> None:
+    frame = pl.read_parquet(made / "result" / f"{name}.parquet")
+    assert check_table(frame, SCHEMAS[name], "file", name).equals(frame)
+    count = 0
+    for column in TABLES[name]:
+        for way, change in _ways(name, column).items():
+            with pytest.raises(InputError, match=f"^file: .*'{column}") as caught:
+                check_table(change(frame), SCHEMAS[name], "file", name)
+            assert caught.value.field == "file", (column, way)
+            count += 1
+    assert count >= 5 * len(TABLES[name])
+
+
+KEYS: list[tuple[str, str, Change]] = [
+    ("motion", "twice", lambda f: pl.concat([f, f.head(1)])),
+    ("motion", "order", lambda f: f.reverse()),
+    ("motion", "'robot'", put("robot", 3)),
+    ("motion", "'run'", put("run", 9, row=-1)),
+    ("motion", "'time_s'", put("time_s", 500.0)),
+    ("observations", "'sample'", lambda f: f.head(5)),
+    ("observations", "'sample'", lambda f: f.reverse()),
+    ("observations", "'tile'", put("tile", 4)),
+    ("inference", "'sample'", lambda f: f.clear()),
+    ("inference", "'received'", put("received", None)),
+    ("ends", "rows", lambda f: f.head(5)),
+    ("ends", "twice", lambda f: pl.concat([f, f])),
+    ("ends", "'end_s'", put("end_s", 1e6)),
+    ("robots", "'robot'", put("robot", 7)),
+    ("robots", "'samples'", put("samples", 0)),
+    ("robots", "'decision_time_s'", put("decision_time_s", None, row=0)),
+    ("runs", "holds no run", lambda f: f.clear()),
+    ("runs", "'run'", lambda f: f.reverse()),
+    ("runs", "'right'", put("right", 60_000)),
+    ("floors", "'tiles'", put("tiles", "010")),
+    ("floors", "'tiles'", put("tiles", "01x0")),
+    ("floors", "'rows'", put("rows", 100_000_000)),
+    ("floors", "'run'", put("run", 5)),
+    ("segments", "'start_s'", lambda f: f.filter(pl.col("robot") != 1)),
+    ("segments", "'robot'", put("robot", 65_535)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "said", "change"), KEYS)
+def test_tables_fit_each_other_and_the_scenario(there: Path, name: str, said: str, change: Change) -> None:
+    path = there / "result" / f"{name}.parquet"
+    if name == "motion" and said == "'run'":
+        changed(
+            path,
+            lambda f: f.with_columns(
+                run=pl.when(pl.int_range(pl.len()) == f.height - 1).then(9).otherwise("run").cast(pl.UInt32)
+            ),
+        )
+    elif said == "'decision_time_s'":
+        changed(path, lambda f: f.with_columns(decision_time_s=pl.lit(None, dtype=pl.Float64)))
+        assert (pl.read_parquet(path)["decision"] != -1).any()
+    else:
+        changed(path, change)
+    refused(Result.read, there / "result", path, said)
+
+
+MORE: list[tuple[str, str, Change]] = [
+    ("rows", "'energy'", lambda f: f.drop("energy")),
+    ("rows", "'sample'", lambda f: f.reverse()),
+    ("rows", "'line'", put("line", None)),
+    ("tracks", "'robot'", put("robot", 12)),
+    ("tracks", "'time_s'", lambda f: f.reverse()),
+    ("tracks", "'x_m'", put("x_m", float("inf"))),
+]
+
+
+@pytest.mark.parametrize(("name", "said", "change"), MORE)
+def test_tables_that_only_a_recording_has(there: Path, name: str, said: str, change: Change) -> None:
+    path = there / "recording" / f"{name}.parquet"
+    changed(path, change)
+    refused(Recording.read, there / "recording", path, said)
+
+
+ODD: list[Any] = [None, "x", -1, 1.5, [], {}, [1], {"a": None}, [[]], True]
+
+
+@pytest.mark.parametrize("key", ["names", "sessions", "stated", "inferred", "floor"])
+@pytest.mark.parametrize("value", [*ODD, "gone"], ids=repr)
+def test_the_head_of_a_recording_is_checked(there: Path, key: str, value: Any) -> None:
+    path = there / "recording" / "recording.json"
+    about = json.loads(path.read_text())
+    if value == "gone":
+        del about[key]
+    else:
+        about[key] = value
+    path.write_text(json.dumps(about))
+    if (key, str(value)) in (("floor", "x"), ("stated", "[]"), ("inferred", "[]")):  # these may be so
+        Recording.read(there / "recording")
+        return
+    refused(Recording.read, there / "recording", path, "damaged")
+
+
+@pytest.mark.parametrize("key", ["schema_version", "seed", "source", "tables", "versions", "scenario_hash"])
+@pytest.mark.parametrize("value", ODD, ids=repr)
+def test_the_head_of_a_result_is_checked(there: Path, key: str, value: Any) -> None:
+    path = there / "result" / "result.json"
+    about = json.loads(path.read_text())
+    path.write_text(json.dumps(about | {key: value}))
+    if (key, str(value)) in (("versions", "{}"), ("source", "x")):  # these may be so
+        Result.read(there / "result")
+        return
+    with pytest.raises(InputError) as caught:
+        Result.read(there / "result")
+    assert str(caught.value.field).startswith(str(there / "result"))
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", '{"a": Infinity}', "\x00", '"x"'])
+def test_json_that_no_reader_survives_is_refused(there: Path, text: str) -> None:
+    path = there / "result" / "result.json"
+    path.write_text(text)
+    refused(Result.read, there / "result", path, "damaged")
+
+
+@pytest.mark.parametrize("name", ["result.json", "scenario.toml", "runs.parquet"])
+@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device", "nowhere"])
+def test_only_plain_files_are_opened(there: Path, name: str, kind: str) -> None:
+    path = there / "result" / name
+    path.unlink()
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)  # opening it would wait for ever
+    else:
+        path.symlink_to({"loop": path.name, "device": "/dev/zero", "nowhere": "nothing"}[kind])
+    with pytest.raises(InputError):
+        Result.read(there / "result")
+
+
+def test_a_table_that_ends_like_a_parquet_file_but_is_none_is_refused(there: Path) -> None:
+    """Readers of polars may panic, which is no Exception of Python."""
+    path = there / "result" / "runs.parquet"
+    whole = path.read_bytes()
+    outcomes = set()
+    for place in range(len(whole) - 400, len(whole), 7):
+        broken = bytearray(whole)
+        broken[place] ^= 0xFF
+        path.write_bytes(bytes(broken))
+        try:
+            Result.read(there / "result")
+        except InputError as error:
+            outcomes.add(error.field)
+        else:  # a byte of no matter, such as a name of what wrote it
+            outcomes.add("read")
+    assert str(path) in outcomes
