@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.paper.limits import NONE, interval, of_share
+from vibroswarm.paper.limits import NONE, interval, of_parts, of_share
 from vibroswarm.paper.measure import exact, mean, row, share
 
 N, REPEATS = 100, 3000
@@ -23,8 +23,8 @@ def test_no_event_in_100_runs_is_not_0() -> None:
 
 def test_all_runs_with_the_event_are_not_1() -> None:
     low, high = interval(share("a", "paper", "x", np.ones(100)), 0.95)
-    assert 0.88 < low < 0.97
-    assert high == pytest.approx(1.0)
+    assert 0.9 < low < 0.97
+    assert high >= 1.0
 
 
 @pytest.mark.parametrize("events", [0, 1, 7, 99, 100])
@@ -67,6 +67,20 @@ def test_limits_hold_the_truth_at_least_as_often_as_they_say(kind: str) -> None:
     assert missed <= 0.05
     assert np.isfinite(limits).all()
     assert np.median(limits[:, 1] - limits[:, 0]) < 0.35
+
+
+@pytest.mark.parametrize("n", [100, 1000])
+@pytest.mark.parametrize(
+    "pair", [(0.005, 0.0), (0.02, 0.0), (0.02, 0.01), (0.05, 0.05), (0.3, 0.25), (0.98, 0.01)]
+)
+def test_so_they_do_at_the_levels_of_many_claims(pair: tuple[float, float], n: int) -> None:
+    """At 99.9 %, where Student's limits are up to hundreds of times too seldom right; each sample counts once."""
+    plus, minus = pair
+    counts = np.random.default_rng(4).multinomial(n, [plus, minus, 1 - plus - minus], 20_000)
+    distinct, times = np.unique(counts[:, :2], axis=0, return_counts=True)
+    ends = np.array([of_parts(up / n, down / n, n, 0.999) for up, down in distinct])
+    missed = times @ ((ends[:, 0] > plus - minus) | (ends[:, 1] < plus - minus)) / times.sum()
+    assert missed <= 0.001 + 3 * np.sqrt(0.001 / times.sum())
 
 
 def test_students_limits_do_not() -> None:

@@ -5,13 +5,17 @@
 | a constant, marked as such | itself | - |
 | a mean over n runs, with its standard error s | x -+ t(1 - c / 2; n - 1) s | Student 1908 |
 | a mean of values of which many may be alike and few far off | the wider of Student's and the next | - |
-| a share, or a difference d of shares, between -1 and 1 | L(d+) - U(d-) to U(d+) - L(d-) | below |
+| a share, or a difference d of shares, between -1 and 1 | d - w(d+, d-) to d + w(d-, d+) | Zou & Donner 2008 |
 | anything else, a standard error of 0 too | none | - |
 
-c is 1 - level. d+ and d- are the positive and the negative part of d, so that E d = E d+ - E d-. L and U are Clopper
-and Pearson's limits (1934) of a share whose count is the sum of the parts, rounded outwards, each at c / (4 e). The e
-makes them hold for all values between 0 and 1, not for 0 and 1 alone: the tail of a sum of such values is at most e
-times that of a binomial of the same mean (Bentkus 2004). So 0 of 100 runs do not give [0, 0].
+c is 1 - level. d+ and d- are the means of the positive and of the negative parts of d, so that d = d+ - d-. L and U are
+Clopper and Pearson's limits (1934) of a share whose count is the sum of the parts, rounded outwards, each at c / (2 e).
+The e makes them hold for all values between 0 and 1, not for 0 and 1 alone: the tail of a sum of such values is at most
+e times that of a binomial of the same mean (Bentkus 2004). The widths of the two are put together as errors are:
+
+    w(p, q)^2 = l^2 + u^2 + 2 r l u, l = p - L(p), u = U(q) - q, r = sqrt(p q / ((1 - p) (1 - q)))
+
+with -r the correlation of two parts of which a run has one at most. So 0 of 100 runs do not give [0, 0].
 """
 
 from __future__ import annotations
@@ -51,9 +55,17 @@ def of_parts(above: float, below: float, n: int, level: float) -> Limits:
     Args:
         above, below: means of their positive and negative parts.
     """
-    tail = (1.0 - level) / 4
+    tail = (1.0 - level) / 2
     (low_above, high_above), (low_below, high_below) = (of_share(p, n, tail) for p in (above, below))
-    return low_above - high_below, high_above - low_below
+    others = (1.0 - above) * (1.0 - below)
+    alike = min(math.sqrt(above * below / others), 1.0) if others > 0.0 else 0.0
+    down = _together(above - low_above, high_below - below, alike)
+    up = _together(high_above - above, below - low_below, alike)
+    return above - below - down, above - below + up
+
+
+def _together(first: float, second: float, alike: float) -> float:
+    return math.sqrt(first**2 + second**2 + 2.0 * alike * first * second)
 
 
 def of_share(share: float, n: int, tail: float) -> Limits:
