@@ -11,9 +11,10 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.paper.claims import MEASURED, Claim, all_claims, claims_from, decide, interval, verdict_of
+from vibroswarm.paper.claims import MEASURED, Claim, all_claims, claims_from, decide, verdict_of
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.items import all_items
+from vibroswarm.paper.limits import interval
 from vibroswarm.paper.measure import exact, frame, log_spread, mean, row, share_saved
 from vibroswarm.paper.published import parameters, published
 
@@ -54,31 +55,84 @@ def test_a_wrong_claim_is_refused(change: str, says: str) -> None:
     ("states", "verdict"),
     [
         (["holds", "holds"], "reproduced"),
-        (["holds", "open"], "in part"),
+        (["holds", "open"], "inconclusive"),
         (["holds", "fails"], "in part"),
+        (["holds", "fails", "open"], "in part"),
         (["fails", "open"], "not reproduced"),
-        (["open", "open"], "cannot be told"),
-        ([], "cannot be told"),
+        (["fails", "cannot be asked"], "not reproduced"),
+        (["holds", "cannot be asked"], "cannot be asked"),
+        (["open", "cannot be asked"], "cannot be asked"),
+        (["open", "open"], "inconclusive"),
+        ([], "inconclusive"),
     ],
 )
 def test_verdicts(states: list[str], verdict: str) -> None:
-    assert verdict_of(states) == verdict
+    assert verdict_of(states, states) == verdict
+
+
+def test_a_verdict_needs_the_level_that_it_says() -> None:
+    """Reproduced at the claim's level; what a single value shows, only at the corrected one."""
+    assert verdict_of(["holds", "holds"], ["open", "open"]) == "reproduced"
+    assert verdict_of(["holds", "fails"], ["holds", "open"]) == "inconclusive"
+    assert verdict_of(["holds", "fails"], ["open", "fails"]) == "not reproduced"
 
 
 def test_a_difference_that_is_not_significant_is_not_reproduced() -> None:
     wide = [row("a", "paper", k, 0.0, 8.0, 100) for k in ("x", "y")]
-    assert _decided(wide) == {"a": "cannot be told"}
+    assert _decided(wide) == {"a": "inconclusive"}
     narrow = [row("a", "paper", k, 0.0, 1.0, 100) for k in ("x", "y")]
     assert _decided(narrow) == {"a": "reproduced"}
     one_out = [narrow[0], row("a", "paper", "y", 30.0, 1.0, 100)]
     assert _decided(one_out) == {"a": "in part"}
+    one_open = [narrow[0], wide[1]]
+    assert _decided(one_open) == {"a": "inconclusive"}
 
 
-def test_a_value_without_an_error_or_a_number_cannot_be_told() -> None:
-    assert _decided([row("b", "paper", "x", 9.0, None, 1)]) == {"b": "cannot be told"}
-    assert _decided([row("b", "paper", "x", math.nan, 1.0, 9)]) == {"b": "cannot be told"}
+def test_a_failure_is_corrected_for_the_number_of_values() -> None:
+    """p = 0.03, by one claim of one value a failure, by one of two none."""
+    near = 10.0 + 2.2
+    alone = Claim("a", "difficulty", "Equal.", "difference", "within", 1, margin=10.0)
+    assert _decided([row("a", "paper", "x", near, 1.0, 10_000)], [alone]) == {"a": "not reproduced"}
+    pair = [row("a", "paper", "x", near, 1.0, 10_000), row("a", "paper", "y", 10.0, 1.0, 10_000)]
+    assert _decided(pair, [WITHIN]) == {"a": "inconclusive"}
+
+
+def test_a_value_without_an_error_or_a_number_is_inconclusive() -> None:
+    assert _decided([row("b", "paper", "x", 9.0, None, 1)]) == {"b": "inconclusive"}
+    assert _decided([row("b", "paper", "x", math.nan, 1.0, 9)]) == {"b": "inconclusive"}
     assert _decided([exact("b", "paper", "x", 9.0)]) == {"b": "reproduced"}
     assert _decided([exact("b", "paper", "x", 4.0)]) == {"b": "not reproduced"}
+
+
+def test_a_standard_error_of_0_is_not_exact() -> None:
+    assert _decided([row("b", "paper", "x", 9.0, 0.0, 100)]) == {"b": "inconclusive"}
+    assert _decided([mean("b", "paper", "x", np.full(100, 9.0))]) == {"b": "inconclusive"}
+    lumped = np.concatenate([np.full(95, 9.0), np.arange(5.0)])
+    assert mean("b", "paper", "x", lumped)["standard_error"] is None
+
+
+def test_a_value_that_cannot_be_asked_says_why_and_is_not_counted() -> None:
+    asked = row("a", "paper", "x", 0.0, 1.0, 100)
+    not_asked = row("a", "paper", "y", 0.0, 1.0, 100, "wrong side")
+    (one,) = [each for each in decide(frame([asked, not_asked]), [WITHIN]) if each.column == "paper"]
+    assert one.verdict == "cannot be asked"
+    assert one.cells["holds"].to_list() == ["holds", "cannot be asked"]
+    assert one.cells["why"].to_list() == [None, "wrong side"]
+    assert one.cells["low"].to_list()[1] is None
+    failing = row("a", "paper", "x", 30.0, 1.0, 100)
+    assert _decided([failing, not_asked], [WITHIN]) == {"a": "not reproduced"}
+
+
+def test_checks_are_a_family_of_their_own_and_no_verdicts() -> None:
+    check = Claim("k", "headline", "Ours.", "difference", "within", 1, margin=1.0, kind="check")
+    made = [row("b", "paper", "x", 9.0, 1.0, 10_000), exact("k", "paper", "x", 0.0)]
+    found = {one.claim.id: one for one in decide(frame(made), [LEAST, check])}
+    assert found["k"].verdict == "passed"
+    assert found["b"].level == pytest.approx(0.95)
+    assert _decided([exact("k", "paper", "x", 2.0)], [check]) == {"k": "failed"}
+    assert _decided([row("k", "paper", "x", 0.0, 9.0, 10)], [check]) == {"k": "open"}
+    with pytest.raises(InputError, match="must be one of"):
+        Claim("k", "headline", "Ours.", "difference", "within", 1, margin=1.0, kind="checks")
 
 
 def test_levels_are_those_of_holm() -> None:
@@ -86,7 +140,7 @@ def test_levels_are_those_of_holm() -> None:
     claims = [Claim(f"c{k}", "i", "s", "m", "at_least", 1, effect=0.0) for k in range(10)]
     near = row("c0", "paper", "x", 2.79, 1.0, 100_000)  # p = 0.0053
     alone = {one.claim.id: one for one in decide(frame([near]), claims)}
-    assert alone["c0"].verdict == "cannot be told"
+    assert alone["c0"].verdict == "inconclusive"
     assert alone["c0"].level == pytest.approx(1 - 0.05 / 10)
     far = row("c1", "paper", "x", 9.0, 1.0, 100_000)
     both = {one.claim.id: one for one in decide(frame([near, far]), claims)}

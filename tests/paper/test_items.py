@@ -48,6 +48,7 @@ def _made_up(cells: list[Cell], template: CellCame) -> Came:
     for cell in cells:
         factor = random.uniform(0.9, 1.1, (len(shaken), RUNS))
         other = {name: template.figures[name] * f for name, f in zip(shaken, factor, strict=True)}
+        other |= {name: np.minimum(other[name], 1.0) for name in ("belief_in_truth", "wrong_share")}
         found[cell.key] = replace(template, figures={**template.figures, **other})
     return Came(SETTINGS.seed, RUNS, found)
 

@@ -151,7 +151,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def _say(made: Reproduction) -> None:
-    from vibroswarm.paper.claims import VERDICTS
+    from vibroswarm.paper.claims import CHECKED, VERDICTS
     from vibroswarm.paper.report import claims_table
 
     decided = made.decided
@@ -164,11 +164,14 @@ def _say(made: Reproduction) -> None:
         for column in made.settings.columns
         if table.height and table[column].null_count() < table.height
     ]
+    widths = {column: max(len(words) for words in table[column].fill_null("-")) for column in columns}
     for row in table.to_dicts():
-        print(f"{row['claim']:<26}" + "".join(f"{column}: {row[column] or '-':<40}" for column in columns))
+        told = (f"{column}: {row[column] or '-':<{widths[column]}}" for column in columns)
+        print(f"{row['claim']:<26}" + "  ".join(told).rstrip())
     for column in columns:
-        counted = Counter(one.verdict for one in decided if one.column == column)
-        print(
-            f"{column}: "
-            + ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS if counted[verdict])
-        )
+        for kind, words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
+            mine = (one for one in decided if one.column == column and one.claim.kind == kind)
+            counted = Counter(one.verdict for one in mine)
+            told = ", ".join(f"{counted[word]} {word}" for word in words if counted[word])
+            if told:
+                print(f"{column}, {kind}s: {told}")

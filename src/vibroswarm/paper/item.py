@@ -56,6 +56,16 @@ class Work:
     folder: Path
     """Where it may keep what it has half done."""
     tell: Callable[[float], None] = lambda share: None
+    plain: Cells | None = None
+    """The cells without the negative control, where there is one."""
+
+    def cannot(self, *keys: Hashable) -> str | None:
+        """Why decisions in these cells cannot answer the question; None where they can, see ``askable``."""
+        from vibroswarm.paper.askable import cannot_ask
+
+        plain = self.cells if self.plain is None else self.plain
+        reasons = (cannot_ask(plain[key].scenario) for key in keys)
+        return next((reason for reason in reasons if reason), None)
 
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
         """One row a cell: the parts of its key under these names, then ``Came.row``."""

@@ -10,7 +10,7 @@ import polars as pl
 
 from vibroswarm.files import whole_folder
 from vibroswarm.page.report import Column, Report, ReportPicture, ReportTable, Section, write_report
-from vibroswarm.paper.claims import VERDICTS, Decided, all_claims
+from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS, CONTROLS
 from vibroswarm.paper.item import CLAIMS, Settings, Shown
 from vibroswarm.paper.reproduce import Made, Reproduction
@@ -56,15 +56,22 @@ def command_of(settings: Settings, item: str | None = None) -> str:
     return " ".join([*words, "--out DIR"])
 
 
-def claims_table(decided: Sequence[Decided], items: Iterable[str] | None = None) -> pl.DataFrame:
-    """One row a claim, a verdict a column; "-" where it is not asked or was not measured."""
+def claims_table(
+    decided: Sequence[Decided], items: Iterable[str] | None = None, kind: str | None = None
+) -> pl.DataFrame:
+    """One row a claim, a verdict a column; "-" where it is not asked or was not measured.
+
+    Args:
+        items: of these alone. kind: claims or checks alone.
+    """
     wanted = None if items is None else set(items)
     rows = []
     for claim in all_claims():
         mine = [one for one in decided if one.claim is claim]
-        if not mine or (wanted is not None and claim.item not in wanted):
+        if not mine or (wanted is not None and claim.item not in wanted) or kind not in (None, claim.kind):
             continue
-        row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "says": claim.statement}
+        row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
+        row |= {"says": claim.statement}
         row |= {"measured": claim.measured, "holds if": claim.words}
         for column in COLUMNS:
             found = [one for one in mine if one.column == column]
@@ -72,16 +79,17 @@ def claims_table(decided: Sequence[Decided], items: Iterable[str] | None = None)
             row[f"{column}: ours"] = _value_words(found[0].cells) if found else None
         rows.append(row)
     each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours"))
-    names = ("item", "claim", "says", "measured", "holds if", *each)
+    names = ("item", "claim", "kind", "says", "measured", "holds if", *each)
     return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.String))
 
 
 def _verdict_words(one: Decided) -> str:
     states = one.cells["holds"].to_list()
-    if one.verdict == "reproduced" or len(states) == 1:
+    if len(set(states)) == 1 and (one.verdict in ("reproduced", "passed", CANNOT) or len(states) == 1):
         return one.verdict
-    parts = [(states.count("holds"), "hold"), (states.count("fails"), "fail"), (states.count("open"), "open")]
-    return f"{one.verdict} ({', '.join(f'{count} {word}' for count, word in parts if count)})"
+    words = {"holds": "hold", "fails": "fail", "open": "open", CANNOT: CANNOT}
+    parts = [f"{states.count(name)} {word}" for name, word in words.items() if name in states]
+    return f"{one.verdict} ({', '.join(parts)})"
 
 
 def _value_words(cells: pl.DataFrame) -> str:
@@ -100,7 +108,7 @@ def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
     frames = [
         one.cells.select(
             pl.lit(one.claim.id).alias("claim"), pl.lit(one.column).alias("column"), "cell", "estimate", "low", "high",
-            pl.lit(one.level).alias("level"), pl.lit(one.claim.words).alias("holds if"), "n", "holds",
+            "level", pl.lit(one.claim.words).alias("holds if"), "n", "holds", "why",
         )
         for one in decided
     ]  # fmt: skip
@@ -179,16 +187,25 @@ def report_of(made: Reproduction, decided: Sequence[Decided], pictures: dict[str
 def _counts(decided: Sequence[Decided]) -> str:
     words = []
     for column in COLUMNS:
-        mine = [one.verdict for one in decided if one.column == column]
-        if mine:
-            counted = ", ".join(f"{mine.count(v)} {v}" for v in VERDICTS if v in mine)
-            words.append(f"Preset `{column}`: of {len(mine)} claims {counted}.")
+        mine = [one for one in decided if one.column == column]
+        verdicts = [one.verdict for one in mine if one.claim.kind == "claim"]
+        checks = [one.verdict for one in mine if one.claim.kind == "check"]
+        if verdicts:
+            counted = ", ".join(f"{verdicts.count(v)} {v}" for v in VERDICTS if v in verdicts)
+            words.append(f"Preset `{column}`: of {len(verdicts)} claims {counted}.")
+        if checks:
+            counted = ", ".join(f"{checks.count(v)} {v}" for v in _CHECKED if v in checks)
+            words.append(f"Checks: {counted}.")
     return " ".join(words)
 
 
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
-    table = claims_table(decided).select("item", "claim", "says", "holds if", *COLUMNS)
-    table = table.select(*(_typeset(name) for name in table.columns))
+    tables = []
+    for kind, name in (("claim", "claims"), ("check", "checks")):
+        table = claims_table(decided, kind=kind).select("item", "claim", "says", "holds if", *COLUMNS)
+        table = table.select(*(_typeset(one) for one in table.columns))
+        if kind == "claim" or not table.is_empty():
+            tables.append(ReportTable(table, _CLAIMS, _CAPTIONS[kind].format(command_of(settings)), name))
     measured = cells_table(decided)
     if measured.height:
         measured = measured.with_columns(_typeset("holds if"))
@@ -196,11 +213,13 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
         "Verdicts",
         text=(
             "A claim is reproduced if the whole interval of each of its values lies within what was set "
-            "beforehand; not reproduced if none holds and at least one lies wholly outside; in part if some "
-            "hold. Otherwise it cannot be told. "
-            "Intervals are corrected for the number of claims of a column (Holm).",
+            "beforehand; not reproduced if none holds and at least one lies wholly outside; in part if at least "
+            "one holds and at least one lies outside. It cannot be asked where the preset's floors or sensor do "
+            "not allow the question, with the reason below. Otherwise it is inconclusive: more runs may settle it. "
+            "Intervals are corrected for the number of claims of a column (Holm) and, but for 'reproduced', for "
+            "the number of a claim's values.",
         ),
-        parts=(ReportTable(table, _CLAIMS, f"Alone: `{command_of(settings)}`", "claims"),),
+        parts=tuple(tables),
         sections=(
             Section(
                 "What was measured for each claim",
@@ -211,7 +230,16 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     )
 
 
-_TONES: Final = {"reproduced": "good", "in part": "fair", "not reproduced": "bad", "cannot be told": "open"}
+_CHECKED: Final = tuple(dict.fromkeys(CHECKED.values()))
+_TONES: Final = {
+    "reproduced": "good", "in part": "fair", "not reproduced": "bad", "inconclusive": "open", CANNOT: "open",
+    "passed": "good", "failed": "bad", "open": "open",
+}  # fmt: skip
+_CAPTIONS: Final = {
+    "claim": "Alone: `{}`",
+    "check": "Checks, which are no verdicts: constants of a preset, two numbers of the paper, one search, or ours "
+    "against ours. Alone: `{}`",
+}
 _CLAIMS: Final = {"says": Column(prose=True), "measured": Column(prose=True)} | {
     column: Column(tones=_TONES) for column in COLUMNS
 }
@@ -227,7 +255,8 @@ def _typeset(column: str) -> pl.Expr:
 
 _CELLS: Final = {
     "level": Column("level", digits=6), "low": Column("from"), "high": Column("to"),
-    "holds": Column("value", tones={"holds": "good", "fails": "bad", "open": "open"}),
+    "holds": Column("value", tones={"holds": "good", "fails": "bad", "open": "open", CANNOT: "open"}),
+    "why": Column("why not", prose=True),
 }  # fmt: skip
 
 

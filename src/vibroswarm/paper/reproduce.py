@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -145,8 +145,9 @@ class _Todo:
 
         told(0.0)
         place = self.folder / ITEMS / item.name
+        plain = item.cells(replace(self.settings, control=None)) if self.settings.control else None
         tables = item.compute(
-            Work(self.settings, self.cells[item.name], came, self.folder / RUNS / item.name, told)
+            Work(self.settings, self.cells[item.name], came, self.folder / RUNS / item.name, told, plain)
         )
         place.parent.mkdir(parents=True, exist_ok=True)
         keep(place, self.prints[item.name], tables)

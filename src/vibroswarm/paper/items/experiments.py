@@ -24,7 +24,7 @@ from vibroswarm.paper.items.experiments_cells import (
 )
 from vibroswarm.paper.items.experiments_loss import SHOWN as SHOWN_LOSS
 from vibroswarm.paper.items.experiments_loss import draw_loss, gaps, loss_table
-from vibroswarm.paper.measure import Row, exact, frame, mean
+from vibroswarm.paper.measure import REAL_EXPERIMENTS, Row, exact, frame, mean
 from vibroswarm.paper.published import published
 from vibroswarm.paper.show import PROPER_FORM, WALK_FORM
 from vibroswarm.plots import draw_error_bars
@@ -84,26 +84,43 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     for threshold in THRESHOLDS:
         for gate in GATES:
             *_, change = gaps(work, column, threshold, gate, max(sizes()))
-            yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change)
+            cannot = work.cannot((column, LOSSES[0], threshold, gate, max(sizes()), "none"))
+            yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot)
     for place, robots in enumerate(sizes()):
         for strategy in STRATEGIES:
-            values = work.values((column, LOSSES[0], TEXTS, GATES[1], robots, strategy), TIME)
+            key = (column, LOSSES[0], TEXTS, GATES[1], robots, strategy)
             there = float(published(f"experiments.decision_time_s.{strategy}")[place])
-            yield mean("robots-times", column, f"{robots} robots, {strategy}", values, less=there)
+            yield mean(
+                "robots-times", column, f"{robots} robots, {strategy}", work.values(key, TIME), less=there,
+                published_runs=REAL_EXPERIMENTS, published_sd=_spread(work, column, robots, strategy, TIME),
+                cannot=work.cannot(key),
+            )  # fmt: skip
         for claim, name, numbers in (
             ("robots-avoidance", "avoid_per_sample_s", "avoidance_s_per_sample_none"),
             ("robots-distance", "distance_m", "distance_between_samples_m_none"),
         ):
             values = work.values((column, LOSSES[0], TEXTS, GATES[1], robots, "none"), name)
             there = float(published(f"experiments.{numbers}")[place])
-            yield mean(claim, column, f"{robots} robots", values, less=there)
+            yield mean(
+                claim, column, f"{robots} robots", values, less=there,
+                published_runs=REAL_EXPERIMENTS, published_sd=_spread(work, column, robots, "none", name),
+            )  # fmt: skip
+
+
+def _spread(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
+    """Standard deviation over runs, the largest of the settings that the experiments may have had."""
+    keys = [
+        (column, LOSSES[0], threshold, gate, robots, strategy) for threshold in THRESHOLDS for gate in GATES
+    ]
+    return max(float(work.values(key, name).std(ddof=1)) for key in keys)
 
 
 def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> Row:
     keys = {name: (column, LOSSES[0], threshold, gate, robots, name) for name in STRATEGIES}
     faster = min(STRATEGIES[:2], key=lambda name: float(work.values(keys[name], TIME).mean()))
     words = f"{robots} robots, theta_E {threshold}, gate {gate}"
-    return mean("robots-soft", column, words, work.difference(TIME, keys["soft"], keys[faster]))
+    change = work.difference(TIME, keys["soft"], keys[faster])
+    return mean("robots-soft", column, words, change, cannot=work.cannot(keys["soft"]))
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -167,9 +184,9 @@ ITEM: Final = Item(
         "published experiments had is not known (the recordings have 1.33, 1.40 and 1.55), nor what their O_c "
         "counted; ours are therefore bands over 1.33 and 1.55, and over O_c counting all observations or a "
         "robot's own.",
-        "Published are means over 15 experiments, without intervals that could be used: their bars take "
-        "robots of a run "
-        "for independent. They ended when all had decided under all strategies, ours go on to 1000 s.",
+        "Published are means over 15 experiments. Their bars take robots of a run for independent, so claims "
+        "compare with them by the error that 15 of our runs would have, with the largest spread of any setting. "
+        "They ended when all had decided under all strategies, ours go on to 1000 s.",
         "Is loss what makes positive feedback overtake? The same motion, floor and readings with and without "
         "the loss: what "
         "is left of the gap between positive and no feedback when nothing is lost, is not loss.",

@@ -8,7 +8,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean
+from vibroswarm.paper.measure import Row, frame, mean, share
 from vibroswarm.paper.published import published
 from vibroswarm.paper.show import FIGURES, both_forms, two_forms
 
@@ -49,14 +49,16 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     none = (column, "none", None, None)
     most = (column, "soft", max(_etas()), max(_kappas()))
-    words = f"eta {most[2]}, kappa {most[3]}"
-    yield mean("grid-approaches-none", column, words, work.difference(time, most, none))
+    words, cannot = f"eta {most[2]}, kappa {most[3]}", work.cannot(none)
+    yield mean("grid-approaches-none", column, words, work.difference(time, most, none), cannot=cannot)
     for eta in _etas():
         words, first, second = f"eta {eta}", (column, "soft", eta, 1), (column, "soft", eta, 2)
-        yield mean("grid-kappa-4", column, words, work.difference(time, (column, "soft", eta, 4), none))
-        yield mean("grid-kappa-1-fast", column, words, work.difference(time, first, second))
-        yield mean("grid-kappa-1-belief", column, words, work.difference(belief, first, second))
-        yield mean("grid-kappa-1-wrong", column, words, work.difference(wrong, first, second))
+        change = work.difference(time, (column, "soft", eta, 4), none)
+        yield mean("grid-kappa-4", column, words, change, cannot=cannot)
+        yield mean("grid-kappa-1-fast", column, words, work.difference(time, first, second), cannot=cannot)
+        beliefs = work.difference(belief, first, second)
+        yield mean("grid-kappa-1-belief", column, words, beliefs, bounded=True, cannot=cannot)
+        yield share("grid-kappa-1-wrong", column, words, work.difference(wrong, first, second), cannot=cannot)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

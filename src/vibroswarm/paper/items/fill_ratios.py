@@ -9,7 +9,7 @@ import polars as pl
 
 from vibroswarm.paper.columns import STRATEGIES, fills
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean, share_saved
+from vibroswarm.paper.measure import Row, frame, mean, share, share_saved
 from vibroswarm.paper.published import published
 from vibroswarm.paper.show import both_forms, two_forms
 
@@ -53,28 +53,35 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
                 ((column, near, strategy), (column, far, strategy)),
                 f"{near} less {far}, {strategy}",
             )
-            yield mean("fill-time", column, words, work.difference(time, *pair))
-            yield mean("fill-belief", column, words, work.difference(belief, *pair))
+            cannot = work.cannot(*pair)
+            yield mean("fill-time", column, words, work.difference(time, *pair), cannot=cannot)
+            beliefs = work.difference(belief, *pair)
+            yield mean("fill-belief", column, words, beliefs, bounded=True, cannot=cannot)
     for fill in fills():
         none, positive, soft = ((column, fill, strategy) for strategy in STRATEGIES)
-        words = f"fill ratio {fill}"
-        yield mean("soft-faster-than-none", column, words, work.difference(time, soft, none))
-        yield mean("soft-faster-than-positive", column, words, work.difference(time, soft, positive))
-        yield mean("soft-belief", column, words, work.difference(belief, soft, none))
-        yield mean("soft-wrong", column, words, work.difference(wrong, soft, none))
+        words, cannot = f"fill ratio {fill}", work.cannot(none)
+        for claim, other in (("soft-faster-than-none", none), ("soft-faster-than-positive", positive)):
+            yield mean(claim, column, words, work.difference(time, soft, other), cannot=cannot)
+        beliefs = work.difference(belief, soft, none)
+        yield mean("soft-belief", column, words, beliefs, bounded=True, cannot=cannot)
+        yield share("soft-wrong", column, words, work.difference(wrong, soft, none), cannot=cannot)
     printed = published("simulation.claim_speed_up_soft_vs_none")
     for near, far in NEAR:
         none, _, soft = ((column, near, strategy) for strategy in STRATEGIES)
         yield share_saved(
             "soft-gain", column, f"fill ratio {near}", work.values(soft, time), work.values(none, time),
-            less=printed["percent"] / 100,
+            less=printed["percent"] / 100, published_runs=published("simulation.runs"), cannot=work.cannot(none),
         )  # fmt: skip
         there = work.difference(time, (column, far, "none"), (column, far, "soft"))
         saved = work.difference(time, none, soft)
-        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - there)
+        cannot = work.cannot(none, (column, far, "none"))
+        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - there, cannot=cannot)
     for strategy in ("none", "soft"):
-        values = work.values((column, NEAR[0][0], strategy), time)
-        yield mean("printed-times", column, strategy, values, less=printed[f"{strategy}_s"])
+        key = (column, NEAR[0][0], strategy)
+        yield mean(
+            "printed-times", column, strategy, work.values(key, time), less=printed[f"{strategy}_s"],
+            published_runs=published("simulation.runs"), cannot=work.cannot(key),
+        )  # fmt: skip
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

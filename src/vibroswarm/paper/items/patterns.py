@@ -53,26 +53,35 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         for pattern in PATTERNS.values():
             soft, none = ((column, OPTIMISED, fill, pattern, name) for name in ("soft", "none"))
             words = f"{pattern}:{fill}"
-            yield mean("patterns-soft", column, words, work.difference("decision_time_s", soft, none))
+            change = work.difference("decision_time_s", soft, none)
+            yield mean("patterns-soft", column, words, change, cannot=work.cannot(soft, none))
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
-    belief: dict[tuple[str, str], Any] = {
-        (parameters, pattern): work.values((column, parameters, fill, pattern, strategy), "belief_in_truth")
+    keys = {
+        (parameters, pattern): (column, parameters, fill, pattern, strategy)
         for parameters in (OPTIMISED, EMPIRICAL)
         for pattern in PATTERNS.values()
     }
+    belief: dict[tuple[str, str], Any] = {
+        name: work.values(key, "belief_in_truth") for name, key in keys.items()
+    }
+
+    def of_five(claim: str, words: str, values: Any, *patterns: str) -> Row:
+        cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
+        return mean(claim, column, words, values, bounded=True, cannot=cannot)
+
     whole = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
     easy = np.mean([belief[EMPIRICAL, pattern] for pattern in EASY], axis=0)
     for pattern in PATTERNS.values():
         words = f"{pattern}:{fill}, {strategy}"
         ours, theirs = belief[OPTIMISED, pattern], belief[EMPIRICAL, pattern]
-        yield mean("patterns-steady", column, words, ours - whole)
+        yield of_five("patterns-steady", words, ours - whole, *PATTERNS.values())
         if pattern in HARD:
-            yield mean("patterns-start-drops", column, words, theirs - easy)
-            yield mean("patterns-optimised-better", column, words, ours - theirs)
+            yield of_five("patterns-start-drops", words, theirs - easy, pattern, *EASY)
+            yield of_five("patterns-optimised-better", words, ours - theirs, pattern)
         else:
-            yield mean("patterns-start-easy", column, words, theirs - ours)
+            yield of_five("patterns-start-easy", words, theirs - ours, pattern)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

@@ -76,7 +76,7 @@ def compute(work: Work) -> Tables:
 def _measured(work: Work) -> Iterator[Row]:
     for strategy in STRATEGIES:
         values = work.values((LABELS, strategy), "belief_in_truth")
-        yield mean("labels-printed", COLUMN, strategy, values, less=0.5)
+        yield mean("labels-printed", COLUMN, strategy, values, less=0.5, bounded=True)
     sensor = work.settings.scenario(COLUMN, {"sensor.rms_threshold": 1.55}).sensor
     false_positive, false_negative = error_rates(sensor)
     yield exact("threshold-printed", COLUMN, "1.55", false_positive - false_negative)

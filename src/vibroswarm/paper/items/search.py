@@ -14,7 +14,7 @@ from vibroswarm.optimize.report import candidate_table, history_table
 from vibroswarm.optimize.space import PAPER, Space
 from vibroswarm.page.report import Column
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import Row, frame, of_interval, row
+from vibroswarm.paper.measure import Row, exact, frame, of_interval
 from vibroswarm.paper.published import parameters, published
 from vibroswarm.plots import draw_parameters, draw_search
 from vibroswarm.presets import preset
@@ -104,9 +104,13 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     at = min(
         shares, key=lambda number: abs(number - SETTLED_AT * last / published("parameters.pso.iterations"))
     )
+    theirs = published("parameters.pso.iterations")
+    short = None if last >= theirs else f"the search took fewer than {theirs} iterations"
     for k, name in enumerate(found.search.space.names):
         moved = shares[last][k] - shares[at][k]
-        yield row("search-settles", COLUMN, name.rpartition(".")[2], moved, None, 1)  # one search
+        yield exact(
+            "search-settles", COLUMN, name.rpartition(".")[2], moved, short
+        )  # of this search, no other
 
 
 def _ratio(believed: float, true: Interval) -> Interval:

@@ -110,10 +110,15 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
         none = work.values((column, f"random:{fill}", "none"), time)
         for strategy in ("positive", "soft"):
             values = work.values((column, f"random:{fill}", strategy), time)
-            yield log_spread("spread-alike", column, f"{strategy} to none, fill ratio {fill}", values, none)
+            words, cannot = (
+                f"{strategy} to none, fill ratio {fill}",
+                work.cannot((column, f"random:{fill}", "none")),
+            )
+            yield log_spread("spread-alike", column, words, values, none, cannot=cannot)
     for strategy in STRATEGIES:
         pair = (column, REAL_FLOOR, strategy), (column, "random:0.48", strategy)
-        yield mean("single-floor", column, strategy, work.difference(time, *pair))
+        change = work.difference(time, *pair)
+        yield mean("single-floor", column, strategy, change, cannot=work.cannot(*pair))
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

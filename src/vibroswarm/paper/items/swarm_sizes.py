@@ -36,14 +36,17 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     words = f"{many} less {few} robots"
     for strategy in STRATEGIES:
         pair = (column, many, strategy), (column, few, strategy)
-        for claim, name in (("size-time", "decision_time_s"), ("size-belief", "belief_in_truth")):
-            yield mean(claim, column, f"{words}, {strategy}", work.difference(name, *pair))
+        cannot, each = work.cannot(*pair), f"{words}, {strategy}"
+        yield mean("size-time", column, each, work.difference("decision_time_s", *pair), cannot=cannot)
+        beliefs = work.difference("belief_in_truth", *pair)
+        yield mean("size-belief", column, each, beliefs, bounded=True, cannot=cannot)
     pair = (column, many, "none"), (column, few, "none")
     for claim, name in (("size-avoidance", "avoid_per_sample_s"), ("size-distance", "distance_m")):
         yield mean(claim, column, words, work.difference(name, *pair))
     for robots in sizes():
-        saved = work.difference("decision_time_s", (column, robots, "soft"), (column, robots, "none"))
-        yield mean("size-soft", column, f"{robots} robots", saved)
+        pair = (column, robots, "soft"), (column, robots, "none")
+        saved = work.difference("decision_time_s", *pair)
+        yield mean("size-soft", column, f"{robots} robots", saved, cannot=work.cannot(*pair))
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
