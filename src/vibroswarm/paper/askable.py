@@ -11,23 +11,14 @@ from __future__ import annotations
 from functools import cache
 from typing import Final
 
-import numpy as np
-
-from vibroswarm.analysis.decidability import (
-    decidability,
-    decidability_of_share,
-    expected_share,
-    tiled_share,
-)
+from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import is_random
-from vibroswarm.observation.felt import spill
+from vibroswarm.observation.boundary import expected_ones
 from vibroswarm.paper.real_floor import real_floor
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 
-FLOORS: Final = 20
-"""Random floors over which a spill is averaged."""
 FITTED_ON: Final = "calibrated"
 """The preset whose edges were fitted, on the real floor."""
 
@@ -41,18 +32,9 @@ def cannot_ask(scenario: Scenario) -> str | None:
 def _side(scenario: Scenario) -> str | None:
     found = decidability(scenario)
     if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
-        floors = [scenario.floor_for(0, run) for run in range(FLOORS)]
-        arena, fill = scenario.arena, found.fill_ratio or 0.0
-        shares = [
-            expected_share(
-                scenario.sensor,
-                fill,
-                tiled_share(floor, arena.width_m, arena.height_m),
-                spill(scenario.sensor, floor),
-            )
-            for floor in floors
-        ]
-        found = decidability_of_share(float(np.mean(shares)), found.boundary, found.truth)
+        # Random floors of one fill ratio differ in how far vibration reaches across their edges.
+        share = expected_ones(scenario, found.fill_ratio or 0.0)
+        found = decidability_of_share(share, found.tested, found.truth)
     return (
         None
         if found.verdict == "decidable"
