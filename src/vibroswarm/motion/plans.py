@@ -60,6 +60,9 @@ Planner = Any
 ROOT_TICKS: Final = 1e-9
 """Rounding is less than this where the ticks of a turn at full command are reckoned."""
 
+SLOW_SWING: Final = 4.0 * math.cos(math.pi / 16.0) ** 2
+"""A step whose trace squared is above this many determinants swings by less than pi / 16, if at all."""
+
 STRAIGHT_RAD_S: Final = 1e-8
 """Below this turn rate an arc is taken as straight: off by less than 0.01 micrometre in 4 s."""
 
@@ -108,11 +111,18 @@ def turn_ahead(
 
 @inlined
 def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
-    """Whether the rest of a turn is below full command and its error falls to the tolerance without a swing."""
+    """Whether the rest of a turn stays below full command, and sixteen steps of it cannot swing through 0 and back.
+
+    Error and integral of one sign make the error fall to 0. The command falls with it if the integral adds no more
+    than the gain takes away. Below 0 the error stays for good if the eigenvalues of a step are real, else for half a
+    period: above sixteen steps if their angle, arccos(trace / (2 sqrt(determinant))), is below pi / 16.
+    """
     if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
         return False
     falls = setup.integral_gain * setup.tick_ms / 1000.0 <= setup.gain * setup.gain * gain
-    return bool(falls and setup.gain * gain < 0.5)
+    determinant = 1.0 - gain * setup.gain
+    trace = 1.0 + determinant - setup.tick_s * gain * setup.integral_gain
+    return bool(falls and determinant > 0.0 and trace > 0.0 and trace * trace > SLOW_SWING * determinant)
 
 
 @inlined
@@ -121,8 +131,8 @@ def tail_ahead(
 ) -> tuple[int, float, float]:
     """The tail of a turn up to the step before the one that ends it: n, error, integral.
 
-    A step is linear there, (e, integral) <- M (e, integral). As the error only falls, four steps are taken at
-    once, by M^4, as long as they do not end the turn, and sixteen by M^16.
+    A step is linear there, (e, integral) <- M (e, integral). As an error above the tolerance has only fallen, four
+    steps are taken at once, by M^4, as long as they do not end the turn, and sixteen by M^16.
     """
     a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
     c, d = setup.tick_s * a, 1.0 + setup.tick_s * b
