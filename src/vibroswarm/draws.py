@@ -39,6 +39,7 @@ class Purpose(IntEnum):
     FLOOR = 8
     OPTIMIZER = 9
     BOOTSTRAP = 10
+    POSTERIOR = 11
 
 
 def _number(value: int) -> int:
@@ -55,6 +56,7 @@ SENSING: Final = _number(Purpose.SENSING)
 MESSAGE: Final = _number(Purpose.MESSAGE)
 LOSS: Final = _number(Purpose.LOSS)
 FLOOR: Final = _number(Purpose.FLOOR)
+POSTERIOR: Final = _number(Purpose.POSTERIOR)
 
 FIRST: Final = _number(0)
 """The index of a number that there is only one of."""

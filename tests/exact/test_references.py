@@ -11,22 +11,22 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
+from vibroswarm.analysis.both_sides import on_both_sides
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.known import (
-    could_be_known,
+from vibroswarm.analysis.known import could_be_known, log_ratios, tiles_inside
+from vibroswarm.analysis.pooled import evidence, first_passages, pooled_counting
+from vibroswarm.analysis.tile_counts import (
     log_count_weights,
     log_prior,
-    log_ratios,
+    mirrored,
     posterior_of_counts,
     sides_of,
-    tiles_inside,
 )
-from vibroswarm.analysis.pooled import evidence, first_passages, pooled_counting
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.presets import preset
@@ -173,6 +173,56 @@ def test_priors_that_are_none() -> None:
             log_prior(prior, 4)
 
 
+@given(st.integers(1, 60), st.floats(0.001, 0.999), st.data())
+def test_a_mirror_lies_across_the_boundary(tiles: int, boundary: float, data: st.DataObject) -> None:
+    """Rounded to whole tiles it could lie on the run's own side, and all would be known without a sample."""
+    k = data.draw(st.integers(0, tiles))
+    assume(abs(k - boundary * tiles) > 1e-6)
+    both = np.flatnonzero(mirrored(k, tiles, boundary))
+    assert both.size == 2
+    assert both[0] < boundary * tiles < both[1]
+
+
+def test_a_mirror_by_hand() -> None:
+    assert np.flatnonzero(mirrored(12, 25, 0.5)).tolist() == [12, 13]
+    assert np.flatnonzero(mirrored(48, 100, 0.5)).tolist() == [48, 52]
+    assert np.flatnonzero(mirrored(10, 100, 0.03)).tolist() == [0, 10]  # there are none below 0
+    assert np.flatnonzero(mirrored(1, 25, 0.036)).tolist() == [0, 1]  # round(2 x 0.9 - 1) is 1 again
+    assert np.flatnonzero(mirrored(5, 10, 0.5)).tolist() == [5]  # on the boundary: no mirror
+
+
+def test_every_second_run_on_the_other_side(paper: Result) -> None:
+    found = on_both_sides(paper)
+    even = pl.col("run") % 2 == 0
+    for name in ("observations", "inference", "robots", "runs", "floors"):
+        here, there = getattr(found, name), getattr(paper, name)
+        assert here.filter(even).equals(there.filter(even)), name
+        assert here.select("run").equals(there.select("run"))
+    assert found.motion is paper.motion
+    assert found.runs.filter(even)["truth"].unique().to_list() == [0]
+    assert found.runs.filter(~even)["truth"].unique().to_list() == [1]
+    other = simulate(preset("paper").with_values({"floor.source": "random:0.52"}), 21, [1, 7])
+    for name in ("observations", "runs", "floors"):
+        of_runs = getattr(found, name).filter(pl.col("run").is_in([1, 7]))
+        assert of_runs.drop("energy", strict=False).equals(getattr(other, name).drop("energy", strict=False))
+    fixed = simulate(preset("paper").with_values({"floor.source": "stripe:0.48", "run.t_end_s": 20.0}), 1, 2)
+    with pytest.raises(InputError, match="drawn for each run"):
+        on_both_sides(fixed)
+
+
+def test_claimed_errors_are_those_that_happen(paper: Result) -> None:
+    """Over both sides the share wrong is the mean of the claimed errors, at most alpha."""
+    found = could_be_known(on_both_sides(paper), "mirror", alpha=0.2)
+    assert found.claimed.high < 0.2
+    assert found.how == "exact"
+    assert (found.monte_carlo_error, found.unsettled) == (0.0, 0)
+    n, wrong = found.wrong.n, round(found.wrong.estimate * found.wrong.n)
+    assert stats.binomtest(wrong, n, found.claimed.estimate).pvalue > 0.01
+    # Negative control: counts claims less than happens.
+    boast = could_be_known(on_both_sides(paper), "counts", alpha=0.2)
+    assert boast.wrong.low > boast.claimed.high
+
+
 def test_what_could_be_known_is_wrong_about_as_often_as_alpha_says(paper: Result) -> None:
     """Floors of 12 and of 13 of 25, equally often, under the prior that says so: errors of at most alpha."""
     other = simulate(preset("paper").with_values({"floor.source": "random:0.52"}), 22, 200)
@@ -223,8 +273,11 @@ def test_a_known_run_by_hand(paper: Result) -> None:
 
 
 def test_cut_tiles_and_places_without_a_tile() -> None:
-    floor = Floor(np.ones((3, 3)), 0.5, 0.5, 0.25, -0.75)
-    assert tiles_inside(floor, 1.0, 1.0).tolist() == [0, 1, 3, 4]
+    floor = Floor(np.ones((3, 3)), 0.5, 0.5, -0.5, -0.5)
+    assert tiles_inside(floor, 1.0, 1.0).tolist() == [1, 2, 4, 5]
+    # Of tiles that are cut unevenly the posterior counts whole ones, and what is true goes by area.
+    with pytest.raises(InputError, match="cuts some of the tiles"):
+        tiles_inside(Floor(np.ones((3, 3)), 0.4, 0.4), 1.0, 1.0)
     with pytest.raises(InputError, match="no tile"):
         tiles_inside(Floor(np.ones((1, 1)), 0.5, 0.5, 2.0, 0.0), 1.0, 1.0)
     values = {
@@ -247,6 +300,9 @@ def test_a_sensor_without_errors_settles_a_tile_at_once() -> None:
         could_be_known(simulate(preset("paper"), 1, 1, energies=False), energies=True)
     with pytest.raises(InputError, match="alpha"):
         could_be_known(perfect, alpha=0.6)
+    for times in ([], [10.0, 5.0], [1.0, math.nan]):
+        with pytest.raises(InputError, match="times_s"):
+            could_be_known(perfect, times_s=times)
 
 
 def test_it_is_fast_enough(paper: Result) -> None:

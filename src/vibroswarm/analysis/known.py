@@ -1,13 +1,12 @@
-"""When could it be known? The exact posterior over tiles from all samples with their places: a bound.
+"""When could it be known? The posterior over tiles from all bits with their places.
 
 | name | symbol | equation |
 |---|---|---|
-| tiles in the arena | N | those of which some part lies inside; all count alike, whatever their area inside |
-| likelihood ratio of tile t | L_t | product over its samples of P(reading, vibrating) / P(reading, still) |
-| weight of k vibrating tiles | e_k | sum over all sets of k tiles of the product of their L_t |
+| tiles in the arena | N | those of which some part lies inside |
 | prior of k vibrating tiles | pi_k | each set of k tiles as likely as any other |
-| posterior | P(k) | pi_k e_k / C(N, k), over its sum |
+| posterior | P(k) | from the likelihood of the model that draws the bits, see below |
 | known | - | P(k > x N) >= 1 - alpha, or P(k < x N) >= 1 - alpha |
+| claimed error | - | 1 - max(P(k > x N), P(k < x N)) when it is known: at most alpha |
 
 | prior | pi_k |
 |---|---|
@@ -16,41 +15,47 @@
 | ``mirror`` | 1/2 each for the run's own number of vibrating tiles and its mirror across the boundary, 2xN - k |
 | (N + 1,) numbers | as given |
 
-Who knows the places, the sensor's errors and this prior can know no more from these samples: no rule on them stops
-sooner with a posterior error of alpha. Only this is called a bound, and always with its prior. Where floors are not as
-the prior has them it is off its alpha, and ``wrong`` shows by how much: with floors near the boundary ``tiles`` and
-above all ``counts`` believe too soon, since few of their floors are as near; ``mirror`` is fair to such a study.
+| sensor | posterior |
+|---|---|
+| a reading depends on the tile below alone | exact: ``tile_counts`` |
+| edges are felt, or tiles or robots differ | by Markov chains over floors and factors, with their Monte Carlo error |
 
-e_k comes from the Poisson-binomial recursion with p_t = L_t / (1 + L_t), since prod (1 - p_t + p_t z) is
-sum e_k z^k over prod (1 + L_t).
+Edges are ``sensor.edge_reach_m`` and ``edge_blur_m``, factors ``tile_spread`` and ``robot_spread``; the chains are
+those of ``vibroswarm.posterior``.
+
+**What it bounds.** Nobody who has these bits, their places, the sensor's model and this prior can be surer: a rule that
+decides only where its posterior error is at most alpha decides no sooner in any run. A rule that keeps alpha on average
+only, some runs worse and some better, may; so may one that is told more, such as the energies or the floor's pattern.
+
+**What error to expect.** Over floors as the prior has them the share wrong is the mean of the claimed errors, which is
+at most alpha and somewhat less, since a sample takes the posterior past 1 - alpha and it is looked at from time to time
+only. ``wrong`` and ``claimed`` show both. Over other floors the share wrong may be anything: with floors near the
+boundary ``tiles`` and above all ``counts`` believe too soon, since few of their floors are as near. Under ``mirror``
+floors lie on both sides equally often; those of one side alone may be mistaken more often than those of the other.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, wilson, wilson_limits
+from vibroswarm.analysis.tile_counts import Prior, Values, log_prior, mirrored, sides_of
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, sides_inside
 from vibroswarm.observation.reading import error_rates
+from vibroswarm.posterior.sides import SMALL, needs_chains, sides_until_known
 from vibroswarm.result import Result
 
-PriorName = Literal["tiles", "counts", "mirror"]
-Prior = PriorName | ArrayLike
-Values = NDArray[np.float64]
-
-POINTS = 121
-_BLOCK = 4_000_000
-_SMALL = 1e-290
-"""Sums below this may lack what fell below the smallest number: they are made again in logarithms."""
+POINTS: Final = 241
+UNSETTLED: Final = 0.05
+"""Chains that leave a larger share of the runs open than this have not found the posterior: no figure is given."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +64,25 @@ class Known:
 
     prior: str
     alpha: float
+    how: Literal["exact", "chains"]
+    """How the posterior was computed."""
     runs: pl.DataFrame
-    """run, known_s (null: not by the end), decision (-1: none), truth, belief_in_truth (at the end)."""
+    """run, known_s (null: not by the end), decision (-1: none), truth, claimed_error (when known), monte_carlo_error
+    (standard error of that), belief_in_truth (at the end; null where chains stop once it is known)."""
     over_time: pl.DataFrame
-    """time_s, known, known_low, known_high, wrong (share known and wrong), belief_in_truth (mean)."""
+    """time_s, known, known_low, known_high, wrong (share known and wrong), belief_in_truth (mean; null with chains)."""
     known: Interval
     """Share of runs in which it could be known by the end."""
     wrong: Interval
-    """Share wrong among these: about alpha or less where floors are as the prior has them."""
+    """Share wrong among these: as ``claimed`` where floors are as the prior has them."""
+    claimed: Interval
+    """Mean posterior error when it was known: the share wrong that is to be expected, at most alpha."""
     time_s: Interval
     """Mean of min(time known, t_end)."""
+    monte_carlo_error: float
+    """The largest standard error of a posterior at a decision that is due to the chains; 0 where it is exact."""
+    unsettled: int
+    """Runs in which some posterior stayed too uncertain to say whether it was past 1 - alpha: not known there."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON, the figures over time included, the runs not."""
@@ -76,12 +90,14 @@ class Known:
             {name: plain(value) for name, value in row.items()}
             for row in self.over_time.iter_rows(named=True)
         ]
+        intervals = ("known", "wrong", "claimed", "time_s")
         return {
             "prior": self.prior,
             "alpha": self.alpha,
-            "known": self.known.as_dict(),
-            "wrong": self.wrong.as_dict(),
-            "time_s": self.time_s.as_dict(),
+            "how": self.how,
+            **{name: getattr(self, name).as_dict() for name in intervals},
+            "monte_carlo_error": plain(self.monte_carlo_error),
+            "unsettled": self.unsettled,
             "over_time": curve,
         }
 
@@ -96,52 +112,150 @@ def could_be_known(
 ) -> Known:
     """When the side of the boundary could be known with posterior error alpha: to the next time of a grid.
 
+    Where edges are felt, or tiles or robots differ, it takes some tenths of a second a run.
+
     Args:
-        result: runs to their end. prior: see the module's head. times_s: increasing; without it 121 from 0 to t_end.
+        result: runs to their end. prior: see the module's head. times_s: increasing; without it 241 from 0 to t_end.
         energies: take the energies that were read (Gamma sensor), not only the bits.
     Raises:
-        InputError: an alpha outside (0, 1/2), a prior of other length than N + 1, energies that the result does
-            not hold or whose density is not known, no tile in the arena, runs that stopped early.
+        InputError: an alpha outside (0, 1/2), times that do not increase, a prior of other length than N + 1, energies
+            that the result does not hold or whose density is not known or depends on more than the tile below, no tile
+            in the arena or one cut by it, runs that stopped early, chains that do not find the posterior.
     """
     if result.runs["stopped_early"].any():
         raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
     if not 0.0 < alpha < 0.5:
         raise InputError(f"{alpha!r} is no posterior error; give a share below 0.5", field="alpha")
-    scenario, t_end_s = result.scenario, result.scenario.run.t_end_s
-    times = np.linspace(0.0, t_end_s, POINTS) if times_s is None else np.asarray(times_s, np.float64).ravel()
-    ratios = log_ratios(result, energies)
+    t_end_s = result.scenario.run.t_end_s
+    times = _times(t_end_s, times_s)
+    chains = needs_chains(result.scenario.sensor)
+    if chains and energies:
+        raise InputError(
+            "the posterior from energies is not computed where edges are felt or tiles or robots differ; "
+            "leave energies out",
+            field="energies",
+        )
+    find = _by_chains if chains else _exactly
+    each = find(result, prior, alpha, times, energies)
+    runs = pl.DataFrame([one.row for one in each], schema=_RUNS, orient="row")
+    decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
+    wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
+    unsettled = sum(not one.settled for one in each)
+    if unsettled > UNSETTLED * len(each):
+        raise InputError(
+            f"the chains that sample the posterior left {unsettled} of {len(each)} runs open (Monte Carlo error over "
+            f"{SMALL:g} near 1 - alpha): no figure is given",
+            field="result",
+        )
+    return Known(
+        prior=prior if isinstance(prior, str) else "given",
+        alpha=alpha,
+        how="chains" if chains else "exact",
+        runs=runs,
+        over_time=_over_time(runs, [one.in_truth for one in each], times, level),
+        known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
+        wrong=wilson(wrong, decided.height, level),
+        claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
+        time_s=mean_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), level),
+        monte_carlo_error=float(runs["monte_carlo_error"].fill_null(0.0).max() or 0.0),  # type: ignore[arg-type]
+        unsettled=unsettled,
+    )
+
+
+_RUNS: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "known_s": pl.Float64,
+    "decision": pl.Int8,
+    "truth": pl.Int8,
+    "claimed_error": pl.Float64,
+    "monte_carlo_error": pl.Float64,
+    "belief_in_truth": pl.Float64,
+}
+
+
+@dataclass(frozen=True)
+class _OfRun:
+    row: tuple[Any, ...]
+    in_truth: Values | None
+    """Posterior of what is so at each time."""
+    settled: bool
+
+
+def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
+    if times_s is None:
+        return np.linspace(0.0, t_end_s, POINTS)
+    times = np.asarray(times_s, dtype=np.float64).ravel()
+    if times.size == 0 or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+        raise InputError("give at least one time, s, and each later than the one before", field="times_s")
+    return times
+
+
+def _of_floor(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: float) -> Values:
+    """ln pi_k for the floor of a run."""
+    if isinstance(prior, str) and prior == "mirror":
+        prior = mirrored(int(floor.tiles.ravel()[inside].sum()), inside.size, boundary)
+    return log_prior(prior, inside.size)
+
+
+def _exactly(result: Result, prior: Prior, alpha: float, times: Values, energies: bool) -> list[_OfRun]:
+    scenario, ratios = result.scenario, log_ratios(result, energies)
     at, below = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
     when, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
-    rows, sides = [], []
+    found = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
         part = slice(*(int(k) for k in np.searchsorted(at, [run, run + 1])))
         floor = result.floor(run)
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
         sums = _sums_over_time(ratios[part], below[part], when[part], inside, times)
-        of_floor: Prior = prior
-        if isinstance(prior, str) and prior == "mirror":
-            of_floor = mirrored(int(floor.tiles.ravel()[inside].sum()), inside.size, boundary)
-        above, under = sides_of(sums, log_prior(of_floor, inside.size), boundary)
-        sides.append((above, under))
-        rows.append((run, *_first_known(above, under, alpha, times), truth, _in_truth(above, under, truth)))
-    schema = {"run": pl.UInt32, "known_s": pl.Float64, "decision": pl.Int8, "truth": pl.Int8}
-    runs = pl.DataFrame(rows, schema=schema | {"belief_in_truth": pl.Float64}, orient="row")
-    decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
-    wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
-    return Known(
-        prior=prior if isinstance(prior, str) else "given",
-        alpha=alpha,
-        runs=runs,
-        over_time=_over_time(runs, sides, times, level),
-        known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
-        wrong=wilson(wrong, decided.height, level),
-        time_s=mean_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), level),
-    )
+        above, under = sides_of(sums, _of_floor(prior, floor, inside, boundary), boundary)
+        row: tuple[Any, ...] = (None, -1, truth, None, None)
+        sure = np.flatnonzero(np.maximum(above, under) >= 1.0 - alpha)
+        if sure.size:
+            k = sure[0]
+            row = (times[k], int(above[k] > under[k]), truth, 1.0 - max(above[k], under[k]), 0.0)
+        in_truth = None if truth is None else (above if truth == 1 else under)
+        end = None if in_truth is None else float(in_truth[-1])
+        found.append(_OfRun((run, *row, end), in_truth, True))
+    return found
+
+
+def _by_chains(result: Result, prior: Prior, alpha: float, times: Values, energies: bool) -> list[_OfRun]:
+    scenario = result.scenario
+    at, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
+    found = []
+    for run, truth in result.runs.select("run", "truth").iter_rows():
+        low, high = (int(k) for k in np.searchsorted(at, [run, run + 1]))
+        floor = result.floor(run)
+        inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
+        if inside.size < floor.tiles.size:
+            raise InputError(
+                "tiles beyond the arena may be felt from within; give a floor that ends with the arena",
+                field="floor",
+            )
+        known = sides_until_known(
+            scenario, floor, result.motion[low:high], result.observations["observation"][low:high].to_numpy(),
+            _of_floor(prior, floor, inside, boundary), alpha, times, result.seed or 0, run,
+        )  # fmt: skip
+        row: tuple[Any, ...] = (None, -1, truth, None, None)
+        if known.time_s is not None:
+            look = known.look
+            row = (known.time_s, int(look.above > look.under), truth, 1.0 - look.larger, look.error)
+        found.append(_OfRun((run, *row, None), None, known.settled))
+    return found
 
 
 def log_ratios(result: Result, energies: bool = False) -> Values:
-    """ln P(reading, vibrating) / P(reading, still) of each sample, shape (samples,)."""
+    """ln P(reading, vibrating) / P(reading, still) of each sample, shape (samples,).
+
+    Raises:
+        InputError: readings that depend on more than the tile below have no such ratio.
+    """
     sensor = result.scenario.sensor
+    if needs_chains(sensor):
+        raise InputError(
+            "where edges are felt, or tiles or robots differ, a reading does not depend on the tile below alone",
+            field="sensor",
+        )
     if energies:
         return _log_density_ratio(result.observations["energy"], sensor)
     a, b = error_rates(sensor)
@@ -176,18 +290,25 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
 
 
 def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.int64]:
-    """Indices of the tiles of which some part lies in the arena, of this width and height in m; shape (tiles,).
+    """Indices of the tiles that lie in the arena, of this width and height in m; shape (tiles,).
 
     Raises:
-        InputError: none does.
+        InputError: none does, or not all of them lie in it with equal parts: what is true of the floor goes by area.
     """
-    rows, columns, tile_width, tile_height, left, bottom = floor.geometry
-    x, y = left + tile_width * np.arange(columns), bottom + tile_height * np.arange(rows)[::-1]
-    across = (x < width_m - 1e-9) & (x + tile_width > 1e-9)
-    up = (y < height_m - 1e-9) & (y + tile_height > 1e-9)
-    inside = np.flatnonzero(up[:, None] & across)
+    sides = sides_inside(floor.geometry, width_m, height_m)
+    if sides is None:
+        return np.arange(floor.tiles.size)
+    across, up = (np.where(side > 1e-9, side, 0.0) for side in sides)
+    area = np.outer(up, across).ravel()
+    inside = np.flatnonzero(area > 0.0)
     if inside.size == 0:
         raise InputError("no tile lies in the arena; nothing can be known", field="floor")
+    if not np.allclose(area[inside], area[inside[0]], rtol=1e-6):
+        raise InputError(
+            "the arena cuts some of the tiles: what is true of the floor goes by area, and the posterior by whole "
+            "tiles; give a floor that ends with the arena",
+            field="floor",
+        )
     return inside
 
 
@@ -208,120 +329,15 @@ def _sums_over_time(
     return np.asarray(np.cumsum(flat.reshape(times.size, inside.size), axis=0))
 
 
-def log_prior(prior: Prior, tiles: int) -> Values:
-    """ln pi_k, shape (tiles + 1,).
-
-    Raises:
-        InputError: a prior of another name, or weights that are negative, all 0, or not tiles + 1.
-    """
-    if isinstance(prior, str):
-        if prior == "tiles":
-            return np.asarray(_log_choose(tiles) - tiles * math.log(2.0))
-        if prior == "counts":
-            return np.full(tiles + 1, -math.log(tiles + 1.0))
-        raise InputError(
-            f"'{prior}' is no prior; tiles, counts, mirror or {tiles + 1} numbers", field="prior"
-        )
-    weights = np.asarray(prior, dtype=np.float64).ravel()
-    if weights.size != tiles + 1 or not (weights >= 0).all() or not 0 < weights.sum() < np.inf:
-        raise InputError(
-            f"give a weight of at least 0 for each number of vibrating tiles from 0 to {tiles}", field="prior"
-        )
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(weights / weights.sum()), dtype=np.float64)
-
-
-def mirrored(vibrating: int, tiles: int, boundary: float) -> Values:
-    """Weights of a number of vibrating tiles and of its mirror across the boundary, shape (tiles + 1,)."""
-    weights = np.zeros(tiles + 1)
-    weights[[vibrating, min(max(round(2 * boundary * tiles - vibrating), 0), tiles)]] = 1.0
-    return weights
-
-
-def _log_choose(n: int) -> Values:
-    k = np.arange(n + 1)
-    return np.asarray(gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0), dtype=np.float64)
-
-
-def count_weights(log_likelihood_ratios: Values) -> Values:
-    """e_k up to a constant of each row: (rows, N) ln L_t to (N + 1, rows), by the recursion over tiles."""
-    vibrates, still = expit(log_likelihood_ratios.T), expit(-log_likelihood_ratios.T)
-    weights = np.zeros((vibrates.shape[0] + 1, vibrates.shape[1]))
-    weights[0] = 1.0
-    for t in range(vibrates.shape[0]):
-        weights[1 : t + 2] = weights[1 : t + 2] * still[t] + weights[: t + 1] * vibrates[t]
-        weights[0] *= still[t]
-    return weights
-
-
-def log_count_weights(log_likelihood_ratios: Values) -> Values:
-    """The logarithm of ``count_weights``, where that lies below the smallest number; ten times slower."""
-    vibrates, still = (
-        -np.logaddexp(0.0, -log_likelihood_ratios.T),
-        -np.logaddexp(0.0, log_likelihood_ratios.T),
-    )
-    weights = np.full((vibrates.shape[0] + 1, vibrates.shape[1]), -np.inf)
-    weights[0] = 0.0
-    for t in range(vibrates.shape[0]):
-        weights[1 : t + 2] = np.logaddexp(weights[1 : t + 2] + still[t], weights[: t + 1] + vibrates[t])
-        weights[0] += still[t]
-    return weights
-
-
-def posterior_of_counts(log_likelihood_ratios: Values, log_of_prior: Values) -> Values:
-    """P(k) for each row of ln L_t: (rows, N) to (rows, N + 1)."""
-    rows, tiles = log_likelihood_ratios.shape
-    of_set = log_of_prior - _log_choose(tiles)
-    of_set -= of_set.max()
-    at_once = max(1, _BLOCK // (tiles + 1))
-    parts = [np.empty((0, tiles + 1))]
-    for first in range(0, rows, at_once):
-        ratios = log_likelihood_ratios[first : first + at_once]
-        joint = count_weights(ratios) * np.exp(of_set)[:, None]
-        total = joint.sum(axis=0)
-        small = total < _SMALL
-        joint /= np.where(small, 1.0, total)
-        if small.any():
-            logs = log_count_weights(ratios[small]) + of_set[:, None]
-            joint[:, small] = np.exp(logs - logsumexp(logs, axis=0))
-        parts.append(joint.T)
-    return np.concatenate(parts)
-
-
-def sides_of(log_likelihood_ratios: Values, log_of_prior: Values, boundary: float) -> tuple[Values, Values]:
-    """P(k > x N) and P(k < x N) for each row; what is left lies on the boundary."""
-    tiles = log_likelihood_ratios.shape[1]
-    k = np.arange(tiles + 1)
-    posterior = posterior_of_counts(log_likelihood_ratios, log_of_prior)
-    above, below = k > boundary * tiles + 1e-9, k < boundary * tiles - 1e-9
-    return posterior[:, above].sum(axis=1), posterior[:, below].sum(axis=1)
-
-
-def _first_known(above: Values, under: Values, alpha: float, times: Values) -> tuple[float | None, int]:
-    sure = np.flatnonzero(np.maximum(above, under) >= 1.0 - alpha)
-    if not sure.size:
-        return None, -1
-    return float(times[sure[0]]), int(above[sure[0]] > under[sure[0]])
-
-
-def _in_truth(above: Values, under: Values, truth: int | None) -> float | None:
-    return None if truth is None or not above.size else float((above if truth == 1 else under)[-1])
-
-
 def _over_time(
-    runs: pl.DataFrame, sides: list[tuple[Values, Values]], times: Values, level: float
+    runs: pl.DataFrame, in_truth: list[Values | None], times: Values, level: float
 ) -> pl.DataFrame:
     at = runs["known_s"].fill_null(np.inf).to_numpy()
     wrong = (runs["decision"] != runs["truth"]).fill_null(False).to_numpy() & np.isfinite(at)
     number = max(runs.height, 1)
     known = np.searchsorted(np.sort(at), times, side="right")
     low, high = wilson_limits(known, runs.height, level)
-    truths = runs["truth"].to_list()
-    beliefs = [
-        above if truth == 1 else under
-        for (above, under), truth in zip(sides, truths, strict=True)
-        if truth is not None
-    ]
+    beliefs = [one for one in in_truth if one is not None]
     return pl.DataFrame(
         {
             "time_s": times,
@@ -329,6 +345,6 @@ def _over_time(
             "known_low": low,
             "known_high": high,
             "wrong": np.searchsorted(np.sort(at[wrong]), times, side="right") / number,
-            "belief_in_truth": np.mean(beliefs, axis=0) if beliefs else np.full(times.size, np.nan),
+            "belief_in_truth": np.mean(beliefs, axis=0) if beliefs else np.full(times.size, math.nan),
         }
     ).fill_nan(None)

@@ -1,23 +1,28 @@
 """Two references beside every strategy, from some runs made again from the seed.
 
 **Pooled counting** has all bits in one place at once and decides at the strategy's own error: what the swarm pays for
-its way of deciding. **With positions** is the posterior over tiles from all samples: what could be known, and the only
-one of the two that is a bound; its prior knows the fill ratio but not the side ("mirror"), with a posterior error of
-5 %. See ``analysis.pooled`` and ``analysis.known``.
+its way of deciding. **With positions** is the posterior over tiles from all bits with their places: what could be
+known with a posterior error of 5 %, by who knows the fill ratio but not the side ("mirror"), on floors of both sides by
+turns. No rule that is as sure
+in every run decides sooner, on floors drawn as that prior has them; where they are not, it is a reference and no bound,
+and its words say so. Where it cannot be computed, they say why. See ``analysis.pooled`` and ``analysis.known``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.both_sides import on_both_sides
 from vibroswarm.analysis.correlation import lag_one, packet_loss
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain
 from vibroswarm.analysis.known import Known, could_be_known
 from vibroswarm.analysis.pooled import PooledCounting, pooled_counting
+from vibroswarm.errors import InputError
+from vibroswarm.posterior.sides import needs_chains
 from vibroswarm.result import Result
 from vibroswarm.simulation import replay
 from vibroswarm.study.plan import Group
@@ -28,6 +33,8 @@ RUNS: Final = 200
 """Runs made again for each cell."""
 FEWEST: Final = 20
 """With fewer, half to tune and half to judge say nothing."""
+RUNS_BY_CHAINS: Final = 40
+"""So many where the posterior has to be sampled, some tenths of a second a run."""
 MOST_CELLS: Final = 60
 
 
@@ -40,7 +47,9 @@ class References:
     pooled: PooledCounting | None
     """None where no decision is right, or runs ended early."""
     known: Known | None
-    """None where floors are cut by the arena, or the sensor's rates are not known."""
+    """None where it cannot be computed."""
+    says: tuple[str, ...]
+    """Of ``known``: why there is none, or what its figures do not hold for."""
     lag_one: Interval
     """Correlation of one robot's consecutive bits."""
     packet_loss: Interval
@@ -63,7 +72,10 @@ class References:
                 "known_time_s": self.known.time_s,
                 "known": self.known.known,
                 "known_wrong": self.known.wrong,
+                "known_claimed": self.known.claimed,
             }
+            row |= {"known_runs": self.known.runs.height, "known_how": self.known.how}
+            row["known_monte_carlo_error"] = self.known.monte_carlo_error
         for name, interval in figures.items():
             row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(value) for value in interval[:3])
         return row
@@ -99,20 +111,49 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
 
 
 def _one(result: StudyResult, group: Group, cell: Cell, count: int, made: Result | None) -> Result:
-    if made is None or group.first.run.stop != "t_end":
+    # Cells of a group may differ in their end, and in how many runs they have.
+    if made is None or made.scenario.run != cell.scenario.run or made.runs.height != count:
+        return result.result(cell.number, count)
+    if group.first.run.stop != "t_end":
         return result.result(cell.number, count)
     return replay(made, cell.scenario)
 
 
 def _references(cell: Cell, made: Result) -> References:
-    pooled, known = None, None
-    whole = not made.runs["stopped_early"].any()
-    if whole and made.runs["truth"].null_count() == 0:
+    pooled = None
+    if not made.runs["stopped_early"].any() and made.runs["truth"].null_count() == 0:
         pooled = pooled_counting(made)
-    if whole and made.scenario.sensor.model == "gamma":
-        known = could_be_known(made, prior="mirror")
+    known, says = _known(made)
     loss = mean_interval(packet_loss(made)["packet_loss"].drop_nulls().to_numpy())
-    return References(cell, made.runs.height, pooled, known, lag_one(made), loss)
+    return References(cell, made.runs.height, pooled, known, says, lag_one(made), loss)
+
+
+def _known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
+    """What could be known, and what is to be said of it."""
+    if made.runs["truth"].null_count():
+        return None, ("What could be known is not computed: the fill ratio lies on the boundary.",)
+    floor, sensor = made.scenario.floor, made.scenario.sensor
+    try:
+        made = on_both_sides(made) if floor.drawn_by_run else made
+        if needs_chains(sensor):
+            made = replace(made, runs=made.runs.sort("run").head(RUNS_BY_CHAINS))
+        known = could_be_known(made, prior="mirror")
+    except InputError as error:
+        return None, (f"What could be known is not computed: {error}.",)
+    says = []
+    if not floor.drawn_by_run:
+        says.append(
+            "The prior takes all floors of this fill ratio as equally likely, and these are not drawn so: what could "
+            "be known is no bound here (who knows the pattern may know sooner), its error is not held to 5 %, and "
+            "`known wrong` is of floors on this side of the boundary alone."
+        )
+    elif sensor.tile_spread is not None or sensor.robot_spread is not None:
+        says.append("Tiles and robots are new in each run; their factors are not known, their spread is.")
+    if known.unsettled:
+        says.append(
+            f"In {known.unsettled} of {known.runs.height} runs a posterior stayed too uncertain to be used."
+        )
+    return known, tuple(says)
 
 
 def reference_table(references: list[References]) -> pl.DataFrame:
