@@ -3,7 +3,7 @@
 Numba's own disk cache looks only at the file of the function itself, so a change in a function that it
 calls from another file would go unseen. The cache folder is therefore named by a hash of all sources that
 may hold a kernel or what one is made from, and of the versions that matter: a changed kernel is never run
-stale. A process that finds a source changed while it imports keeps nothing.
+stale. A process that finds a source changed while it imports keeps nothing. See ``kernel_cache`` for the files.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vibroswarm.notices import say_once
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -48,29 +50,46 @@ ABOVE: Final = ("analysis", "cli", "page", "plots", "study", "optimize", "lab", 
 def source_hash() -> str:
     """16 hexadecimal digits of all sources that a simulation may depend on: the state of the code."""
     digest = hashlib.sha256()
-    folder = Path(__file__).parent
-    for source in sorted(folder.rglob("*.py")):
-        name = source.relative_to(folder)
-        if name.parts[0] not in ABOVE:
-            digest.update(name.as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for source in _sources():
+        name = source.relative_to(PACKAGE)
+        digest.update(name.as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+PACKAGE: Final = Path(__file__).parent
+
+
+def _sources() -> list[Path]:
+    """All sources that a simulation may depend on."""
+    found = sorted(PACKAGE.rglob("*.py"))
+    return [source for source in found if source.relative_to(PACKAGE).parts[0] not in ABOVE]
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Folder of the compiled kernels of these sources and versions, or None if none can be written."""
+    """Folder of the compiled kernels of these sources and versions, or None if there is none to be trusted."""
     import llvmlite
     import numba
+
+    from vibroswarm import kernel_cache
 
     versions = (sys.version, numba.__version__, llvmlite.__version__, np.__version__, platform.machine())
     key = hashlib.sha256(f"{source_hash()} {versions!r}".encode()).hexdigest()[:20]
     try:
-        folder = _user_cache() / "vibroswarm" / "kernels" / key
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except (OSError, RuntimeError):  # a read-only or missing home: compile anew each time
-        return None
+        base = _user_cache()
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder = base
+        for name in ("vibroswarm", "kernels", key):
+            folder = folder / name
+            folder.mkdir(mode=0o700, exist_ok=True)
+        why = kernel_cache.why_unsafe(folder, base)
+        if why is None:
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+    except (OSError, RuntimeError) as error:  # a read-only or missing home
+        why = str(error)
+    say_once(f"compiled kernels are not kept, and compiled at every start: {why}")
+    return None
 
 
 ENGINES: Final = ("event", "fixed_step")
@@ -163,6 +182,23 @@ _compiled: list[Any] = []
 _hashed_at_s = time.time()
 
 
+def _stamp(path: Path) -> tuple[int, int]:
+    about = path.stat()
+    return about.st_mtime_ns, about.st_size
+
+
+_stamps = {str(source): _stamp(source) for source in _sources()} if _compiles() else {}
+"""Of the sources as they were before any of them with a kernel was imported."""
+
+
+def _is_changed(source: str) -> bool:
+    """Whether a source was changed since this began; a time that is still to come is no sign of it."""
+    path = Path(source)
+    if source in _stamps:
+        return _stamp(path) != _stamps[source]
+    return _hashed_at_s < path.stat().st_mtime <= time.time()
+
+
 def _compile(
     function: Callable[P, R], from_python: bool = True, side_by_side: bool = True, **options: bool
 ) -> Callable[P, R]:
@@ -170,24 +206,25 @@ def _compile(
         return function
     import numba
 
-    from vibroswarm import joined
+    from vibroswarm import joined, kernel_cache
 
     if not _compiled:
         _name_records_by_their_fields()
     options |= {"nogil": True, "no_cfunc_wrapper": True}
+    make = joined.whole if from_python else joined.part
+    compiled: Any = make(function, error_model="numpy", **options)
     folder = cache_folder()
-    config: Any = numba.config
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(folder) if folder else before
-    try:
-        make = joined.whole if from_python else joined.part
-        compiled: Any = make(function, cache=folder is not None, error_model="numpy", **options)
-    finally:
-        config.CACHE_DIR = before
+    if folder is not None and (from_python or not joined.is_known()):
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+        try:
+            compiled._cache = kernel_cache.KernelCache(function)
+        finally:
+            config.CACHE_DIR = before
     if from_python:
         _set_for_compiling(compiled, side_by_side)
     _compiled.append(compiled)
-    if Path(function.__code__.co_filename).stat().st_mtime > _hashed_at_s:
+    if _is_changed(function.__code__.co_filename):
         _forget()
     result: Callable[P, R] = compiled
     return result

@@ -13,6 +13,7 @@ from vibroswarm.leftovers import OLD, remove_leftovers, remove_leftovers_once, t
 
 MARKER = "scenario.toml"
 """The file by which a folder is known to be a result."""
+TRIES = 20
 LONGEST = 100
 """Of a name, as much goes into the temporary one, which must not be too long for a file system either."""
 
@@ -71,20 +72,37 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         part.mkdir()
     except OSError as error:
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
-    old: Path | None = None
     try:
         yield part
-        check_folder(path, replace=replace, marker=marker)  # somebody may have made it in the meantime
+        for left in reversed(
+            range(TRIES)
+        ):  # another process may put its own there just now; the last one stays
+            try:
+                check_folder(path, replace=replace, marker=marker)
+                _put(part, path)
+                break
+            except OSError:
+                if not (left and replace):
+                    raise
+    except OSError as error:
+        raise RunError(f"could not write '{path}': {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _put(part: Path, path: Path) -> None:
+    """Put a folder in the place of what is there, if anything is; where that fails, it stays."""
+    old: Path | None = None
+    try:
         if path.exists():
             old = path.parent / f".{path.name}.{OLD}{tag()}"
             path.replace(old)
         part.replace(path)
-    except OSError as error:
+    except OSError:
         if old is not None and old.exists() and not path.exists():
             old.replace(path)
-        raise RunError(f"could not write '{path}': {error.strerror or error}") from error
+        raise
     finally:
-        shutil.rmtree(part, ignore_errors=True)
         if old is not None:
             shutil.rmtree(old, ignore_errors=True)
 

@@ -55,7 +55,7 @@ def part(function: Callable[..., Any], **options: Any) -> Any:
     """What only kernels call; from Python, the plain function is called."""
     options["no_cpython_wrapper"] = True
     if is_known():
-        options |= {"cache": False, "pipeline_class": PartCompiler}
+        options["pipeline_class"] = PartCompiler
     dispatcher = _njit(**options)(function)
     dispatcher.__class__ = _kind(dispatcher, __call__=lambda self, *arguments: function(*arguments))
     return dispatcher

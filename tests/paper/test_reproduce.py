@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
+from vibroswarm.folder_lock import folder_lock
 from vibroswarm.paper.cells import Cell, differences, options_of
 from vibroswarm.paper.claims import all_claims
 from vibroswarm.paper.columns import scenario_of
@@ -190,3 +192,13 @@ def test_wrong_options(
 ) -> None:
     assert main(["reproduce", *options, "--out", str(tmp_path)]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_second_one_in_the_same_folder_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["reproduce", "--only", "difficulty", "--runs", "4", "--no-pictures", "--out", str(tmp_path)]
+    with folder_lock(tmp_path):
+        assert main(command) == 2
+    assert f"{tmp_path}: is in use by process {os.getpid()} on " in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

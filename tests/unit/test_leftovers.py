@@ -136,3 +136,24 @@ def test_names_as_long_as_a_file_system_allows_are_written(tmp_path: Path) -> No
         part.write_text("x")
     with whole_folder(tmp_path / ("n" * 250)) as part:
         (part / "x").touch()
+
+
+AT_ONCE = """
+import sys
+from pathlib import Path
+from vibroswarm.files import whole_folder
+for k in range(60):
+    with whole_folder(Path(sys.argv[1]), replace=True, marker="m") as part:
+        (part / "m").write_text(str(k))
+        (part / "n").write_text(str(k))
+"""
+
+
+def test_several_processes_that_replace_one_folder_do_not_stop_each_other(tmp_path: Path) -> None:
+    env = os.environ | {"PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
+    command = [sys.executable, "-c", AT_ONCE, str(tmp_path / "out")]
+    writers = [subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True) for _ in range(3)]
+    said = [writer.communicate(timeout=60)[1] for writer in writers]
+    assert [writer.returncode for writer in writers] == [0, 0, 0], said
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out" / "m").read_text() == (tmp_path / "out" / "n").read_text() == "59"

@@ -56,11 +56,12 @@ def say_compiling(*modules: str) -> None:
         modules: last names of those that hold the engine; without, any will do.
     """
     from vibroswarm.cli.beside import begin
-    from vibroswarm.compiled import is_cached
+    from vibroswarm.compiled import cache_folder, is_cached
 
     if not is_cached(*modules):
         begin()
-        print("compiling the engine, once (about 10 s; kept for later runs) ...", file=sys.stderr, flush=True)
+        how = "once (about 10 s; kept for later runs)" if cache_folder() is not None else "about 10 s"
+        print(f"compiling the engine, {how} ...", file=sys.stderr, flush=True)
 
 
 @contextmanager

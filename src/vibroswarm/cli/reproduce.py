@@ -63,6 +63,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compute what is missing, write the report, say the verdicts."""
     from vibroswarm.cli.progress import progress_bar, reproduce_progress
+    from vibroswarm.folder_lock import folder_lock
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items
     from vibroswarm.paper.report import REPORT, write_all
@@ -79,10 +80,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise InputError("is needed: where shall it be kept?", field="--out")
     items, settings = _items(arguments), settings_of(arguments)
-    with reproduce_progress(len(items)) as tell:
-        made = reproduce(settings, arguments.out, items, tell, again=arguments.archive is not None)
-    with progress_bar("drawing") as draws:
-        write_all(made, arguments.out, draws, pictures=not arguments.no_pictures)
+    try:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror}", field=str(arguments.out)) from None
+    with folder_lock(arguments.out):
+        with reproduce_progress(len(items)) as tell:
+            made = reproduce(settings, arguments.out, items, tell, again=arguments.archive is not None)
+        with progress_bar("drawing") as draws:
+            write_all(made, arguments.out, draws, pictures=not arguments.no_pictures)
     if arguments.archive is not None:
         write_archive(made, arguments.archive)
     _say(made)

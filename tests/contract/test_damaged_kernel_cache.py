@@ -1,0 +1,188 @@
+"""No state of the folder of kept kernels stops a start or runs what is not a kernel's: it is said, once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.compiled import PLAIN
+
+pytestmark = pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+needs_modes = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no such modes")
+
+KERNELS = """
+from vibroswarm.compiled import kernel
+
+@kernel
+def twice(x):
+    return 2.0 * x
+
+@kernel
+def thrice(x):
+    return 3.0 * x
+"""
+CALL = """
+import two_kernels as k
+
+print(k.twice(2.0), k.thrice(2.0), sum(sum(one.stats.cache_hits.values()) for one in (k.twice, k.thrice)))
+"""
+
+
+class Started:
+    """Programs that use two kernels, begun one after the other with a cache of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.cache = folder, folder / "cache"
+        (folder / "two_kernels.py").write_text(KERNELS, encoding="utf-8")
+        (folder / "call.py").write_text(CALL, encoding="utf-8")
+
+    def __call__(self) -> tuple[int, str]:
+        """How many of the two came from the cache, and what was said; both give what they should."""
+        cache = str(self.cache)
+        env = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
+        done = subprocess.run(
+            [sys.executable, "call.py"], cwd=self.folder, env=env, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr
+        *numbers, hits = done.stdout.split()
+        assert numbers == ["4.0", "6.0"]
+        return int(hits), done.stderr
+
+    def files(self, suffix: str) -> list[Path]:
+        return sorted(self.cache.rglob(f"two_kernels.*{suffix}"))
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Started:
+    """Both kernels are kept, with a copy of the cache beside it."""
+    made = Started(tmp_path_factory.mktemp("kernels"))
+    assert made() == (0, "")
+    assert made() == (2, ""), "kept"
+    assert len(made.files(".nbi")) == len(made.files(".nbc")) == 2
+    shutil.copytree(made.cache, made.folder / "copy")
+    return made
+
+
+@pytest.fixture
+def started(kept: Started) -> Started:
+    """As it was when both had just been kept."""
+    shutil.rmtree(kept.cache)
+    shutil.copytree(kept.folder / "copy", kept.cache)
+    (kept.folder / "two_kernels.py").write_text(KERNELS, encoding="utf-8")
+    os.utime(kept.folder / "two_kernels.py", (1e9, 1e9))
+    return kept
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:60])
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def swap(path: Path) -> None:
+    """The file of an older version, without a hash before it."""
+    path.write_bytes(path.read_bytes()[32:])
+
+
+@pytest.mark.parametrize("damage", [cut, flip, swap, lambda path: path.write_bytes(b"")])
+def test_damaged_files_are_written_anew(damage: Callable[[Path], None], started: Started) -> None:
+    damage(started.files(".nbi")[0])
+    damage(started.files(".nbc")[1])
+    hits, said = started()
+    assert hits == 0
+    assert said.count("are damaged;") == 1
+    assert started() == (2, "")
+    assert len(started.files(".nbc")) <= 3
+
+
+def test_files_that_are_gone_are_written_anew(started: Started) -> None:
+    for path in started.files(".nbc"):
+        path.unlink()
+    assert started() == (0, "")
+    assert started() == (2, "")
+
+
+def test_what_cannot_be_written_is_compiled_in_memory(started: Started) -> None:
+    for path in started.files(".nbi"):
+        path.unlink()
+        path.mkdir()
+    hits, said = started()
+    assert hits == 0
+    assert said.count("what cannot be kept") == 1
+
+
+def test_a_file_in_the_place_of_the_folder(started: Started) -> None:
+    shutil.rmtree(started.cache)
+    started.cache.mkdir()
+    (started.cache / "vibroswarm").touch()
+    hits, said = started()
+    assert hits == 0
+    assert said.count("kernels are not kept") == 1
+
+
+@needs_modes
+@pytest.mark.parametrize("below", [".", "vibroswarm", "vibroswarm/kernels", "vibroswarm/kernels/*"])
+def test_a_folder_that_others_may_write_to_is_not_used(below: str, started: Started) -> None:
+    (place,) = started.cache.glob(below) if below != "." else [started.cache]
+    place.chmod(0o777)
+    hits, said = started()
+    assert hits == 0
+    assert said.count("may write to") == 1
+
+
+@needs_modes
+def test_a_sticky_folder_above_is_as_good_as_any(started: Started) -> None:
+    started.cache.chmod(0o1777)
+    assert started() == (2, "")
+
+
+@needs_modes
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() != 0, reason="only root gives files away")
+def test_a_folder_of_another_user_is_not_used(started: Started) -> None:
+    (place,) = started.cache.glob("vibroswarm/kernels/*")
+    os.chown(place, 65534, -1)
+    hits, said = started()
+    assert hits == 0
+    assert "belongs to another user" in said
+
+
+@needs_modes
+def test_folders_are_made_for_the_user_alone(tmp_path: Path) -> None:
+    started = Started(tmp_path)
+    before = os.umask(0)
+    try:
+        assert started() == (0, "")
+    finally:
+        os.umask(before)
+    assert started() == (2, "")
+    (place,) = started.cache.glob("vibroswarm/kernels/*")
+    assert all(one.stat().st_mode & 0o077 == 0 for one in (place, *list(place.parents)[:3]))
+
+
+def test_a_source_whose_time_is_still_to_come_is_kept(started: Started) -> None:
+    source = started.folder / "two_kernels.py"
+    os.utime(source, (time.time() + 1e6, time.time() + 1e6))
+    assert started() == (2, "")
+
+
+def test_a_source_that_changes_while_it_is_imported_is_not_kept(started: Started) -> None:
+    """Negative control: what the time of a source is looked at for."""
+    source = started.folder / "two_kernels.py"
+    source.write_text(
+        "import os\nimport vibroswarm.compiled\nos.utime(__file__)\n" + KERNELS, encoding="utf-8"
+    )
+    for path in started.files(".nbc"):
+        path.unlink()
+    assert started() == (0, "")
+    assert started.files(".nbc") == []
