@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vibroswarm.errors import InputError
+from vibroswarm.floors.source import shadows
 
 if TYPE_CHECKING:
     from vibroswarm.scenario import Scenario
@@ -161,7 +162,14 @@ def _check_factors(s: Scenario) -> None:
 
 
 def _check_floor(s: Scenario) -> None:
-    rows, columns = s.floor.tiles_for(0, 0)[0].shape
+    tiles = s.floor.tiles_for(0, 0)[0]
+    if s.floor.tiles is not None and shadows(s.floor.source, tiles):
+        raise InputError(
+            f"'{s.floor.source}' is the name of a pattern or of a random floor, and floor.tiles gives another; "
+            "give the tiles a name of their own",
+            field="floor.source",
+        )
+    rows, columns = tiles.shape
     width = s.floor.tile_width_m or s.arena.width_m / columns
     height = s.floor.tile_height_m or s.arena.height_m / rows
     right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height

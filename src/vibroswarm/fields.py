@@ -21,11 +21,11 @@ Field to paper:
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import as_tiles
@@ -45,6 +45,10 @@ Bends = Annotated[
 ]
 RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict=False)]
 Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
+
+
+UNNAMED = "tiles"
+"""The name of a floor whose tiles are given without one."""
 
 
 class Section(BaseModel):
@@ -89,6 +93,14 @@ class FloorField(Section):
     """The floor's left edge in the arena; what lies outside the arena is cut off."""
     bottom_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
     """The floor's lower edge."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, values: Any) -> Any:
+        """Tiles without a name are not called after the random floor that is the default."""
+        if isinstance(values, dict) and values.get("tiles") is not None and "source" not in values:
+            return values | {"source": UNNAMED}
+        return values
 
     @property
     def drawn_by_run(self) -> bool:

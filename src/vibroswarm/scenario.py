@@ -119,6 +119,8 @@ class Scenario(Section):
         merged = preset(base).model_dump(exclude_none=True)
         for section, fields in values.items():
             if isinstance(fields, dict) and isinstance(merged.get(section), dict):
+                if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
+                    merged[section].pop("source")  # the floor of that name is replaced
                 merged[section] |= fields
             else:
                 merged[section] = fields
@@ -162,6 +164,12 @@ class Scenario(Section):
                 data[section].pop(field, None)
             else:
                 data[section][field] = value
+        if (
+            values.get("floor.tiles") is not None
+            and "floor.source" not in values
+            and self.floor.tiles is None
+        ):
+            data["floor"].pop("source")  # the floor of that name is replaced
         return Scenario.from_values(data)
 
     def floor_for(self, seed: int, run: int) -> Floor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -327,3 +328,24 @@ def test_a_recorded_session_can_be_watched(open_page: Open, tmp_path: Path) -> N
     if not state(page)["playing"]:
         page.click("#play")
     wait_until(page, f"vibroswarm.state().time_s > {began}")
+
+
+@pytest.mark.parametrize("policy", ["the page's", "none"])
+def test_a_script_that_was_put_into_the_page_does_not_run(
+    browser: Any, path: Path, tmp_path: Path, policy: str
+) -> None:
+    """Control: without the policy it runs. The page's own script runs in both."""
+    text = path.read_text(encoding="utf-8")
+    text = text.replace(
+        "</main>", "<script>window.injected = 1</script><img src='x:' onerror='injected = 1'></main>"
+    )
+    if policy == "none":
+        text = re.sub(r"<meta http-equiv=.Content-Security-Policy[^>]*>", "", text)
+    changed = tmp_path / "changed.html"
+    changed.write_text(text, encoding="utf-8")
+    page = browser.new_page()
+    page.goto(changed.as_uri())
+    wait_until(page, "typeof vibroswarm === 'object'")
+    page.wait_for_timeout(200)
+    assert page.evaluate("window.injected === 1") is (policy == "none")
+    page.close()

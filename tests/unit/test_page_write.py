@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -68,7 +70,9 @@ def test_numbers_that_json_lacks_are_refused() -> None:
 def test_page_refers_to_nothing_outside(record: RunRecord) -> None:
     text = page_html(record)
     page = Page(text)
-    assert "default-src 'none'" in text
+    (script,) = re.findall(r"<script>(.*?)</script>", text, flags=re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}';" in text
     assert not re.search(r"\beval\(|new Function|innerHTML|@import|url\(", text)
     for tag, attributes in page.tags:
         assert "src" not in attributes, tag

@@ -153,6 +153,8 @@ odd_values = st.fixed_dictionaries(
 @settings(deadline=None, max_examples=80, derandomize=True)
 @given(odd_values)
 def test_toml_there_and_back_loses_nothing(values: dict[str, Any]) -> None:
+    if "floor.tiles" in values and "floor.source" in values:
+        values = values | {"floor.source": f"our {values['floor.source']}"}  # no name of a pattern
     scenario = Scenario().with_values(values)
     again = Scenario.from_toml(scenario.to_toml())
     assert again == scenario
@@ -618,3 +620,26 @@ def test_the_folder_of_a_floor_file_may_be_a_text(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("110\n000\n")
     scenario = Scenario.from_toml('[floor]\nsource = "mine.txt"\n', folder=str(tmp_path))
     assert scenario.floor.tiles == ("110", "000")
+
+
+@pytest.mark.parametrize("name", ["random:0.48", "RANDOM:0.1", "diagonal:0.46", "stripe:0.1", "alternating"])
+def test_tiles_are_not_called_like_a_pattern(name: str) -> None:
+    with pytest.raises(InputError, match=r"^floor\.source: .*name of their own"):
+        Scenario().with_values({"floor.source": name, "floor.tiles": ["10", "01"]})
+
+
+def test_tiles_that_are_the_pattern_may_have_its_name() -> None:
+    floor = Scenario().with_values({"floor.source": "diagonal:0.46"}).floor_for(0, 0)
+    rows = ["".join(map(str, row)) for row in floor.tiles.tolist()]
+    Scenario().with_values({"floor.source": "diagonal:0.46", "floor.tiles": rows})
+
+
+def test_tiles_without_a_name_are_not_called_after_the_floor_they_replace() -> None:
+    for scenario in (
+        Scenario().with_values({"floor.tiles": ["10", "01"]}),
+        Scenario.from_values({"floor": {"tiles": ["10", "01"]}}),
+        Scenario.from_toml("[floor]\ntiles = ['10', '01']"),
+        Scenario.from_base({"preset": "paper", "floor": {"tiles": ["10", "01"]}}),
+    ):
+        assert scenario.floor.source == "tiles"
+        assert scenario.floor_for(1, 2).name == "tiles"

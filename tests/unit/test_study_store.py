@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -18,6 +20,7 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.merge import merge
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.result import StudyResult
+from vibroswarm.study.rows import ROWS
 from vibroswarm.study.spec import FORMAT, Study
 from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.work import Done, Work, do, work_of
@@ -33,9 +36,15 @@ def add(store: Store, first: int, last: int) -> None:
 
 
 def made_up(store: Store, first: int, last: int, writer: int = 0) -> None:
-    """A batch of made-up rows: run numbers, and who wrote them."""
-    schema = {"cell": pl.UInt32, "run": pl.UInt32, "robot": pl.UInt16, "writer": pl.UInt8}
-    frame = pl.DataFrame({"cell": 0, "run": range(first, last), "robot": 0, "writer": writer}, schema=schema)
+    """A batch of made-up rows: nobody decided, and the belief says who wrote them."""
+    keys = [(cell, run, robot) for cell in (0, 1) for run in range(first, last) for robot in (0, 1)]
+    told = {"decision": -1, "alpha": 1, "beta": 1, "samples": 0, "sent": 0, "received": 0, "consensus": "incomplete",
+            "fill_ratio": 0.5, "right": 0, "wrong": 0, "undecided": 2, "end_s": 60.0, "stopped_early": False,
+            "belief": writer / 10}  # fmt: skip
+    frame = pl.DataFrame(keys, schema=["cell", "run", "robot"], orient="row").with_columns(
+        pl.lit(told.get(name)).alias(name) for name in ROWS if name not in ("cell", "run", "robot")
+    )
+    frame = frame.select(pl.col(name).cast(kind) for name, kind in ROWS.items())
     data = io.BytesIO()
     frame.write_parquet(data)
     work = Work(store.study.hash, 0, (), first, last, 1, "event", ())
@@ -86,7 +95,8 @@ def test_a_scan_gives_each_run_once_whatever_overlaps(tmp_path_factory, ranges, 
     assert store.damaged == []
     there = sorted({run for first, last in ranges for run in range(first, last) if run < runs})
     found = store.scan(0, runs)
-    assert (found.collect()["run"].sort().to_list() if found is not None else []) == there
+    rows = [] if found is None else found.filter(cell=0, robot=0).collect()["run"].sort().to_list()
+    assert rows == there
 
 
 def one_of(folder: Path, pattern: str) -> Path:
@@ -228,10 +238,10 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
     """A later version may know more fields; the hash then differs though the study is the same."""
     old = "f" * 16
     for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
-        path.write_text(path.read_text().replace(STUDY.hash, old))
+        path.write_text(path.read_text().replace(STUDY.hash, old).replace(versions()["code"], "0" * 16))
     store = Store.open(copy)
     assert (store.hash, len(store.shards), store.damaged) == (old, 2, [])
-    more = STUDY.with_runs(40).run(copy, workers=1)
+    more = STUDY.with_runs(40).run(copy, workers=1, mixed=True)
     assert more.store.damaged == []
     assert more.runs().height == 80
     again = Store.open(copy)
@@ -239,6 +249,91 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
     marker = copy / "study.toml"
     marker.write_text(marker.read_text().replace("t_end_s = 60.0", "t_end_s = 61.0"))
     with pytest.raises(InputError, match="put it back"):
+        Store.open(copy)
+
+
+def test_a_hash_that_this_version_makes_otherwise_is_refused(copy: Path) -> None:
+    """The same code gives the same study the same hash, or it is another study."""
+    for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
+        path.write_text(path.read_text().replace(STUDY.hash, "f" * 16))
+    with pytest.raises(InputError, match="put it back"):
+        Store.open(copy)
+
+
+@pytest.mark.parametrize("name", ["random:0.48", "Random:x", "diagonal:0.46", "stripe", "block_diagonal:0.3"])
+def test_no_floor_of_a_study_is_called_like_a_pattern(name: str) -> None:
+    """Written down and read again such a study had another floor, and took over the shards of the first."""
+    with pytest.raises(InputError, match="name of its own"):
+        Study({}, {"grid": {"strategy.name": ["none", "soft"]}}, 3, floors={name: ["10", "01"]})
+
+
+def test_what_is_written_down_is_the_study_that_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Study({"run": {"t_end_s": 61.0}}, {}, 30).to_toml()
+    monkeypatch.setattr(Study, "to_toml", lambda study: other)
+    with pytest.raises(RunError, match="read as another study"):
+        Store.open_or_create(tmp_path / "s", STUDY)
+    assert not (tmp_path / "s" / "study.json").exists()
+
+
+FOREIGN: dict[str, Any] = {
+    "a column less": lambda f: f.drop("belief"),
+    "a column more": lambda f: f.with_columns(more=1),
+    "another type": lambda f: f.cast({"alpha": pl.Int64}),
+    "a row less": lambda f: f.head(f.height - 1),
+    "rows twice": lambda f: pl.concat([f.head(f.height - 1), f.head(1)]),
+    "no rows": lambda f: f.clear(),
+    "another cell": lambda f: f.with_columns(cell=pl.col("cell") + 1),
+    "another robot": lambda f: f.with_columns(robot=pl.col("robot") * 2),
+    "other runs": lambda f: f.with_columns(run=pl.col("run") + 1000),
+    "no outcome": lambda f: f.with_columns(consensus=pl.lit(None, dtype=f.schema["consensus"])),
+    "no number": lambda f: f.with_columns(end_s=float("nan")),
+    "beyond all": lambda f: f.with_columns(belief=7.0),
+    "decided at no time": lambda f: f.with_columns(decision=pl.lit(1, dtype=pl.Int8)),
+    "more robots than there are": lambda f: f.with_columns(wrong=pl.lit(77, dtype=pl.UInt16)),
+}
+
+
+@pytest.mark.parametrize("harm", FOREIGN)
+def test_a_foreign_shard_is_said_and_made_again(harm: str, copy: Path, filled: Path) -> None:
+    """Its hash is made to fit, as somebody else's would."""
+    about = one_of(copy, "*.json")
+    shard = about.with_suffix(".parquet")
+    FOREIGN[harm](pl.read_parquet(shard)).write_parquet(shard)
+    told = json.loads(about.read_text())
+    data = shard.read_bytes()
+    told["files"][shard.name] |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    about.write_text(json.dumps(told))
+    store = Store.open(copy)
+    assert len(store.damaged) == 1
+    assert about.name in store.damaged[0]
+    again = STUDY.run(copy, workers=1)
+    assert_frame_equal(again.rows().collect(), StudyResult.open(filled).rows().collect())
+    assert Store.open(copy).damaged == []
+
+
+@pytest.mark.parametrize(
+    "key", ["format", "study", "group", "first", "last", "seed", "rows", "files", "versions"]
+)
+@pytest.mark.parametrize("value", [None, -1, 10**30, "x", [], {"x": 1}, 1.5], ids=repr)
+def test_a_description_of_wrong_types_is_said(key: str, value: Any, copy: Path) -> None:
+    about = one_of(copy, "*.json")
+    about.write_text(json.dumps(json.loads(about.read_text()) | {key: value}))
+    store = Store.open(copy)
+    if (key, value) == ("format", -1):
+        assert store.damaged == []  # no such format was, and nothing depends on it
+    else:
+        assert len(store.damaged) == 1
+        assert store.missing(plan_of(STUDY).groups[0], 30)
+
+
+@pytest.mark.parametrize("key", ["format", "hash", "versions"])
+@pytest.mark.parametrize("value", [None, "x", [], {"x": 1}, 1.5, float("inf")], ids=repr)
+def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> None:
+    head = copy / "study.json"
+    head.write_text(json.dumps(json.loads(head.read_text()) | {key: value}))
+    with pytest.raises(InputError):
         Store.open(copy)
 
 

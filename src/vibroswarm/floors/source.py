@@ -77,6 +77,18 @@ def is_random(spec: str) -> bool:
     return spec.partition(":")[0].strip().lower() == RANDOM
 
 
+def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
+    """Whether a floor of this name and these tiles would stand in the place of a pattern or of a random floor."""
+    if is_random(name):
+        return True
+    if family(name) is None:
+        return False
+    try:
+        return not np.array_equal(pattern(name), tiles)
+    except InputError:  # of that family, and not at this fill ratio
+        return True
+
+
 def _fill_ratio(spec: str) -> float:
     text = spec.partition(":")[2].strip()
     try:

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.motion.pose import pose
@@ -145,7 +146,7 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
         frame = getattr(result, name)
         if frame is not None:
             with whole_file(folder / f"{name}.csv", replace=replace) as part:
-                frame.write_csv(part)
+                part.write_bytes(csv_bytes(frame))
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:

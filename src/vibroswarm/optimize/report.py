@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.optimize.fronts import Front
@@ -173,7 +174,7 @@ def write_report(
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             with whole_file(folder / name) as part:
-                table.write_csv(part)
+                part.write_bytes(csv_bytes(table))
         for name, text in texts.items():
             with whole_file(folder / name) as part:
                 part.write_text(text, encoding="utf-8")
@@ -224,7 +225,7 @@ def write_grid(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with whole_file(folder / "grid.csv") as part:
-            nodes.table.write_csv(part)
+            part.write_bytes(csv_bytes(nodes.table))
         for name, text in texts.items():
             with whole_file(folder / name) as part:
                 part.write_text(text, encoding="utf-8")

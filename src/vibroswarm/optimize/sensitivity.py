@@ -26,6 +26,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
@@ -179,6 +180,6 @@ def write_sensitivity(found: Sensitivity, folder: str | Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with whole_file(folder / "sensitivity.csv") as part:
-            pl.DataFrame([vars(one) for one in found.fields]).write_csv(part)
+            part.write_bytes(csv_bytes(pl.DataFrame([vars(one) for one in found.fields])))
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.page.svg import inline_svg
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def lines_html(code: ReportCode, key: str) -> str:
 def csv_link(frame: pl.DataFrame, name: str) -> str:
     """A link that saves a frame as CSV, out of the page itself; words where it is too large for that."""
     if frame.estimated_size() <= 20 * CSV_UP_TO:
-        data = _flat(frame).write_csv().encode("utf-8", "replace")
+        data = csv_bytes(_flat(frame))
         if len(data) <= CSV_UP_TO:
             coded = base64.b64encode(data).decode("ascii")
             file = re.sub(r"[^\w.-]+", "-", name) or "numbers"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
 import json
 import re
@@ -45,13 +47,23 @@ SCRIPTS = (
 
 def page_html(record: RunRecord) -> str:
     """One run as a whole HTML document that needs nothing else: no server, no network, no other file."""
+    script = "\n".join(_asset(name) for name in SCRIPTS)
+    document = _asset("page.html")
     parts = {
         "title": html.escape(record.title.encode("utf-8", "replace").decode("utf-8")),
         "style": _asset("page.css"),
-        "script": "\n".join(_asset(name) for name in SCRIPTS),
+        "script": script,
+        "script_hash": _script_hash(document, script),
         "data": script_json(payload(record)),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("page.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], document)
+
+
+def _script_hash(document: str, script: str) -> str:
+    """Of all that stands in the page's script element, so that no other script runs in it."""
+    (inner,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
+    digest = hashlib.sha256(inner.replace("{{script}}", script).encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
 
 
 def write_page(record: RunRecord, path: Path) -> None:

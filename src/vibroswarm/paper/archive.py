@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.paper.cells import Came, Cell
@@ -83,7 +84,7 @@ def _entries(made: Reproduction, came: Came) -> dict[str, bytes]:
     frames |= {"claims": claims_table(decided), "intervals": cells_table(decided)}
     for one in made.made:
         frames |= {f"tables/{one.item.name}-{n}": t for n, t in one.tables.items() if n != CLAIMS}
-    return entries | {f"{name}.csv": frame.write_csv().encode() for name, frame in frames.items()}
+    return entries | {f"{name}.csv": csv_bytes(frame) for name, frame in frames.items()}
 
 
 def cell_row(cell: Cell, came: Came) -> dict[str, Any]:

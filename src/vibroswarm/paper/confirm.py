@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.csv_text import unescaped
 from vibroswarm.errors import InputError
 from vibroswarm.leftovers import tag
 from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
@@ -116,9 +117,8 @@ def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
 
 def _frame(archive: Zipped, name: str, schema: dict[str, Any] | None = None) -> pl.DataFrame:
     try:
-        return pl.read_csv(
-            io.BytesIO(archive.read(name)), schema_overrides=schema or {}, infer_schema_length=None
-        )
+        data = io.BytesIO(archive.read(name))
+        return unescaped(pl.read_csv(data, schema_overrides=schema or {}, infer_schema_length=None))
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"'{name}' is no table ({str(error).splitlines()[0]})", field=str(archive.path)

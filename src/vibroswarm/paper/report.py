@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.files import whole_folder
 from vibroswarm.page.report import Column, Report, ReportPicture, ReportTable, Section, write_report
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Decided, all_claims
@@ -126,13 +127,13 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
             if name != CLAIMS
         ]
         for name, one, frame in named:
-            (part / f"{name}.csv").write_bytes(frame.write_csv().encode())
+            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
             rows.append((name, one.item.title, command_of(made.settings, one.item.name)))
         for name, frame in (("claims", claims_table(decided)), ("claims-measured", cells_table(decided))):
-            (part / f"{name}.csv").write_bytes(frame.write_csv().encode())
+            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
             rows.append((name, "Verdicts", command_of(made.settings)))
         index = pl.DataFrame(rows, schema=["name", "title", "command"], orient="row")
-        (part / MARKER).write_bytes(index.write_csv().encode())
+        (part / MARKER).write_bytes(csv_bytes(index))
 
 
 def _write_figures(made: Reproduction, folder: Path, tell: Tell) -> dict[str, list[Drawn]]:
@@ -158,7 +159,7 @@ def _write_figures(made: Reproduction, folder: Path, tell: Tell) -> dict[str, li
         index = pl.DataFrame(
             rows, schema=dict.fromkeys(("name", "title", "caption", "command"), pl.String), orient="row"
         )
-        (part / MARKER).write_bytes(index.write_csv().encode())
+        (part / MARKER).write_bytes(csv_bytes(index))
     return found
 
 

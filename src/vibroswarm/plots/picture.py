@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.files import whole_file
 from vibroswarm.plots.palette import NAMES
@@ -105,7 +106,7 @@ def write_picture(
         written.append(path)
     path = base.with_name(f"{base.name}.csv")
     with whole_file(path) as part:
-        part.write_bytes(numbers.write_csv().encode())
+        part.write_bytes(csv_bytes(numbers))
     return [*written, path]
 
 

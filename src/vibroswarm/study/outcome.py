@@ -14,6 +14,7 @@ import polars as pl
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.analysis.swarm import CellSummary, summary
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.files import whole_file
 from vibroswarm.study.compare import Compared, comparison_table, comparisons
 from vibroswarm.study.looks import Settled, figure_of
@@ -182,7 +183,7 @@ def write_table(table: pl.DataFrame, path: Path) -> None:
         RunError: the disk is full or failed.
     """
     with whole_file(path.with_name(f"{path.name}.csv")) as part:
-        part.write_bytes(table.write_csv().encode())
+        part.write_bytes(csv_bytes(table))
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with whole_file(path.with_name(f"{path.name}.parquet")) as part:

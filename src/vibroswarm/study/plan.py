@@ -124,7 +124,10 @@ class Plan:
 
 
 def plan_of(study: Study) -> Plan:
-    """Which cells of a study share what."""
+    """Which cells of a study share what; worked out once for a study."""
+    known: Plan | None = vars(study).get("_plan")
+    if known is not None:
+        return known
     motions: dict[str, dict[str, dict[str, list[Cell]]]] = {}
     for cell in study.cells:
         deciding = _deciding(cell.scenario)
@@ -138,7 +141,9 @@ def plan_of(study: Study) -> Plan:
         seen = [tuple(tuple(same) for same in inferences.values()) for inferences in found.values()]
         seen.sort(key=lambda inferences: -inferences[0][0].scenario.run.t_end_s)  # the longest moves first
         groups.append(Group(number, tuple(seen)))
-    return Plan(study, tuple(groups))
+    plan = Plan(study, tuple(groups))
+    object.__setattr__(study, "_plan", plan)  # a study does not change
+    return plan
 
 
 def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:

@@ -8,6 +8,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.csv_text import csv_bytes
 from vibroswarm.files import whole_folder
 from vibroswarm.page.report import (
     Column,
@@ -68,7 +69,7 @@ def write_pictures_and_report(
                 tell((done + 1) / len(named))
         rows = [(one.name, one.title, picture.caption) for one, picture in drawn]
         captions = pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row")
-        (part / MARKER).write_bytes(captions.write_csv().encode())
+        (part / MARKER).write_bytes(csv_bytes(captions))
     write_report(folder / REPORT, report_of(outcome, references, drawn))
 
 

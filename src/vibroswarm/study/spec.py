@@ -124,6 +124,7 @@ class Study:
             if value is None:
                 continue
             object.__setattr__(self, name, whole_number_of(value, name, low, high))
+        object.__setattr__(self, "floors", _floors(self.floors))
         source(self.motion)
         for table in self.keep:
             if table not in KEEP:
@@ -215,7 +216,7 @@ class Study:
             seed=values.get("seed", 1),
             motion=values.get("motion", "event"),
             keep=tuple(values.get("keep", ())),
-            floors=_floors(values.get("floors", {})),
+            floors=values.get("floors", {}),
             name=values.get("name", ""),
             folder=None if folder is None else Path(folder),
         )
@@ -381,7 +382,12 @@ def _floors(values: Any) -> dict[str, tuple[str, ...]]:
     if not isinstance(values, Mapping):
         raise InputError("is a table of floors by name", field="floors")
     for name, rows in values.items():
-        if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
+        if is_random(name) or family(name) is not None:
+            raise InputError(
+                "is the name of a pattern or of a random floor; give this one a name of its own",
+                field=f"floors.{name}",
+            )
+        if not isinstance(rows, list | tuple) or not all(isinstance(row, str) for row in rows):
             raise InputError(
                 "a floor is a list of rows of 0 and 1, the top row first", field=f"floors.{name}"
             )

@@ -23,16 +23,19 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError, RunError, shown
 from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
 from vibroswarm.leftovers import remove_leftovers
-from vibroswarm.plain_files import read_text
+from vibroswarm.plain_files import entry, read_json, read_text, texts
 from vibroswarm.simulation import versions
-from vibroswarm.study.plan import Group, Range, missing
-from vibroswarm.study.spec import FORMAT, Study, as_toml
+from vibroswarm.study.plan import Group, Range, missing, plan_of
+from vibroswarm.study.shard_checks import check_shard
+from vibroswarm.study.spec import FORMAT, MOST_RUNS, Study, as_toml
 from vibroswarm.study.work import Done, Work
 
+FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
+"""Entries of a failure, with their types."""
 MARKER: Final = "study.toml"
 HEAD: Final = "study.json"
 SHARDS: Final = "shards"
@@ -127,15 +130,12 @@ class Store:
             InputError: no study there, or one of a newer format, or its head is damaged.
         """
         folder = Path(folder)
-        try:
-            about = json.loads((folder / HEAD).read_text(encoding="utf-8"))
-            version, told = int(about["format"]), str(about["hash"])
-        except OSError as error:
-            raise InputError(
-                f"is no study of vibroswarm ({error.strerror}: {HEAD})", field=str(folder)
-            ) from None
-        except (ValueError, KeyError, TypeError):
-            raise InputError(f"{HEAD} is damaged", field=str(folder)) from None
+        head = folder / HEAD
+        if not head.exists():
+            raise InputError(f"is no study of vibroswarm (there is no {HEAD})", field=str(folder))
+        about = read_json(head, "the head of a study")
+        version, told = entry(about, "format", int, head), entry(about, "hash", str, head)
+        made_by = texts(entry(about, "versions", dict, head), "versions", head)
         if version > FORMAT:
             raise InputError(
                 f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm",
@@ -144,7 +144,8 @@ class Store:
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         # A later version may know more fields and so give the same study another hash; its text is the same.
-        if study.hash != told and _fingerprint(text) != about.get("text"):
+        same_code = made_by.get("code") == versions()["code"]
+        if study.hash != told and (same_code or _fingerprint(text) != about.get("text")):
             raise InputError(
                 f"{MARKER} is not the study that the folder was made for (hash {told}); put it back",
                 field=str(folder),
@@ -163,8 +164,10 @@ class Store:
             elif path.suffix == ".json":
                 try:
                     shard = self._read(path)
-                except ValueError as error:
-                    self.broken[path.stem] = str(error)
+                except (ValueError, OSError) as error:
+                    self.broken[path.stem] = (
+                        f"is damaged: {error}" if isinstance(error, OSError) else str(error)
+                    )
                 else:
                     self.shards.append(shard)
                     described |= set(shard.files.values())
@@ -227,8 +230,10 @@ class Store:
         """Batches that failed and have not been done since, whole or in other pieces."""
         found = []
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
-            with suppress(OSError, ValueError, KeyError, TypeError):
-                one = dict(json.loads(path.read_text(encoding="utf-8")))
+            with suppress(InputError):  # of no matter: the batch is missing, and is told so
+                one = read_json(path, "a failure")
+                for key, kind in FAILURE.items():
+                    entry(one, key, kind, path)
                 if missing((int(one["first"]), int(one["last"])), self.ranges(int(one["group"]))):
                     found.append(one)
         return found
@@ -305,22 +310,27 @@ class Store:
 
     def _read(self, path: Path) -> Shard:
         """A shard by its description, its files checked."""
-        try:
-            about = json.loads(path.read_text(encoding="utf-8"))
-            told, files = about["files"], {}
-            if int(about["format"]) > FORMAT:
-                raise ValueError(f"is of format {about['format']}; update vibroswarm")
-            if about["study"] != self.hash:
-                raise ValueError("is of another study")
-            for name, what in told.items():
-                if Path(name).name != name:
-                    raise ValueError(f"names a file elsewhere: {name}")
-                _check(path.with_name(name), int(what["bytes"]), str(what["sha256"]))
-                files[str(what["table"])] = path.with_name(name)
-            group, first, last, rows = (int(about[key]) for key in ("group", "first", "last", "rows"))
-            return Shard(path.stem, group, first, last, rows, files, dict(about["versions"]))
-        except (OSError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"is damaged ({type(error).__name__}: {error})") from None
+        about = read_json(path, "the description of a shard")
+        if entry(about, "format", int, path) > FORMAT:
+            raise ValueError(f"is of format {about['format']}; update vibroswarm")
+        if about.get("study") != self.hash or about.get("seed") != self.study.seed:
+            raise ValueError("is of another study")
+        group, first, last, rows = (
+            entry(about, key, int, path) for key in ("group", "first", "last", "rows")
+        )
+        files: dict[str, Path] = {}
+        for name, what in entry(about, "files", dict, path).items():
+            if Path(name).name != name:
+                raise ValueError(f"names a file elsewhere: {shown(name)}")
+            size, sha256 = entry(what, "bytes", int, path), entry(what, "sha256", str, path)
+            _check(path.with_name(name), size, sha256)
+            files[entry(what, "table", str, path)] = path.with_name(name)
+        groups = plan_of(self.study).groups
+        if not (0 <= group < len(groups) and 0 <= first < last <= MOST_RUNS):
+            raise ValueError(f"is of group {group}, runs {first} to {last}, which the study has not")
+        check_shard(files, self.study, groups[group], range(first, last), rows)
+        made_by = texts(entry(about, "versions", dict, path), "versions", path)
+        return Shard(path.stem, group, first, last, rows, files, made_by)
 
     def _failure(self, work: Work) -> Path:
         return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
@@ -336,6 +346,7 @@ class Store:
                 with whole_file(marker) as part:
                     part.write_text(text, encoding="utf-8")
             if not head.is_file():
+                self._check_written(text)
                 about = {
                     "format": FORMAT,
                     "hash": self.hash,
@@ -347,6 +358,13 @@ class Store:
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+
+    def _check_written(self, text: str) -> None:
+        """What is read back must be the study that is run, or its shards would be taken for those of another."""
+        if Study.from_toml(text, name=MARKER).hash != self.study.hash:
+            raise RunError(
+                f"{MARKER} would be read as another study; say what differs with --set in its scenario"
+            )
 
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs")
@@ -383,7 +401,7 @@ def _stem(path: Path) -> str:
 def _check(path: Path, size: int, sha256: str) -> None:
     """Compare a file with its description."""
     if not path.is_file():
-        raise ValueError(f"its file {path.name} is missing")
+        raise ValueError(f"its file {path.name} is missing or no plain file")
     if path.stat().st_size != size:
         raise ValueError(f"{path.name} is cut off: {path.stat().st_size} bytes of {size}")
     with path.open("rb") as stream:
