@@ -22,7 +22,6 @@ TURNED = {
         # Swapped, the sensor of preset paper is its own mirror image, as its two errors are equal: what is true of the
         # fill ratio f comes out at 1 - f. Beliefs turn, times do not; where the errors are not equal, times turn too.
         ("fill-belief", "paper"),
-        ("calibration-errors", "paper"),
         ("fill-belief", "calibrated"),
         ("fill-time", "calibrated"),
     },
@@ -30,8 +29,6 @@ TURNED = {
         ("fill-time", "paper"),
         ("soft-gain-most-near-half", "paper"),
         ("grid-kappa-1-fast", "paper"),
-        ("grid-kappa-1-wrong", "paper"),
-        ("calibration-errors", "paper"),
     },
 }
 STAYING = {
@@ -76,13 +73,29 @@ def test_a_control_turns_only_what_hangs_on_it(control: str, decided: Callable[[
         assert plain[key].verdict == turned[key].verdict == "reproduced", key
 
 
+@pytest.mark.parametrize("control", list(CONTROLS))
+def test_error_rates_are_inconclusive_and_fail_under_a_control(
+    control: str, decided: Callable[[str | None], Found]
+) -> None:
+    """The printed 13 % come of three sessions: too few for a margin of 2 points, and enough to see another sensor."""
+    plain, turned = decided(None), decided(control)
+    assert plain["calibration-errors", "paper"].verdict == "inconclusive"
+    assert turned["calibration-errors", "paper"].verdict == "not reproduced"
+
+
+def test_no_control_makes_a_question_that_cannot_be_asked(decided: Callable[[str | None], Found]) -> None:
+    for control in (None, *CONTROLS):
+        for one in decided(control).values():
+            assert one.cells["why"].null_count() == one.cells.height, (control, one.claim.id)
+
+
 def test_with_the_labels_swapped_belief_in_the_truth_rises_where_it_should_fall(
     decided: Callable[[str | None], Found],
 ) -> None:
-    """Not that values are unsure: each lies wholly on the other side."""
-    for column in ("paper", "calibrated"):
-        cells = decided("labels")["fill-belief", column].cells
-        assert cells["holds"].to_list() == ["fails"] * 6
-        assert (cells["low"] > 0).all()
+    """Not that values are unsure: they lie on the other side, and wholly where the sensor is its own mirror image."""
+    cells = decided("labels")["fill-belief", "paper"].cells
+    assert cells["holds"].to_list() == ["fails"] * 6
+    assert (cells["low"] > 0).all()
+    assert (decided("labels")["fill-belief", "calibrated"].cells["estimate"] > 0).all()
     labels = decided("labels")["calibration-errors", "paper"].cells
     assert (labels["estimate"] > 0.37).all()  # more than half of the readings are wrong

@@ -144,3 +144,21 @@ def test_cells_of_all_items_are_few_enough_and_share_motion() -> None:
     largest = max(groups, key=lambda group: len(group.cells))
     assert len(largest.cells) > 80
     assert {cell.column for cell in first.values()} == set(COLUMNS)
+
+
+def test_what_cannot_be_asked_is_found_in_every_item(tables: dict[str, Tables]) -> None:
+    """In `text` what is decided on floors of 0.52 and 0.56, in `calibrated` patterns of small tiles; else none."""
+    measured = pl.concat([made[CLAIMS] for made in tables.values()]).filter(
+        pl.col("claim") != "search-settles"
+    )
+    there = pl.col("cannot").is_not_null()
+    assert measured.filter(there & (pl.col("column") == "paper")).is_empty()
+    text = measured.filter(pl.col("column") == "text")
+    far = pl.col("cell").str.contains(r"0\.5[26]")
+    assert text.filter(far).height >= 20
+    assert text.filter(far & ~there).is_empty()
+    assert text.filter(there & ~far).is_empty()
+    patterns = {claim.id for claim in all_claims() if claim.item == "patterns"}
+    calibrated = measured.filter(pl.col("column") == "calibrated")
+    assert set(calibrated.filter(there)["claim"]) == patterns
+    assert calibrated.filter(pl.col("claim").is_in(patterns) & ~there).is_empty()

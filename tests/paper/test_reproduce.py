@@ -14,7 +14,7 @@ from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.folder_lock import folder_lock
 from vibroswarm.paper.cells import Cell, differences, options_of
-from vibroswarm.paper.claims import all_claims
+from vibroswarm.paper.claims import CHECKED, VERDICTS, all_claims
 from vibroswarm.paper.columns import scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.items import all_items, items_named
@@ -61,7 +61,24 @@ def test_pictures_stand_before_long_tables_and_these_are_folded(folder: Path) ->
     assert "<details>\n<summary>" in item[: item.index("All numbers</h3>")]
     difficulty = page[page.index("Difficulty of the five patterns</h2>") : page.index("Fill ratios</h2>")]
     assert "<details>" not in difficulty  # it has no picture
-    assert '<td class="good">reproduced\n−' in item
+    cell = r'<td class="(good|bad|open)">(not reproduced|reproduced|inconclusive)(\n[^−<]*)?\n−'
+    assert re.search(cell, item)
+
+
+def test_verdicts_have_their_words_and_reasons_and_checks_a_table(folder: Path) -> None:
+    claims = pl.read_csv(folder / "tables" / "claims.csv")
+    words = claims.select(pl.col("paper", "text").str.replace(r" \(.*", "")).unpivot()["value"].unique()
+    assert set(words.drop_nulls()) <= {*VERDICTS, *CHECKED.values()}
+    wrong_side = claims.filter(pl.col("claim") == "soft-belief")
+    assert "2 cannot be asked" in wrong_side["text"][0]
+    assert "cannot be asked" not in wrong_side["paper"][0]
+    values = pl.read_csv(folder / "tables" / "claims-measured.csv")
+    why = values.filter(pl.col("why").is_not_null())
+    assert set(why["column"]) == {"text"}
+    assert why["why"].str.contains("wrong side").all()
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "why not" in page
+    assert "Checks, which are no verdicts" not in page  # neither item has one
 
 
 def test_every_number_of_the_page_is_in_a_table(folder: Path) -> None:
@@ -140,6 +157,17 @@ def test_ctrl_c_ends_the_command_with_130(tmp_path: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr("vibroswarm.paper.reproduce.run_cells", stopped)
     assert main(["reproduce", "--only", "fill-ratios", "--runs", "4", "--out", str(tmp_path)]) == 130
+
+
+def test_checks_are_not_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["--runs", "4", "--columns", "paper", "--no-pictures", "--out", str(tmp_path)]
+    assert main(["reproduce", "--only", "headline", *asked]) == 0
+    told = capsys.readouterr().out
+    assert "paper, claims" not in told
+    assert "paper, checks: 1 passed, 1 open" in told
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Checks, which are no verdicts" in page
+    assert "Checks: 1 passed, 1 open." in page
 
 
 def test_the_page_of_a_control_says_so(tmp_path: Path) -> None:

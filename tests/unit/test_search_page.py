@@ -205,7 +205,7 @@ def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> N
         "none to be seen": replace(truth, believed=score.estimate),
         "lucky": replace(truth, believed=0.1 * score.estimate),
         "unlucky": replace(truth, believed=9.0 * score.estimate),
-        "cannot be told": replace(
+        "inconclusive": replace(
             truth, believed=0.5 * score.estimate, winner=replace(truth.winner, score=wide)
         ),
         "not defined": replace(truth, believed=np.inf),

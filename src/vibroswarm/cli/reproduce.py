@@ -178,6 +178,6 @@ def _say(made: Reproduction) -> None:
         for kind, words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
             mine = (one for one in decided if one.column == column and one.claim.kind == kind)
             counted = Counter(one.verdict for one in mine)
-            counts = ", ".join(f"{counted[word]} {word}" for word in words if counted[word])
+            counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:
-                print(f"{column}, {kind}s: {counts}")
+                print(f"{column}, {kind}s: {', '.join(counts)}")

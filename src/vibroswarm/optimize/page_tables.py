@@ -21,7 +21,7 @@ BEST: Final = 20
 EDGE: Final = 0.01
 """Share of the bounds: nearer to one than this, a value lies at it."""
 LUCK_TONES: Final = {
-    "none to be seen": "good", "lucky": "bad", "unlucky": "fair", "cannot be told": "open", "not defined": "open",
+    "none to be seen": "good", "lucky": "bad", "unlucky": "fair", "inconclusive": "open", "not defined": "open",
 }  # fmt: skip
 STANDING_TONES: Final = {"better": "good", "worse": "bad", "not told apart": "open", "the same": "open"}
 LIMIT_TONES: Final = {"within": "good", "beyond": "bad", "not told": "open"}

@@ -26,7 +26,7 @@ from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
 """Share of the true score: an interval that holds a difference larger than this is too wide to tell of luck."""
-LUCK: Final = ("none to be seen", "lucky", "unlucky", "cannot be told", "not defined")
+LUCK: Final = ("none to be seen", "lucky", "unlucky", "inconclusive", "not defined")
 """What the difference between believed and true may be."""
 
 
@@ -92,7 +92,7 @@ class Truth:
         if not math.isfinite(share):
             return "not defined"
         if score.low <= self.believed <= score.high:
-            return "cannot be told" if abs(share) > TELLING else "none to be seen"
+            return "inconclusive" if abs(share) > TELLING else "none to be seen"
         return "lucky" if share > 0 else "unlucky"
 
     @property
@@ -101,7 +101,7 @@ class Truth:
         share = self.difference
         return {
             "not defined": "The difference between what the search believed and what is true is not defined.",
-            "cannot be told": (
+            "inconclusive": (
                 f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but "
                 "the interval of what is true is as wide: so few fresh runs do not tell whether it was luck."
             ),
