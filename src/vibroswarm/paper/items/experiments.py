@@ -22,6 +22,8 @@ from vibroswarm.paper.items.experiments_cells import (
     cells,
     published_points,
 )
+from vibroswarm.paper.items.experiments_fit import FITTED, fit_table
+from vibroswarm.paper.items.experiments_fit import SHOWN as SHOWN_FIT
 from vibroswarm.paper.items.experiments_loss import SHOWN as SHOWN_LOSS
 from vibroswarm.paper.items.experiments_loss import draw_loss, gaps, loss_table
 from vibroswarm.paper.measure import Row, exact, frame, mean
@@ -44,6 +46,7 @@ def compute(work: Work) -> Tables:
     return {
         "cells": table,
         "bands": _bands(table),
+        "fit": fit_table(work, columns),
         "loss": loss_table(work, columns),
         CLAIMS: frame(measured),
     }
@@ -73,7 +76,7 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
     )
     found = bands.join(means, on=["strategy", "robots"], how="left", maintain_order="left")
     inside = (pl.col("published") >= pl.col("least")) & (pl.col("published") <= pl.col("most"))
-    return found.with_columns(inside.alias("inside"))
+    return found.with_columns((pl.col("most") - pl.col("least")).alias("width"), inside.alias("inside"))
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
@@ -153,7 +156,8 @@ def _draw_walk(table: pl.DataFrame, figure: str, label: str, numbers: str) -> Dr
 _BANDS: Final = {
     "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
     "published": Column("published mean", "s"), "least": Column("ours, least", "s"),
-    "most": Column("ours, most", "s"), "as the text has it": Column("ours at 1.55, own gate", "s"),
+    "most": Column("ours, most", "s"), "width": Column("width of the band", "s"),
+    "as the text has it": Column("ours at 1.55, own gate", "s"),
     "inside": Column("published inside"),
 }  # fmt: skip
 ITEM: Final = Item(
@@ -165,8 +169,11 @@ ITEM: Final = Item(
         "loss of each "
         "size (of the messages addressed to a robot: n / (n - 1) times what is plotted). Which threshold the "
         "published experiments had is not known (the recordings have 1.33, 1.40 and 1.55), nor what their O_c "
-        "counted; ours are therefore bands over 1.33 and 1.55, and over O_c counting all observations or a "
-        "robot's own.",
+        "counted; ours are therefore bands over the three, and over O_c counting all observations or a "
+        "robot's own. Such a band is hundreds of seconds wide: that a published mean lies inside says little.",
+        f"Of the six settings, {FITTED[0]:.2f} with the gate on the {FITTED[1]} comes nearest to the published times "
+        "without feedback. It was chosen by these very times, so that agreement in them is a fit and no test; the "
+        "other two strategies had no part in the choice.",
         "Published are means over 15 experiments, without intervals that could be used: their bars take "
         "robots of a run "
         "for independent. They ended when all had decided under all strategies, ours go on to 1000 s.",
@@ -179,6 +186,13 @@ ITEM: Final = Item(
     pictures=pictures,
     shown=(
         Shown("bands", "Published means and the band of ours.", _BANDS),
+        Shown(
+            "fit",
+            f"Published means beside ours with theta_E {FITTED[0]:.2f} and the gate on the {FITTED[1]}, chosen by the "
+            "times without feedback. The error is that of both means; for want of their own, the published ones have "
+            "that of 15 of our runs.",
+            SHOWN_FIT,
+        ),
         Shown(
             "loss",
             "Decision time of positive less no feedback; 95 % intervals over runs, paired.",

@@ -57,6 +57,11 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         yield mean("grid-kappa-1-fast", column, words, work.difference(time, first, second))
         yield mean("grid-kappa-1-belief", column, words, work.difference(belief, first, second))
         yield mean("grid-kappa-1-wrong", column, words, work.difference(wrong, first, second))
+    for kappa in _kappas():
+        low, high = ((column, "soft", eta, kappa) for eta in (min(_etas()), max(_etas())))
+        words = f"kappa {kappa}, eta {low[2]} less {high[2]}"
+        yield mean("grid-eta-fast", column, words, work.difference(time, low, high))
+        yield mean("grid-eta-belief", column, words, work.difference(belief, low, high))
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
