@@ -58,6 +58,8 @@ class Claim:
     margin: float | None = None
     effect: float | None = None
     columns: tuple[str, ...] = COLUMNS
+    no_control: str | None = None
+    """Why negative controls need not turn it."""
 
     def __post_init__(self) -> None:
         if self.test not in TESTS:

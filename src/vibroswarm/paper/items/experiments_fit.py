@@ -33,10 +33,20 @@ SHOWN: Final = {
 }  # fmt: skip
 
 
-def error_beside(values: Any) -> float:
-    """Standard error of the mean of these runs less that of ``EXPERIMENTS`` experiments which vary as much."""
-    spread = float(np.std(values, ddof=1))
-    return spread * float(np.sqrt(1.0 / np.size(values) + 1.0 / EXPERIMENTS))
+def error_beside(values: Any, spread: float | None = None) -> float:
+    """Standard error of the mean of these runs less that of ``EXPERIMENTS`` experiments.
+
+    Args:
+        values: (runs,). spread: standard deviation of the experiments; without, that of the runs.
+    """
+    own = float(np.std(values, ddof=1))
+    theirs = own if spread is None else spread
+    return float(np.sqrt(own**2 / np.size(values) + theirs**2 / EXPERIMENTS))
+
+
+def in_errors(less: float, error: float) -> float | None:
+    """A difference in standard errors; None where there is no error, as where nobody decides."""
+    return less / error if error > 0 else None
 
 
 def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
@@ -57,6 +67,7 @@ def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
         }
         rows.append(
             row
-            | {"ours_s": ours, "less_s": ours - there, "error_s": error, "in errors": (ours - there) / error}
+            | {"ours_s": ours, "less_s": ours - there, "error_s": error}
+            | {"in errors": in_errors(ours - there, error)}
         )
     return pl.DataFrame(rows, infer_schema_length=None)

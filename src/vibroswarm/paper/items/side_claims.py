@@ -139,7 +139,7 @@ ITEM: Final = Item(
     about=(
         "Claims that the paper makes in passing: samples are denser in the corners because the sample "
         "timer counts avoidance; all strategies spread alike, in time and in accuracy; and real swarms differ from "
-        "simulated ones because they ran on one floor. Density is 1 where sampling is even; it is of P0, with which the "
+        "simulated ones because they ran on one floor. Density is 1 where sampling is even, and of P0, with which the "
         "recordings were made, "
         f"and of up to {MOST_RUNS} runs.",
     ),
