@@ -89,7 +89,10 @@ def test_under_a_negative_control_the_verdicts_turn(control: str, decided: Calla
     plain, turned = decided(None, control in MOTION), decided(control, control in MOTION)
     for key in TURNED[control]:
         assert plain[key].verdict == "reproduced", key
-        if control in (*MOTION, "losses"):  # differences are 0 or near to the limit: none holds, some are open
+        if control in (
+            *MOTION,
+            "losses",
+        ):  # differences are 0 or near to the limit: none holds, some are open
             assert turned[key].verdict != "reproduced", key
             assert "holds" not in turned[key].cells["holds"].to_list()
         else:
