@@ -46,7 +46,8 @@ def add_parser(commands: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--control", metavar="NAME",
-        help="a negative control, in which the verdicts must turn: labels (swapped) or threshold (1.55)",
+        help="a negative control, in which verdicts must turn: labels (swapped), threshold (1.55), false-positives, "
+        "standstill, no-messages or losses",
     )  # fmt: skip
     parser.add_argument(
         "--archive", metavar="ZIP", type=Path, help="also write scenarios, seeds, versions and results here"

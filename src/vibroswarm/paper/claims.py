@@ -94,6 +94,8 @@ class Claim:
     effect: float | None = None
     columns: tuple[str, ...] = COLUMNS
     kind: str = "claim"
+    no_control: str | None = None
+    """Why negative controls need not turn it."""
 
     def __post_init__(self) -> None:
         if self.test not in TESTS:

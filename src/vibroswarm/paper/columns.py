@@ -16,8 +16,17 @@ STRATEGIES: Final = ("none", "positive", "soft")
 CONTROLS: Final = {
     "labels": "the energies of vibrating and still tiles are swapped, as the paper prints them",
     "threshold": "the sensor's threshold is 1.55, as Algorithm 2 has it",
+    "false-positives": "24 % of the still tiles read as vibrating and 4.5 % of the vibrating ones as still, as many "
+    "errors as before together",
+    "standstill": "robots hardly leave their place (a twentieth of their speed, turns as ever) and never avoid",
+    "no-messages": "no message arrives",
+    "losses": "a tenth of the messages is lost, each at each receiver",
 }
 """Changes of every scenario with which the verdicts must turn."""
+
+FALSE: Final = (0.24, 0.045)
+"""Shares of false positives and negatives under the control of that name; as the simulations ran, both are 14 %."""
+SLOWER: Final = 0.05
 
 _THRESHOLD: Final = "walk.avoidance_threshold_mm"
 _KINDS: Final = ("shape", "scale", "location")
@@ -50,7 +59,38 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
             f"there is no control '{control}'{nearest(control, CONTROLS)} ({', '.join(CONTROLS)})",
             field="--control",
         )
-    return swapped_labels(scenario) if control == "labels" else {"sensor.rms_threshold": 1.55}
+    match control:
+        case "labels":
+            return swapped_labels(scenario)
+        case "threshold":
+            return {"sensor.rms_threshold": 1.55}
+        case "false-positives":
+            return with_errors(scenario, *FALSE)
+        case "standstill":
+            return standing(scenario)
+        case "no-messages":
+            return {"network.loss": 1.0}
+        case "losses":
+            return {"network.loss": 0.1}
+    raise AssertionError(control)
+
+
+def standing(scenario: Scenario) -> dict[str, Any]:
+    """The fields by which robots hardly leave their place: as the tracks shrink with the speed, they turn as before."""
+    names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
+    found = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
+    return found | {_THRESHOLD: 0.0}
+
+
+def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
+    """The fields by which the sensor errs so often: both distributions of energies are shifted, at their own shapes."""
+    from scipy.stats import gamma
+
+    sensor, found = scenario.sensor, {}
+    for kind, above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
+        shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in _KINDS[:2])
+        found[f"sensor.{kind}_location"] = sensor.rms_threshold - float(gamma.isf(above, shape, scale=scale))
+    return found
 
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:

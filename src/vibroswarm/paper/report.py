@@ -72,8 +72,9 @@ def claims_table(
         if not mine or (wanted is not None and claim.item not in wanted) or kind not in (None, claim.kind):
             continue
         row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
+        why = f"; a control may well not turn it: {claim.no_control}" if claim.no_control else ""
         row |= {"says": claim.statement}
-        row |= {"measured": claim.measured, "holds if": claim.words}
+        row |= {"measured": claim.measured + why, "holds if": claim.words}
         for column in COLUMNS:
             found = [one for one in mine if one.column == column]
             row[column] = _verdict_words(found[0]) if found else None

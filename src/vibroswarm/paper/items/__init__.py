@@ -16,14 +16,18 @@ def all_items() -> tuple[Item, ...]:
         difficulty,
         example_run,
         experiments,
+        experiments_beside,
         feedback_grid,
         fill_ratios,
         headline,
         patterns,
         readings,
         search,
+        search_repeats,
+        sharing,
         side_claims,
         swarm_sizes,
+        timer,
     )
 
     modules = (
@@ -39,6 +43,10 @@ def all_items() -> tuple[Item, ...]:
         readings,
         side_claims,
         headline,
+        sharing,
+        search_repeats,
+        timer,
+        experiments_beside,
     )
     return tuple(module.ITEM for module in modules)
 

@@ -59,6 +59,12 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         beliefs = work.difference(belief, first, second)
         yield mean("grid-kappa-1-belief", column, words, beliefs, bounded=True, cannot=cannot)
         yield share("grid-kappa-1-wrong", column, words, work.difference(wrong, first, second), cannot=cannot)
+    for kappa in _kappas():
+        low, high = ((column, "soft", eta, kappa) for eta in (min(_etas()), max(_etas())))
+        words = f"kappa {kappa}, eta {low[2]} less {high[2]}"
+        yield mean("grid-eta-fast", column, words, work.difference(time, low, high), cannot=cannot)
+        beliefs = work.difference(belief, low, high)
+        yield mean("grid-eta-belief", column, words, beliefs, bounded=True, cannot=cannot)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
