@@ -95,10 +95,14 @@ def _verdict_words(one: Decided) -> str:
 
 
 def _value_words(cells: pl.DataFrame) -> str:
-    """The value with its interval, or the range of several."""
-    values = [float(value) for value in cells["estimate"].drop_nulls().drop_nans()]
-    if not values:
-        return "-"
+    """The value with its interval, or the range of several; why the others cannot be asked."""
+    reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
+    asked = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
+    return "; ".join(([_range_words(asked)] if asked.height else []) + reasons) or "-"
+
+
+def _range_words(cells: pl.DataFrame) -> str:
+    values = cells["estimate"].to_list()
     if len(values) > 1:
         return f"{min(values):.3g} to {max(values):.3g}"
     estimate, low, high = cells.select("estimate", "low", "high").row(0)
