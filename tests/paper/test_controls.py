@@ -21,6 +21,7 @@ RUNS = 300
 MOTION_RUNS = 150
 """For what hangs on motion and messages, which is told by fewer runs."""
 MOTION = ("standstill", "no-messages")
+SENSOR = ("labels", "threshold", "false-positives")
 TURNED = {
     "labels": {
         # Swapped, the sensor of preset paper is its own mirror image, as its two errors are equal: what is true of the
@@ -38,7 +39,6 @@ TURNED = {
         ("fill-time", "paper"),
         ("fill-belief", "paper"),
         ("grid-kappa-1-fast", "paper"),
-        ("calibration-errors", "paper"),
     },
     "standstill": {("size-distance", "paper"), ("size-avoidance", "paper")},
     "no-messages": {("size-time", "paper"), ("size-soft", "paper")},
@@ -47,7 +47,6 @@ TURNED = {
 STAYING = {
     "labels": {("fill-time", "paper"), ("grid-kappa-1-fast", "paper")},
     "threshold": {("grid-approaches-none", "paper")},
-    "false-positives": {("grid-approaches-none", "paper")},
     "standstill": {("size-time", "paper")},
     "no-messages": {("size-distance", "paper"), ("size-avoidance", "paper")},
     "losses": {("fill-time", "paper"), ("soft-faster-than-none", "paper")},
@@ -86,24 +85,23 @@ def test_under_a_negative_control_the_verdicts_turn(control: str, decided: Calla
     plain, turned = decided(None, control in MOTION), decided(control, control in MOTION)
     for key in TURNED[control]:
         assert plain[key].verdict == "reproduced", key
-        if control in (
-            *MOTION,
-            "losses",
-        ):  # differences are 0 or near to the limit: none holds, some are open
-            assert turned[key].verdict != "reproduced", key
-            assert "holds" not in turned[key].cells["holds"].to_list()
-        else:
-            assert turned[key].verdict == "not reproduced", key
+        # Where differences are 0 or near to the limit some values are open; none holds any longer.
+        assert turned[key].verdict in ("not reproduced", "inconclusive"), key
+        assert "holds" not in turned[key].cells["holds"].to_list(), key
+        assert control not in SENSOR[:2] or turned[key].verdict == "not reproduced", key
 
 
 @pytest.mark.parametrize("control", list(CONTROLS))
 def test_a_control_turns_only_what_hangs_on_it(control: str, decided: Callable[..., Found]) -> None:
     plain, turned = decided(None, control in MOTION), decided(control, control in MOTION)
-    for key in STAYING[control]:
+    for key in STAYING.get(control, set()):
         assert plain[key].verdict == turned[key].verdict == "reproduced", key
+    # Under false positives whoever decides is wrong, so that nearly every claim turns; this one is open, and fails not.
+    if control == "false-positives":
+        assert turned["grid-approaches-none", "paper"].verdict != "not reproduced"
 
 
-@pytest.mark.parametrize("control", list(CONTROLS))
+@pytest.mark.parametrize("control", SENSOR)
 def test_error_rates_are_inconclusive_and_fail_under_a_control(
     control: str, decided: Callable[[str | None], Found]
 ) -> None:

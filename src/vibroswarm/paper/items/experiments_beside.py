@@ -239,7 +239,8 @@ ITEM: Final = Item(
     about=(
         "The published accuracy (mean belief in the truth) beside ours, with the text's threshold 1.55 and the robots' "
         f"gate, and with {FITTED[0]:.2f} and the gate on the total, which fits the published times best. Published "
-        f"means are over {REAL_EXPERIMENTS} experiments; how much these spread is not known, so our runs stand for them, at "
+        f"means are over {REAL_EXPERIMENTS} experiments; how much these spread is not known, so our runs stand for "
+        "them, at "
         "the threshold and gate where they spread most: where nearly all of ours are right they hardly spread, and "
         "the published ones, at some 0.7, must have.",
         "Packet loss by size is the paper's own numbers against a straight line: nothing is simulated.",
