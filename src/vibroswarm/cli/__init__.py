@@ -98,7 +98,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(argv: Sequence[str] | None) -> int:
+    from vibroswarm.cli import warned
+
     gc.set_threshold(OBJECTS_BETWEEN)
+    warned.forget()
     top = parser()
     arguments, unknown = top.parse_known_args(argv)
     if unknown:
