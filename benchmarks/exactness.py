@@ -1,11 +1,18 @@
 """Whether the event-driven engine takes the same events at the same ticks as the fixed-step engine: the long check.
 
     python benchmarks/exactness.py [--runs 1=10000 5=2000 10=500] [--processes 2] [--seed 21] [--preset paper-empirical]
+    python benchmarks/exactness.py --random 3000 [--processes 2] [--seed 21]
 
 Whole runs of 1200 s. Every sample's robot, number, ticks and time account must be equal
 to the end of the run, and so must the number of samples and the ends; positions may differ by a micrometre. Exit
 code 1 if a single robot's run differs, or positions do in a run whose events are the same. With several robots rounding
 may decide whether two of them touch: such runs are counted, with the time of the first event that differs.
+
+``--random N`` compares both engines in N scenarios that are drawn as widely as a scenario allows
+(``random_scenarios``). Where they differ, the fixed-step engine is run beside itself, moved by its last bits
+(``twins``): if that parts as well, rounding suffices and the scenario is listed as chaotic, with whether its turn
+controller is stable; if it does not, one engine is wrong: ERROR, exit code 1. With NUMBA_BOUNDSCHECK=1, and an empty
+folder in XDG_CACHE_HOME, every index of every array is checked too.
 """
 
 from __future__ import annotations
@@ -17,33 +24,23 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
+from random_scenarios import random_scenario
+from twins import MICROMETRE, Difference, Verdict, difference, judge
 from vibroswarm.motion.event import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.record import Rows
+from vibroswarm.motion.turn_stability import scenario_warnings
 from vibroswarm.presets import preset
 
-EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
-MICROMETRE = 1e-6
 CHUNK = 25
-
-
-class Difference(NamedTuple):
-    """Two runs compared."""
-
-    run: int
-    first_s: float | None
-    """Time of the first sample that differs, s; None: none does, to the end."""
-    apart_m: float
-    """The largest distance between the two positions of a sample, before the first difference."""
-    samples: int
 
 
 def main() -> int:
     options = parse()
+    if options.random:
+        return compare_random(options.random, options.seed, options.processes)
     print(f"{options.preset}, 1200 s, seed {options.seed}: event-driven against fixed-step", flush=True)
     compare(options.preset, 1, options.seed, 0)  # compiled once, here, before the processes start
     spawn = multiprocessing.get_context("spawn")
@@ -69,6 +66,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seed", type=int, default=21)
     parser.add_argument("--preset", default="paper-empirical")
+    parser.add_argument("--random", type=int, metavar="N", help="N random scenarios in place of whole runs")
     return parser.parse_args()
 
 
@@ -88,31 +86,49 @@ def compare(name: str, robots: int, seed: int, run: int) -> Difference:
     return difference(run, stepped, jumped, scenario.tick_s)
 
 
-def difference(run: int, stepped: Rows, jumped: Rows, tick_s: float) -> Difference:
-    """When the first event differs, and how far apart the robots were until then."""
-    a, b = stepped.samples, jumped.samples
-    count = min(a.size, b.size)
-    other = np.zeros(count, dtype=bool)
-    for name in EVENTS:
-        other |= a[name][:count] != b[name][:count]
-    same = int(np.argmax(other)) if other.any() else count
-    apart_m = farthest_m(a[:same], b[:same])
-    if same < count or a.size != b.size:
-        ticks = [int(rows["tick"][same]) for rows in (a, b) if same < rows.size]
-        return Difference(run, min(ticks) * tick_s, apart_m, count)
-    if (stepped.ends["stop_tick"] != jumped.ends["stop_tick"]).any():
-        return Difference(run, float(stepped.ends["tick"][0]) * tick_s, apart_m, count)
-    return Difference(run, None, max(apart_m, farthest_m(stepped.ends, jumped.ends)), count)
-
-
-def farthest_m(a: np.ndarray, b: np.ndarray) -> float:
-    apart_m = np.hypot(a["x_m"] - b["x_m"], a["y_m"] - b["y_m"])
-    return float(apart_m.max(initial=0.0))
-
-
 def largest_m(found: list[Difference]) -> float:
     """The largest distance of positions in runs that do not differ in any event, m."""
     return max((one.apart_m for one in found if one.first_s is None), default=0.0)
+
+
+def compare_random(count: int, seed: int, processes: int) -> int:
+    """Both engines in so many random scenarios; 1 if they differ in one in which rounding does not explain it."""
+    print(f"{count} random scenarios, seed {seed}: event-driven against fixed-step", flush=True)
+    judge_random(seed, 0)
+    spawn = multiprocessing.get_context("spawn")
+    chaotic, wrong, samples, unstable = 0, 0, 0, 0
+    with ProcessPoolExecutor(processes, mp_context=spawn) as pool:
+        results = pool.map(partial(judge_random, seed), range(count), chunksize=CHUNK)
+        for number, (verdict, swings) in enumerate(results):
+            chaotic, wrong = chaotic + verdict.is_chaotic, wrong + verdict.is_error
+            samples, unstable = samples + verdict.found.samples, unstable + swings
+            if not verdict.found.same:
+                print(line(number, verdict, swings), flush=True)
+    print(
+        f"{count - chaotic - wrong:,} of {count:,} scenarios ({samples:,} samples) identical in every event, and in "
+        f"positions to a micrometre; {chaotic} chaotic, {wrong} WRONG; in {unstable} turns are not stable"
+    )
+    return 1 if wrong else 0
+
+
+def judge_random(seed: int, number: int) -> tuple[Verdict, bool]:
+    """What a comparison says of one scenario, and whether its turn controller is unstable."""
+    scenario = random_scenario(seed, number)
+    return judge(scenario, seed, number), bool(scenario_warnings(scenario))
+
+
+def line(number: int, verdict: Verdict, swings: bool) -> str:
+    """What is said of a scenario in which the engines differ."""
+    found, twin = verdict.found, verdict.twin
+    what = (
+        f"positions by {found.apart_m:.2g} m" if found.first_s is None else f"from {found.first_s:.2f} s on"
+    )
+    turns = "turns are not stable" if swings else "turns are stable"
+    if twin is None:
+        return f"  ERROR: scenario {number} differs, {what}, and no twin does; {turns}"
+    return (
+        f"  scenario {number} is chaotic: {what}; so does a twin of {twin.ulps} ulps ({twin.name}); {turns}"
+    )
 
 
 def told(results: Iterator[Difference], robots: int, runs: int) -> Iterator[Difference]:

@@ -139,7 +139,10 @@ def shown_name(name: object) -> str:
 
 
 def _command(argv: Sequence[str] | None) -> int:
+    from vibroswarm.cli import warned
+
     gc.set_threshold(OBJECTS_BETWEEN)
+    warned.forget()
     top = parser()
     arguments, unknown = top.parse_known_args(argv)
     if unknown:

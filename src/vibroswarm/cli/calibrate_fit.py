@@ -97,13 +97,16 @@ def _candidates(text: str | None) -> int | None:
 
 def base_of(name: str, settings: list[str]) -> Any:
     """A preset or scenario file with fields set."""
+    from vibroswarm.cli.warned import warn_of
     from vibroswarm.presets import preset, preset_names
     from vibroswarm.scenario import Scenario, parse_setting
 
     base = (
         Scenario.read(name) if name not in preset_names() and Path(name).suffix == ".toml" else preset(name)
     )
-    return base.with_values(dict(parse_setting(one) for one in settings))
+    scenario = base.with_values(dict(parse_setting(one) for one in settings))
+    warn_of([scenario])
+    return scenario
 
 
 def _read(folder: Path) -> Result:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.warned import warn_of
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -146,6 +147,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.study.runner import Told
 
     workers = _workers(arguments)
+    warn_of(cell.scenario for cell in search.cases)
     say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
@@ -276,6 +278,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     arguments.budget = None
     search = search_from(arguments)
     workers = _workers(arguments)
+    warn_of(cell.scenario for cell in search.cases)
     say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
     with study_progress("simulating", workers) as told:
         found = sobol_indices(
@@ -397,7 +400,9 @@ def _check(arguments: argparse.Namespace) -> int:
     runs = 2000 if arguments.runs is None else whole_number(arguments.runs, "--runs")
     second_name = arguments.against or "paper"
     first, second = scenario_named(arguments.check, "--check"), scenario_named(second_name, "--against")
+    warn_of([first, second])
     workers = _workers(arguments)
+    warn_of(cell.scenario for cell in search.cases)
     say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
     with study_progress("scoring on fresh runs", workers) as told:
         found = compare_scenarios(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from vibroswarm.cli.warned import warn_of
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.files import parse_tiles
 from vibroswarm.floors.source import is_random, resolve
@@ -21,7 +22,9 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
         InputError: naming the option, its value and what would be right.
     """
     base = Scenario.read(arguments.scenario) if arguments.scenario else preset(arguments.preset or "paper")
-    return base.with_values(values_from(arguments, base))
+    scenario = base.with_values(values_from(arguments, base))
+    warn_of([scenario])
+    return scenario
 
 
 def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:

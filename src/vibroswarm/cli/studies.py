@@ -76,6 +76,7 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
 def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | None:
     """Plan and run; None where only a share or a batch was wanted, which is then said."""
     from vibroswarm.cli.scenarios import whole_number
+    from vibroswarm.cli.warned import warn_of
     from vibroswarm.study.runner import Share, run_batch
 
     share = None if arguments.shard is None else Share.from_words(arguments.shard)
@@ -88,6 +89,7 @@ def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | N
         raise InputError("is a batch of any share; say one of the two", field="--batch")
     if (share or arguments.batch) and arguments.out is None:
         raise InputError("needs --out DIR, where its runs are kept", field="--shard" if share else "--batch")
+    warn_of(cell.scenario for cell in study.cells)
     if arguments.batch is not None:
         store = run_batch(study, arguments.out, arguments.batch)
         print(f"Batch {arguments.batch} is done and kept in {store.folder}.")
