@@ -12,8 +12,7 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from vibroswarm.analysis.known import log_ratios
-from vibroswarm.analysis.tile_counts import log_prior, mirrored, sides_of
+from vibroswarm.analysis.tile_counts import log_prior, log_ratios, mirrored, sides_of
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.felt import response_of

@@ -18,11 +18,12 @@ from scipy import stats
 
 from vibroswarm.analysis.both_sides import on_both_sides
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.known import could_be_known, log_ratios, tiles_inside
+from vibroswarm.analysis.known import could_be_known, tiles_inside
 from vibroswarm.analysis.pooled import evidence, first_passages, pooled_counting
 from vibroswarm.analysis.tile_counts import (
     log_count_weights,
     log_prior,
+    log_ratios,
     mirrored,
     posterior_of_counts,
     sides_of,

@@ -10,7 +10,8 @@ import pytest
 from scipy import stats
 
 from vibroswarm.analysis.both_sides import on_both_sides
-from vibroswarm.analysis.known import could_be_known, log_ratios
+from vibroswarm.analysis.known import could_be_known
+from vibroswarm.analysis.tile_counts import log_ratios
 from vibroswarm.errors import InputError
 from vibroswarm.posterior import sides
 from vibroswarm.presets import preset

@@ -9,5 +9,6 @@
 | ``sampling``, ``correlation`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |
 | ``pooled``, ``known`` | references beside a strategy |
+| ``tile_counts``, ``both_sides`` | what ``known`` computes with, and is judged on |
 | ``intervals`` | what all of them stand on |
 """

@@ -16,10 +16,15 @@ import math
 from typing import Final, Literal
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
+from vibroswarm.fields import Sensor
+from vibroswarm.observation.reading import error_rates
+from vibroswarm.posterior.sides import needs_chains
+from vibroswarm.result import Result
 
 PriorName = Literal["tiles", "counts", "mirror"]
 Prior = PriorName | ArrayLike
@@ -29,6 +34,51 @@ _BLOCK: Final = 4_000_000
 """Numbers in memory at once."""
 _SMALL: Final = 1e-290
 """Sums below this may lack what fell below the smallest number: they are made again in logarithms."""
+
+
+def log_ratios(result: Result, energies: bool = False) -> Values:
+    """ln P(reading, vibrating) / P(reading, still) of each sample, shape (samples,).
+
+    Raises:
+        InputError: readings that depend on more than the tile below have no such ratio.
+    """
+    sensor = result.scenario.sensor
+    if needs_chains(sensor):
+        raise InputError(
+            "where edges are felt, or tiles or robots differ, a reading does not depend on the tile below alone",
+            field="sensor",
+        )
+    if energies:
+        return _log_density_ratio(result.observations["energy"], sensor)
+    a, b = error_rates(sensor)
+    with np.errstate(divide="ignore"):
+        of_one, of_zero = np.log([1.0 - b, a]), np.log([b, 1.0 - a])
+    # A reading that only one kind of tile gives settles it: as good as certain, and still a number.
+    of_bit = np.array([np.clip(of_zero[0], -700, 0) - np.clip(of_zero[1], -700, 0)])
+    of_bit = np.append(of_bit, np.clip(of_one[0], -700, 0) - np.clip(of_one[1], -700, 0))
+    return np.asarray(of_bit[result.observations["observation"].to_numpy()])
+
+
+def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
+    from scipy import stats
+
+    if sensor.model != "gamma":
+        raise InputError(
+            "drawn from measured ones they have no density; leave energies out", field="energies"
+        )
+    if energy.null_count():
+        raise InputError(
+            "this result holds none; simulate with energies, or leave them out", field="energies"
+        )
+    read = energy.cast(pl.Float64).to_numpy()
+    densities = [
+        stats.gamma.logpdf(read, shape, loc=location, scale=scale)
+        for shape, scale, location in (
+            (sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location),
+            (sensor.still_shape, sensor.still_scale, sensor.still_location),
+        )
+    ]
+    return np.asarray(np.clip(densities[0], -700, None) - np.clip(densities[1], -700, None))
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:

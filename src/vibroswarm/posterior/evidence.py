@@ -28,8 +28,8 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.felt import FAR, Place, place_of, share_past, tile_below
 from vibroswarm.observation.reading import shares_below
 
-MOST_PAIRS: Final = 4_000_000
-"""Pairs of a sample and a tile near it, of one run; beyond, memory and time are absurd."""
+MOST_NEAR: Final = 16
+"""Other tiles within reach of a sample, on average; with more, a run takes more than some seconds."""
 TABLE: Final = 8193
 """Points of the table over ln c, an odd number: ln c = 0 is one of them."""
 DEVIATIONS: Final = 9.0
@@ -92,10 +92,10 @@ def evidence_of(
     at, numbers = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     _count_near(x, y, within_m, place, at, numbers)
     first = np.append(0, np.cumsum(numbers))
-    if first[-1] > MOST_PAIRS:
+    if first[-1] > MOST_NEAR * count:
         raise InputError(
-            f"vibration is felt over {first[-1] / count:.0f} tiles from a place: too many for the posterior of the "
-            "floor; give a shorter edge_reach_m or edge_blur_m, or larger tiles",
+            f"edges of {first[-1] / count:.0f} other tiles may be felt from a place: too many for the posterior of the "
+            f"floor, which takes up to {MOST_NEAR}; give a shorter edge_reach_m or edge_blur_m, or larger tiles",
             field="sensor.edge_reach_m",
         )
     near = np.empty(first[-1], dtype=np.int64)

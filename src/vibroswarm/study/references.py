@@ -34,7 +34,9 @@ RUNS: Final = 200
 FEWEST: Final = 20
 """With fewer, half to tune and half to judge say nothing."""
 RUNS_BY_CHAINS: Final = 40
-"""So many where the posterior has to be sampled, some tenths of a second a run."""
+"""So many where the posterior has to be sampled, some tenths of a second a run; half of them on larger floors."""
+LARGE_FLOOR: Final = 50
+"""Tiles from which on a run takes seconds."""
 MOST_CELLS: Final = 60
 
 
@@ -136,7 +138,9 @@ def _known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
     try:
         made = on_both_sides(made) if floor.drawn_by_run else made
         if needs_chains(sensor):
-            made = replace(made, runs=made.runs.sort("run").head(RUNS_BY_CHAINS))
+            large = made.floor(int(made.runs["run"][0])).tiles.size >= LARGE_FLOOR
+            some = RUNS_BY_CHAINS // 2 if large else RUNS_BY_CHAINS
+            made = replace(made, runs=made.runs.sort("run").head(some))
         known = could_be_known(made, prior="mirror")
     except InputError as error:
         return None, (f"What could be known is not computed: {error}.",)

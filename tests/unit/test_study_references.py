@@ -1,0 +1,57 @@
+"""References beside cells: of cells that differ in their end, and what is said where they are no bound."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibroswarm.presets import preset
+from vibroswarm.study import references
+from vibroswarm.study.references import References, references_of
+from vibroswarm.study.spec import Study
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0})
+RUNS = 20
+
+
+def found(grid: dict[str, list[object]]) -> list[References]:
+    return references_of(Study(SHORT, {"grid": grid}, RUNS).run())
+
+
+def test_cells_that_differ_in_their_end() -> None:
+    ends = found({"run.t_end_s": [20.0, 60.0], "strategy.name": ["none", "soft"]})
+    assert [one.cell.scenario.run.t_end_s for one in ends] == [20.0, 20.0, 60.0, 60.0]
+    assert all(one.known is not None for one in ends)
+    assert [one.known.time_s.estimate <= one.cell.scenario.run.t_end_s for one in ends if one.known] == [
+        True
+    ] * 4
+
+
+def test_what_is_said_where_it_is_no_bound() -> None:
+    drawn, fixed, neither = found({"floor.source": ["random:0.48", "stripe:0.48", "random:0.52"]})
+    assert drawn.says == neither.says == ()
+    assert drawn.known is not None
+    truths = drawn.known.runs["truth"].to_list()
+    assert truths[0] == 0  # every second run is on the other side
+    assert truths[1] == 1
+    assert fixed.known is not None
+    assert fixed.known.runs["truth"].unique().to_list() == [0]
+    assert "is no bound here" in fixed.says[0]
+
+
+def test_what_is_said_where_there_is_none() -> None:
+    on_boundary = found({"floor.source": ["random:0.48"], "decision.decision_boundary": [0.48]})[0]
+    assert (on_boundary.known, on_boundary.as_row().get("known_time_s")) == (None, None)
+    assert "lies on the boundary" in on_boundary.says[0]
+    cut = found({"floor.tile_width_m": [0.22]})[0]
+    assert cut.known is None
+    assert "cuts some of the tiles" in cut.says[0]
+
+
+def test_where_edges_are_felt_fewer_runs_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(references, "RUNS_BY_CHAINS", 4)
+    edges = found({"sensor.edge_blur_m": [0.01]})[0]
+    assert edges.known is not None
+    assert (edges.known.how, edges.known.runs.height, edges.runs) == ("chains", 4, RUNS)
+    row = edges.as_row()
+    assert (row["known_how"], row["known_runs"]) == ("chains", 4)
+    assert row["known_claimed"] is None or row["known_claimed"] <= 0.05
