@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,11 +84,11 @@ def _search_words(about: dict[str, Any]) -> str:
         score = truth["true"]["score"]
         values = (f"{name} {v:.6g}" if isinstance(v, float) else f"{name} {v}"
                   for name, v in about["result"]["best"].items())  # fmt: skip
+        score = {name: math.nan if value is None else value for name, value in score.items()}
+        believed = math.nan if truth["believed"] is None else truth["believed"]
         limits = f"[{score['low']:.4g}, {score['high']:.4g}]"
         lines.append(f"Best: {', '.join(values)}")
-        lines.append(
-            f"Believed {truth['believed']:.4g}, true {score['estimate']:.4g} {limits}. {truth['says']}"
-        )
+        lines.append(f"Believed {believed:.4g}, true {score['estimate']:.4g} {limits}. {truth['says']}")
     if front := about["result"].get("front"):
         lines.append(front["says"])
     return "\n".join(lines)

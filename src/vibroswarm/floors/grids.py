@@ -26,7 +26,11 @@ _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,9}")
 _END: Final = re.compile(r"#\s*-1")
 
 
-@dataclass(frozen=True)
+MOST_LINES: Final = 500_000
+"""Of a floor's file; each is kept while it is read."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Line:
     number: int
     cells: list[str]
@@ -76,8 +80,10 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
 
 def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
     """The lines that hold something, and whether ``# -1`` ended them."""
+    if text.count("\n") + text.count("\r") > 2 * MOST_LINES:
+        raise InputError(f"has too many lines; a floor's file has at most {MOST_LINES:,}", field=name)
     lines: list[_Line] = []
-    ended = False
+    ended, cells = False, 0
     for number, raw in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         line = raw.strip()
         if line and ended and not line.startswith("#"):
@@ -86,6 +92,12 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
             ended = ended or _END.fullmatch(line) is not None
         elif line:
             lines.append(_split(number, raw.strip(" "), name))
+            cells += len(lines[-1].cells)
+            if len(lines) > MOST_LINES or cells > TILE_LIMIT:
+                raise InputError(
+                    f"is too large: line {number} is beyond {MOST_LINES:,} lines or {TILE_LIMIT:,} tiles",
+                    field=name,
+                )
     if not lines and not ended:
         raise InputError("holds no tiles; a floor file has rows of 0 and 1", field=name)
     return lines, ended
@@ -96,8 +108,9 @@ def _split(number: int, line: str, name: str) -> _Line:
         if separator in line:
             _check_length(number, line.count(separator), name)
             return _Line(number, [cell.strip() for cell in line.split(separator)], True)
-    cells = line.split()
+    cells = line.split(maxsplit=TILE_LIMIT)
     if len(cells) > 1:
+        _check_length(number, len(cells), name)
         return _Line(number, cells, True)
     _check_length(number, len(cells[0]), name)
     return _Line(number, list(cells[0]), False)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from pathlib import Path
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
+from vibroswarm.plain_files import read_text
 
 KINDS = {"vibrating": True, "1": True, "still": False, "non-vibrating": False, "0": False}
-LARGEST_BYTES = 256 * 2**20
+LARGEST_BYTES = 64 * 2**20
+MOST_ENERGIES = 1_000_000
 
 
 def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -22,31 +25,36 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
         InputError: naming the line and what would be right.
     """
     name = str(path)
-    try:
-        if Path(path).stat().st_size > LARGEST_BYTES:
-            raise InputError("is larger than 256 MiB", field=name)
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", field=name) from None
-    except (UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise InputError(f"is no CSV file: {error}", field=name) from None
-    if not rows:
-        raise InputError("is empty; a line 'kind,energy' and then one line a sample", field=name)
-    head = [cell.strip().lower() for cell in rows[0]]
-    if "kind" not in head or "energy" not in head:
-        raise InputError(
-            f"its first line is '{','.join(rows[0])[:60]}'; it has to name kind and energy", field=name
-        )
+    text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES).removeprefix("\ufeff")
     found: dict[bool, list[float]] = {True: [], False: []}
-    for number, row in enumerate(rows[1:], start=2):
-        if row:
-            kind, energy = _sample(row, head, f"{name}, line {number}")
-            found[kind].append(energy)
+    head: list[str] | None = None
+    try:
+        # Row by row: all rows at once take a hundred times the size of the file.
+        for number, row in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
+            if head is None:
+                head = _head(row, name)
+            elif row:
+                kind, energy = _sample(row, head, f"{name}, line {number}")
+                found[kind].append(energy)
+                if len(found[kind]) > MOST_ENERGIES:
+                    raise InputError(f"holds more than {MOST_ENERGIES:,} energies of a kind", field=name)
+    except csv.Error as error:
+        raise InputError(f"is no CSV file: {error}", field=name) from None
+    if head is None:
+        raise InputError("is empty; a line 'kind,energy' and then one line a sample", field=name)
     for vibrating, word in ((True, "vibrating"), (False, "still")):
         if not found[vibrating]:
             raise InputError(f"holds no energy of a {word} tile", field=name)
     return tuple(found[True]), tuple(found[False])
+
+
+def _head(row: list[str], name: str) -> list[str]:
+    head = [cell.strip().lower() for cell in row]
+    if "kind" not in head or "energy" not in head:
+        raise InputError(
+            f"its first line is {shown(','.join(row))}; it has to name kind and energy", field=name
+        )
+    return head
 
 
 def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
@@ -54,11 +62,11 @@ def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
         raise InputError(f"{len(row)} columns where the first line has {len(head)}", field=where)
     kind, text = row[head.index("kind")].strip().lower(), row[head.index("energy")].strip()
     if kind not in KINDS:
-        raise InputError(f"'{kind}' is no kind of tile; vibrating or still", field=where)
+        raise InputError(f"{shown(kind)} is no kind of tile; vibrating or still", field=where)
     try:
         energy = float(text)
     except ValueError:
         energy = math.nan
     if not 0 <= energy < math.inf:
-        raise InputError(f"'{text}' is no energy; a number of 0 or more", field=where)
+        raise InputError(f"{shown(text)} is no energy; a number of 0 or more", field=where)
     return KINDS[kind], energy

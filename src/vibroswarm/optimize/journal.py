@@ -22,7 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError, RunError, shown
 from vibroswarm.files import whole_file
 from vibroswarm.folder_lock import FILE as LOCK
 from vibroswarm.folder_lock import folder_lock
@@ -31,11 +31,14 @@ from vibroswarm.notices import say_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
+from vibroswarm.plain_files import entry, number, read_bytes, read_json, texts
 from vibroswarm.simulation import versions
 
 SEARCH: Final = "search.toml"
 HEAD: Final = "search.json"
 JOURNAL: Final = "journal.jsonl"
+MOST_JOURNAL: Final = 2**30
+"""Bytes of a journal: some 20 million runs."""
 
 
 @dataclass
@@ -152,11 +155,10 @@ class Journal:
             raise RunError(f"could not write '{self.folder / JOURNAL}': {error.strerror or error}") from error
 
     def _check(self, search: Search, mixed: bool) -> None:
-        try:
-            head = json.loads((self.folder / HEAD).read_text(encoding="utf-8"))
-            version, told, made_by = int(head["format"]), str(head["hash"]), dict(head["versions"])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise InputError(f"{HEAD} is damaged", field=str(self.folder)) from None
+        path = self.folder / HEAD
+        head = read_json(path, "the head of a search")
+        version, told = entry(head, "format", int, path), entry(head, "hash", str, path)
+        made_by = texts(entry(head, "versions", dict, path), "versions", path)
         if version > FORMAT:
             raise InputError(f"is of format {version}; update vibroswarm", field=str(self.folder))
         if told != search.hash:
@@ -182,26 +184,40 @@ def steps_in(folder: Path) -> Iterator[Step]:
     Raises:
         InputError: the journal cannot be read, or is damaged before its last line.
     """
-    try:
-        lines = (folder / JOURNAL).read_bytes().split(b"\n")
-    except FileNotFoundError:
-        raise InputError(f"{JOURNAL} is missing", field=str(folder)) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", field=str(folder / JOURNAL)) from None
+    path = folder / JOURNAL
+    if not path.exists():
+        raise InputError(f"{JOURNAL} is missing", field=str(folder))
+    lines = read_bytes(path, MOST_JOURNAL, "the journal of a search").split(b"\n")
     for k, line in enumerate(lines[:-1]):
         try:
-            step = json.loads(line)
-            asks = [Ask(int(key), int(count)) for key, count in step["asks"]]
-            found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
-            if [ask.runs for ask in asks] != [sum(map(_runs_of, pieces)) for pieces in found]:
-                raise ValueError("not the runs that were asked for")
-            yield Step(asks, [str(origin) for origin in step["origins"]], found)
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError):
+            yield _step(json.loads(line))
+        except (ValueError, KeyError, TypeError, OverflowError, AttributeError, RecursionError):
             raise InputError(
                 f"line {k + 1} is damaged; put the file back from a copy, or cut it before that line, from where the "
                 "search then goes on",
-                field=str(folder / JOURNAL),
+                field=str(path),
             ) from None
+
+
+def _step(step: Any) -> Step:
+    """One line: for each ask as many pieces as make its runs, all of one shape beside the runs."""
+    asks = [Ask(_count(key, 0), _count(runs, 1)) for key, runs in step["asks"]]
+    found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
+    origins = [str(origin) for origin in step["origins"]]
+    if not len(asks) == len(found) == len(origins):
+        raise ValueError("not as many pieces as asks")
+    for ask, pieces in zip(asks, found, strict=True):
+        if sum(len(p) if isinstance(p, np.ndarray) else p[1] for p in pieces) != ask.runs:
+            raise ValueError("not as many runs as asked for")
+    if len({piece.shape[1:] for pieces in found for piece in pieces if isinstance(piece, np.ndarray)}) > 1:
+        raise ValueError("rows of different width")
+    return Step(asks, origins, found)
+
+
+def _count(value: Any, low: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**9:
+        raise ValueError("no count")
+    return value
 
 
 def is_search(folder: Path) -> bool:
@@ -217,13 +233,7 @@ def held(folder: Path) -> dict[str, Any]:
     """
     search = Search.read(folder / SEARCH)
     steps = list(steps_in(folder))
-    try:
-        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    except (
-        OSError,
-        ValueError,
-    ):  # not there yet, or being looked at as it is damaged: it is written anew at the end
-        result = None
+    result = held_result(folder / "result.json")
     failed = [
         piece[1] for step in steps for pieces in step.found for piece in pieces if isinstance(piece, tuple)
     ]
@@ -241,16 +251,36 @@ def held(folder: Path) -> dict[str, Any]:
     }
 
 
+def held_result(path: Path) -> dict[str, Any] | None:
+    """What came of a search, as far as it is told again; None where it was not scored yet.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    if not path.exists():
+        return None
+    result = read_json(path, "the result of a search")
+    best = entry(result, "best", dict, path)
+    for name, value in best.items():
+        if not isinstance(value, str | int | float):
+            raise InputError(f"is damaged: 'best' has {shown(value)} for {name}", field=str(path))
+    if (truth := result.get("truth")) is not None:
+        score = entry(entry(truth, "true", dict, path), "score", dict, path)
+        for about, name in ((truth, "believed"), (score, "low"), (score, "estimate"), (score, "high")):
+            if about.get(name) is not None or name not in about:
+                number(about, name, path)
+        entry(truth, "says", str, path)
+    if (front := result.get("front")) is not None:
+        entry(front, "says", str, path)
+    checked: dict[str, Any] = result
+    return checked
+
+
 def _piece(given: Any) -> Any:
-    """Rows as an array; a failure as (why, runs)."""
+    """Rows as an array, (runs, cases, columns); a failure as (why, runs)."""
     if isinstance(given[0], str):
-        return str(given[0]), int(given[1])
+        return given[0], _count(given[1], 0)
     rows = np.array(given, dtype=np.float64)
-    if rows.ndim != 3:
+    if rows.ndim != 3 or 0 in rows.shape[1:] or not np.isfinite(rows).all():
         raise ValueError("no rows")
     return rows
-
-
-def _runs_of(piece: Any) -> int:
-    """Runs of a piece, done or failed."""
-    return int(piece.shape[0] if isinstance(piece, np.ndarray) else piece[1])

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.errors import RunError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import Evaluator, do_pieces
-from vibroswarm.optimize.journal import Journal, Step
+from vibroswarm.optimize.journal import JOURNAL, Journal, Step
 from vibroswarm.optimize.method import Ask, Iteration, Method, Told
 from vibroswarm.optimize.methods import check_libraries, method_of
 from vibroswarm.optimize.race import Race
@@ -173,6 +173,16 @@ class _Loop:
                 "the method asks for something else than the journal holds: another version of it made that; "
                 "take a new folder"
             )
+        shape = (len(self.search.cases), sum(slice_.stop - slice_.start for slice_ in self.archive.columns))
+        for pieces in step.found:
+            for rows in pieces:
+                if isinstance(rows, np.ndarray) and (
+                    rows.shape[1] != shape[0] or (self.archive.columns and rows.shape[2] != shape[1])
+                ):
+                    raise InputError(
+                        f"holds rows of {rows.shape[1]} cases and {rows.shape[2]} figures, where the search has others",
+                        field=JOURNAL,
+                    )
         for ask in asks:
             self.evaluator.pieces(ask)  # counts the runs off
         self._take_in(asks, step.found)

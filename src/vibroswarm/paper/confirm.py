@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.csv_text import unescaped
+from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError
 from vibroswarm.leftovers import tag
 from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
@@ -24,16 +25,32 @@ from vibroswarm.paper.claims import MEASURED, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.report import claims_table
 from vibroswarm.paper.zipped import Zipped
-from vibroswarm.result import ROBOTS
+from vibroswarm.result import ROBOTS, UNTOLD
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import versions
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.spec import Study
+from vibroswarm.tables import Schema, check_table
 
 SAMPLE: Final = 8
 LARGEST: Final = {"robots": 100, "t_end_s": 10_000.0, "runs": 100_000}
 """An archive from elsewhere may not keep this machine busy for ever."""
 _WHOLE: Final = ("decision", "samples", "sent", "received", "alpha", "beta")
 _NEAR: Final = 1e-6
-TEXTS: Final = {"key", "column", "scenario", "motion", "digest", "command"}
+CELLS: Final = Schema(
+    {
+        **dict.fromkeys(("key", "column", "scenario"), pl.String), "block": pl.Int64, "seed": pl.Int64,
+        "motion": pl.String, "runs": pl.Int64, "digest": pl.String, **dict.fromkeys(FIGURES, pl.Float64),
+        "command": pl.String,
+    },
+    frozenset(FIGURES),
+    ("key",),
+)  # fmt: skip
+ROBOT_ROWS: Final = Schema(
+    {"key": pl.String, **ROBOTS},
+    UNTOLD["robots"] - {"decision", "alpha", "beta", "received"},
+    ("key", "run", "robot"),
+)
 
 
 @dataclass(frozen=True)
@@ -66,12 +83,13 @@ def confirm(
     with Zipped(path) as archive:
         head = _head(archive)
         wrong = _hashes(archive, head)
-        cells = _frame(archive, "cells.csv", dict.fromkeys(TEXTS, pl.String))
+        cells = _frame(archive, "cells.csv", CELLS)
         wrong += _tables(archive, cells)
         wrong += _verdicts(archive)
         chosen = _chosen(cells, count, json.dumps(head["sha256"], sort_keys=True))
         made = {str(row["key"]): _cell(archive, row, head) for row in chosen}
-        robots = _frame(archive, "robots.csv", {"key": pl.String, **ROBOTS})
+        robots = _frame(archive, "robots.csv", ROBOT_ROWS)
+        check_work(made.values(), int(head["settings"]["runs"]), str(path))
     differing = _differing(head["versions"])
     runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])
     with TemporaryDirectory(prefix=f"vibroswarm-{tag()}.") as folder:
@@ -93,8 +111,10 @@ def _head(archive: Zipped) -> dict[str, Any]:
         assert isinstance(head["format"], int)
         assert all(isinstance(head[name], dict) for name in ("settings", "versions", "sha256"))
         runs, seed = head["settings"]["runs"], head["settings"]["seed"]
-        assert isinstance(runs, int)
-        assert isinstance(seed, int)
+        assert all(isinstance(one, int) and not isinstance(one, bool) for one in (runs, seed, head["format"]))
+        assert 1 <= runs <= LARGEST["runs"]
+        assert 0 <= seed < SEED_LIMIT
+        assert all(isinstance(value, str) for name in ("versions", "sha256") for value in head[name].values())
     except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
         raise InputError(
             f"is no archive of a reproduction: '{HEAD}' is not as it should be", field=str(archive.path)
@@ -115,14 +135,18 @@ def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
     return wrong
 
 
-def _frame(archive: Zipped, name: str, schema: dict[str, Any] | None = None) -> pl.DataFrame:
+def _frame(
+    archive: Zipped, name: str, schema: Schema | None = None, kinds: Mapping[str, Any] | None = None
+) -> pl.DataFrame:
+    """A table of the archive; with a schema, checked against it; without, of these kinds of columns."""
+    kinds = (kinds or {}) if schema is None else schema.columns
     try:
         data = io.BytesIO(archive.read(name))
-        return unescaped(pl.read_csv(data, schema_overrides=schema or {}, infer_schema_length=None))
-    except pl.exceptions.PolarsError as error:
-        raise InputError(
-            f"'{name}' is no table ({str(error).splitlines()[0]})", field=str(archive.path)
-        ) from None
+        frame = unescaped(pl.read_csv(data, schema_overrides=dict(kinds), infer_schema_length=None))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        words = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise InputError(f"'{name}' is no table ({words})", field=str(archive.path)) from None
+    return frame if schema is None else check_table(frame, schema, f"{archive.path}: {name}", name)
 
 
 def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
@@ -132,7 +156,7 @@ def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
     for name in archive.names:
         if not name.startswith("tables/"):
             continue
-        table = _frame(archive, name, {"scenario": pl.String})
+        table = _frame(archive, name, kinds={"scenario": pl.String})
         if {"scenario", *FIGURES[:2]} <= set(table.columns):
             odd = [row for row in table.select("scenario", *FIGURES[:2]).rows() if tuple(row) not in known]
             wrong += [f"{name} has {len(odd)} rows that no cell has"] if odd else []
@@ -143,8 +167,9 @@ def _verdicts(archive: Zipped) -> list[str]:
     """Verdicts must follow from what was measured."""
     if "measured.csv" not in archive.names:
         return []
-    measured = _frame(archive, "measured.csv", MEASURED)
-    told = _frame(archive, "claims.csv", dict.fromkeys(("item", "claim", *COLUMNS), pl.String))
+    measured = _frame(archive, "measured.csv", Schema(MEASURED, frozenset({"estimate", "standard_error"})))
+    texts = Schema(claims_table([]).schema)
+    told = _frame(archive, "claims.csv", Schema(texts.columns, frozenset(texts.columns), ("claim",)))
     try:
         here = claims_table(decide(measured.select(list(MEASURED))))
     except InputError as error:
@@ -174,6 +199,53 @@ def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
     if cell.scenario.hash != row["scenario"]:
         raise InputError("is not the scenario of that name", field=name)
     return cell
+
+
+MOST_S: Final = 7200.0
+"""Of one core: what a check may take."""
+MOST_SAMPLES: Final = 5_000_000
+"""Of one run."""
+
+
+def check_work(cells: Iterable[Cell], runs: int, name: str) -> None:
+    """Refuse what would keep this machine busy for longer than a check may.
+
+    Raises:
+        InputError: with an estimate.
+    """
+    seconds = 0.0
+    for cell in cells:
+        scenario = cell.scenario
+        stop_s = max((scenario.sample.sample_interval_ms + scenario.sample.stop_ms) / 1000.0, scenario.tick_s)
+        samples = scenario.run.t_end_s / stop_s * scenario.swarm.robots
+        if samples > MOST_SAMPLES:
+            raise InputError(
+                f"its cell {cell.key} has some {samples:.0e} samples a run; at most {MOST_SAMPLES}",
+                field=name,
+            )
+        seconds += min(cell.runs or runs, runs) * run_s(scenario, cell.motion, samples)
+    if seconds > MOST_S:
+        raise InputError(
+            f"to compute its cells again would take about {in_time(seconds)} of one core; at most "
+            f"{in_time(MOST_S)}: check fewer with --check N",
+            field=name,
+        )
+
+
+def run_s(scenario: Scenario, motion: str, samples: float) -> float:
+    """Time that a run may take on one core, s; roughly, and rather too long than too short."""
+    robots, tiles = scenario.swarm.robots, scenario.floor.rows * scenario.floor.columns
+    moved = plan_of(Study.of(scenario, 1)).groups[0].run_s
+    if motion != "event":
+        moved += scenario.ticks * robots * (1 + robots / 10) * 1e-7
+    drawn = tiles * 2e-8 if scenario.floor.drawn_by_run else 0.0
+    return moved + drawn + samples * (1 + robots / 10) * 1e-6
+
+
+def in_time(seconds: float) -> str:
+    """In words: 2 hours, 24 days."""
+    days = seconds / 86400
+    return f"{days:,.0f} days" if days >= 2 else f"{seconds / 3600:.2g} hours"
 
 
 def _differing(theirs: dict[str, str]) -> list[str]:

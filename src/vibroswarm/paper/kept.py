@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 from pathlib import Path
 from typing import Final
 
 import polars as pl
 
+from vibroswarm.errors import InputError
 from vibroswarm.files import whole_folder
 from vibroswarm.paper.item import Tables
+from vibroswarm.plain_files import entry, read_bytes, read_json, texts
 
 MARKER: Final = "item.json"
+MOST_BYTES: Final = 2**30
 
 
 def read_kept(folder: Path, fingerprint: str) -> Tables | None:
     """The tables kept in a folder, or None: not there, damaged, or made of something else."""
+    path = folder / MARKER
+    if not path.exists():
+        return None
     try:
-        about = json.loads((folder / MARKER).read_text(encoding="utf-8"))
-        if about["fingerprint"] != fingerprint:
+        about = read_json(path, "the tables of an item")
+        if entry(about, "fingerprint", str, path) != fingerprint:
             return None
-        return {name: pl.read_parquet(folder / f"{name}.parquet") for name in about["tables"]}
-    except (OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError):
+        tables = {}
+        for name, digest in texts(entry(about, "sha256", dict, path), "sha256", path).items():
+            data = read_bytes(folder / Path(f"{name}.parquet").name, MOST_BYTES, "a table")
+            if hashlib.sha256(data).hexdigest() != digest:
+                return None
+            tables[name] = pl.read_parquet(io.BytesIO(data))
+        return tables
+    except (InputError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
         return None
 
 
@@ -34,5 +48,8 @@ def keep(folder: Path, fingerprint: str, tables: Tables) -> None:
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         for name, table in tables.items():
             table.write_parquet(part / f"{name}.parquet")
-        about = {"fingerprint": fingerprint, "tables": list(tables)}
+        digests = {
+            name: hashlib.sha256((part / f"{name}.parquet").read_bytes()).hexdigest() for name in tables
+        }
+        about = {"fingerprint": fingerprint, "sha256": digests}
         (part / MARKER).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")

@@ -42,6 +42,9 @@ class Zipped:
         names = [entry.filename for entry in entries]
         if len(entries) > MOST_ENTRIES or sum(entry.file_size for entry in entries) > MOST_BYTES:
             raise InputError(f"holds too much: at most {MOST_ENTRIES} files of 512 MiB", field=str(self.path))
+        if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
+            # Others may ask for gigabytes before they give a byte.
+            raise InputError("is packed in an odd way; deflate is right", field=str(self.path))
         odd = [name for name in names if not _NAME.fullmatch(name)]
         if odd or len(set(names)) != len(names):
             raise InputError(f"holds a file of an odd name, {(odd or names)[0]!r}", field=str(self.path))
