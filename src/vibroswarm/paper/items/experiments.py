@@ -184,8 +184,8 @@ ITEM: Final = Item(
         "counted; ours are therefore bands over the three, and over O_c counting all observations or a "
         "robot's own. Such a band is hundreds of seconds wide: that a published mean lies inside says little.",
         f"Of all settings preset `calibrated` at {FITTED[0]:.2f} with the gate on the {FITTED[1]} comes nearest to the "
-        "published times without feedback. It was chosen by these very times, so that agreement in them is a fit and no test; the "
-        "other two strategies had no part in the choice.",
+        "published times without feedback. It was chosen by these very times, so that agreement in them is a fit and "
+        "no test; the other two strategies had no part in the choice.",
         "Published are means over 15 experiments, without intervals that could be used: their bars take "
         "robots of a run "
         "for independent. They ended when all had decided under all strategies, ours go on to 1000 s.",

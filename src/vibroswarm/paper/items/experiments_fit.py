@@ -23,7 +23,7 @@ from vibroswarm.paper.published import published
 from vibroswarm.plots import draw_error_bars
 
 FITTED: Final = (1.40, "total")
-"""Threshold and gate that come nearest, in `calibrated`, to the published times without feedback; chosen by these."""
+"""Threshold and gate that come nearest, in `calibrated`, to the published times without feedback; chosen by them."""
 EXPERIMENTS: Final = 15
 """Published, of each size."""
 SHOWN: Final = {
