@@ -24,7 +24,7 @@ from vibroswarm.paper.published import published
 from vibroswarm.plots import draw_error_bars
 
 FITTED: Final = (1.40, "total")
-"""Threshold and gate that come nearest, in `calibrated`, to the published times without feedback; chosen by these."""
+"""Threshold and gate that come nearest, in `calibrated`, to the published times without feedback; chosen by them."""
 SHOWN: Final = {
     "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
     "published_s": Column("published mean", "s"), "ours_s": Column("ours", "s"),
