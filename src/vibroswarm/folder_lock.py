@@ -44,7 +44,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
         return
     try:
         os.ftruncate(stream, 0)
-        os.pwrite(stream, _me().encode(), 0) if hasattr(os, "pwrite") else os.write(stream, _me().encode())
+        os.write(stream, _me().encode())
         yield
     finally:
         if msvcrt is None:  # while it is held, so that nobody else's is removed
