@@ -8,6 +8,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -15,8 +16,10 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.paper.archive import HEAD
-from vibroswarm.paper.confirm import confirm
+from vibroswarm.paper.cells import Cell
+from vibroswarm.paper.confirm import check_work, confirm
 from vibroswarm.paper.zipped import Zipped
+from vibroswarm.presets import preset
 
 Entries = dict[str, bytes]
 
@@ -144,6 +147,49 @@ def test_an_archive_cannot_ask_for_years_of_work(archive: Path, tmp_path: Path) 
     huge = _edit("cells.csv", lambda table: table.with_columns(runs=pl.lit(10**7)))
     with pytest.raises(InputError, match="more than is computed again here"):
         confirm(_changed(archive, huge, tmp_path, honest=False), 1)
+
+
+def test_absurd_work_is_refused_with_an_estimate() -> None:
+    """Each within the limits of its own, together weeks of work."""
+    scenario = preset("paper").with_values(
+        {"swarm.robots": 100, "run.t_end_s": 8000.0, "arena.width_m": 5.0, "arena.height_m": 5.0}
+    )
+    check_work([Cell("paper", scenario.with_values({"swarm.robots": 5, "run.t_end_s": 1200.0}))], 1000, "it")
+    with pytest.raises(InputError, match=r"^it: .* about \d+ days of one core.*--check"):
+        check_work([Cell("paper", scenario)], 100_000, "it")
+    often = scenario.with_values({"sample.sample_interval_ms": 0.0, "sample.stop_ms": 20.0})
+    with pytest.raises(InputError, match="samples a run"):
+        check_work([Cell("paper", often)], 1, "it")
+
+
+@pytest.mark.parametrize("name", ["cells.csv", "robots.csv", "measured.csv", "claims.csv"])
+def test_a_table_without_a_column_is_refused(archive: Path, tmp_path: Path, name: str) -> None:
+    for column in pl.read_csv(io.BytesIO(_entries(archive)[name]), infer_schema_length=None).columns:
+        less = _edit(name, lambda table, column=column: table.drop(column))  # type: ignore[misc]
+        with pytest.raises(InputError, match=f"'{column}'"):
+            confirm(_changed(archive, less, tmp_path, honest=False), 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "value"),
+    [("cells.csv", "runs", None), ("cells.csv", "runs", "x"), ("cells.csv", "block", 1.5), ("cells.csv", "key", "a"),
+     ("cells.csv", "scenario", "../../x"), ("cells.csv", "belief_in_truth", 7.0), ("robots.csv", "robot", -1),
+     ("robots.csv", "belief", "inf"), ("robots.csv", "decision", None), ("measured.csv", "n", "x")],
+)  # fmt: skip
+def test_a_table_of_wrong_values_is_refused(
+    archive: Path, tmp_path: Path, name: str, column: str, value: Any
+) -> None:
+    wrong = _edit(name, lambda table: table.with_columns(pl.lit(value).alias(column)))
+    with pytest.raises(InputError):
+        confirm(_changed(archive, wrong, tmp_path, honest=False), 1)
+
+
+def test_an_archive_packed_in_an_odd_way_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "lzma.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as file:
+        file.writestr(HEAD, b"{}")
+    with pytest.raises(InputError, match="deflate"):
+        confirm(path)
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ def steps_in(folder: Path) -> Iterator[Step]:
     for k, line in enumerate(lines[:-1]):
         try:
             yield _step(json.loads(line))
-        except (ValueError, KeyError, TypeError, OverflowError, AttributeError, RecursionError):
+        except (ValueError, LookupError, TypeError, OverflowError, AttributeError, RecursionError):
             raise InputError(
                 f"line {k + 1} is damaged; put the file back from a copy, or cut it before that line, from where the "
                 "search then goes on",
@@ -257,7 +257,7 @@ def held_result(path: Path) -> dict[str, Any] | None:
     Raises:
         InputError: the file is damaged.
     """
-    if not path.exists():
+    if not (path.exists() or path.is_symlink()):
         return None
     result = read_json(path, "the result of a search")
     best = entry(result, "best", dict, path)
