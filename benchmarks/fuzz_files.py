@@ -248,7 +248,7 @@ TEXTS = (".toml", ".json", ".jsonl")
 
 def damage(it: Path, dice: random.Random) -> str:
     """Damage a file or one of a folder's files; gives what was done."""
-    if it.suffix == ".zip" and dice.random() < 0.7:
+    if it.suffix == ".zip" and it.is_file() and dice.random() < 0.7:  # a pipe by now would not be opened
         return _zip(it, dice)
     path = it if it.is_file() else dice.choice(sorted(p for p in it.rglob("*") if p.is_file()))
     ways: list[Callable[[Path, random.Random], str]] = [_bytes, _file]

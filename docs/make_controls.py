@@ -52,7 +52,8 @@ def table(found: Mapping[str | None, Mapping[str, str]], runs: int) -> tuple[str
         without += [] if turned or claim.no_control else [claim.id]
         words = ["holds" if verdict == HOLDS else f"**{verdict}**" for verdict in mine.values()]
         lines.append(f"| `{claim.id}` | " + " | ".join(words) + f" | {last} |")
-    head = f"Of {len(found[None])} claims, {len(reproduced)} are reproduced with {runs} runs a cell:"
+    asked = sum(claim.kind == "claim" and claim.id in found[None] for claim in all_claims())
+    head = f"Of {asked} claims, {len(reproduced)} are reproduced with {runs} runs a cell:"
     return "\n".join([head, "", *lines]), without
 
 

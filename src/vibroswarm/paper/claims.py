@@ -78,6 +78,8 @@ MEASURED: Final[dict[str, Any]] = {
 exact: a constant, not an estimate. above, below: means of the positive and the negative parts of values between -1 and
 1. cannot: why the column cannot ask for this value; null: it can.
 """
+UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "cannot"})
+"""Columns of ``MEASURED`` that may be null."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.leftovers import tag
 from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
 from vibroswarm.paper.cells import FIRST_RUNS, Came, Cell, run_cells
-from vibroswarm.paper.claims import MEASURED, decide
+from vibroswarm.paper.claims import MEASURED, UNKNOWN, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.report import claims_table
 from vibroswarm.paper.zipped import Zipped
@@ -167,7 +167,7 @@ def _verdicts(archive: Zipped) -> list[str]:
     """Verdicts must follow from what was measured."""
     if "measured.csv" not in archive.names:
         return []
-    measured = _frame(archive, "measured.csv", Schema(MEASURED, frozenset({"estimate", "standard_error"})))
+    measured = _frame(archive, "measured.csv", Schema(MEASURED, UNKNOWN))
     texts = Schema(claims_table([]).schema)
     told = _frame(archive, "claims.csv", Schema(texts.columns, frozenset(texts.columns), ("claim",)))
     try:
