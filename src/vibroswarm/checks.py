@@ -35,7 +35,11 @@ def start_region(s: Scenario) -> tuple[float, float, float, float]:
 
 
 def lattice_sites(s: Scenario) -> tuple[int, int]:
-    """Columns and rows of robots that fit side by side in the start region: at least so many always fit."""
+    """Columns and rows of robots that fit side by side in the start region.
+
+    That is how they start where chance finds no place: so many always fit, and more are refused, though some tighter
+    arrangement, such as rows that are offset, may hold a few more.
+    """
     left, right, low, high = start_region(s)
     pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
@@ -74,7 +78,8 @@ def _check_places(s: Scenario) -> None:
     if s.swarm.robots > columns * rows:
         raise InputError(
             f"{s.swarm.robots} robots of radius {s.robot.body_radius_m:g} m do not fit into an arena of "
-            f"{size} with a start margin of {s.swarm.start_margin_m:g} m; at most {columns * rows}",
+            f"{size} with a start margin of {s.swarm.start_margin_m:g} m: at most {columns * rows} start side by side, "
+            "in rows and columns (other arrangements, which are not tried, may hold more)",
             field="swarm.robots",
         )
 

@@ -1,4 +1,4 @@
-"""The contract suite is a module that tests of any source import by its name."""
+"""The contract suite, and what benchmarks share with tests, are modules that tests import by their names."""
 
 from __future__ import annotations
 
@@ -6,3 +6,4 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from hypothesis import strategies as st
 
+from random_scenarios import fitted, random_values
 from vibroswarm.scenario import Scenario
 
 FLOORS: dict[str, dict[str, Any]] = {
@@ -66,6 +68,8 @@ class Draw:
     period_ms: int = 20
     prior: tuple[int, int] = (1, 1)
     felt: str = "plain"
+    motion: dict[str, Any] = field(default_factory=dict)
+    """If any, values of all that motion depends on (``random_scenarios``), in place of those above."""
 
     def scenario(self, **more: Any) -> Scenario:
         values = {
@@ -85,7 +89,34 @@ class Draw:
             "run.control_period_ms": self.period_ms,
         }
         more = {name.replace("__", "."): value for name, value in more.items()}
-        return Scenario().with_values(QUICK | values | FLOORS[self.floor] | FELT[self.felt] | more)
+        values = QUICK | values | FLOORS[self.floor] | FELT[self.felt]
+        if not self.motion:
+            return Scenario().with_values(values | more)
+        values |= self.motion
+        for name in ("floor.tile_width_m", "floor.left_m", "floor.tile_height_m", "floor.bottom_m"):
+            if name in values:  # as much of the arena as if it were of 1 m
+                side = "arena.width_m" if "width" in name or "left" in name else "arena.height_m"
+                values[name] *= max(values[side], 2.0 * values.get("robot.body_radius_m", 0.015))
+        return fitted(values, robot_steps=20_000).with_values(more)
+
+
+class Drawn:
+    """Choices made by Hypothesis, which looks for the simplest that fails."""
+
+    def __init__(self, draw: st.DrawFn) -> None:
+        self.draw = draw
+
+    def one(self, values: Sequence[Any]) -> Any:
+        return values[self.draw(st.integers(0, len(values) - 1))]
+
+    def between(self, low: float, high: float) -> float:
+        return self.draw(st.floats(low, high))
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> dict[str, Any]:
+    """Values of all fields that motion depends on, as widely as a scenario allows."""
+    return random_values(Drawn(draw))
 
 
 draws = st.builds(
@@ -105,4 +136,5 @@ draws = st.builds(
     period_ms=st.sampled_from([20, 13, 50]),
     prior=st.sampled_from([(1, 1), (4, 2)]),
     felt=st.sampled_from(sorted(FELT)),
+    motion=st.one_of(st.just({}), motions()),
 )

@@ -1,16 +1,20 @@
 """The event-driven engine takes the same events at the same ticks as the fixed-step engine, everywhere.
 
 Not alike: the same. Both read clocks and rays at the ticks and move on exact arcs between them, with the same
-draws; only rounding differs, by some 10^-12 m. A longer check is ``benchmarks/exactness.py``.
+draws; only rounding differs, by some 10^-12 m. Where rounding grows, as in turns that are not stable, no two accounts
+of a run are the same for long; ``twins`` says where. A longer check is ``benchmarks/exactness.py``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn_scenarios import motions
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
+from twins import judge
 from vibroswarm.motion.event import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.presets import preset
@@ -211,6 +215,44 @@ def test_any_setting_is_identical(robots, width, height, threshold, tau, scale, 
     first, apart = difference(scenario, seed, 0)
     assert first is None
     assert apart < MICROMETRE
+
+
+CHOICES = {
+    "swarm.robots": 16, "robot.speed_redraw": 2, "sample.timer": 4, "sample.interrupts_avoidance": 2,
+    "run.control_period_ms": 8,
+}  # fmt: skip
+"""Fields of few values; of others, at least 30 must be drawn."""
+
+
+def test_wide_scenarios_draw_every_field_that_motion_depends_on():
+    """Several values of each, in scenarios that are all valid: a field that is forgotten would not be compared."""
+    drawn: dict[str, set[str]] = {}
+    for number in range(400):
+        for section, fields in random_scenario(2, number).model_dump().items():
+            for name, value in fields.items():
+                drawn.setdefault(f"{section}.{name}", set()).add(repr(value))
+    for name, values in drawn.items():
+        if name.partition(".")[0] in SECTIONS and name not in APART:
+            assert len(values) >= CHOICES.get(name, 30), f"{name} is hardly drawn: {values}"
+
+
+@pytest.mark.parametrize("block", range(3))
+def test_wide_scenarios_are_identical_but_where_rounding_grows(block):
+    """The long check is ``benchmarks/exactness.py --random``."""
+    same = 0
+    for number in range(60 * block, 60 * (block + 1)):
+        scenario = fitted(random_values(Seeded(7, number)), robot_steps=50_000)
+        verdict = judge(scenario, 7, number)
+        assert not verdict.is_error, f"scenario {number}: {verdict}"
+        same += verdict.found.same
+    assert same >= 55
+
+
+@given(values=motions(), seed=st.integers(0, 2**63 - 1))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_any_wide_scenario_is_identical_but_where_rounding_grows(values, seed):
+    verdict = judge(fitted(values, robot_steps=40_000), seed, 0)
+    assert not verdict.is_error, verdict
 
 
 def test_pieces_do_not_matter_where_lists_of_neighbours_are_made_anew():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -463,7 +464,9 @@ def test_more_robots_than_fit_says_how_many_do(values: dict[str, Any]) -> None:
     error = refused(values | {"swarm.robots": 10_000})
     assert error.field == "swarm.robots"
     assert "10000" in str(error)
-    most = int(str(error).rpartition("at most ")[2])
+    found = re.search(r"at most (\d+) start side by side, in rows and columns \(other", str(error))
+    assert found is not None
+    most = int(found[1])
     assert refused(values | {"swarm.robots": most + 1}).field == "swarm.robots"
     # As many as it says can be placed, side by side.
     scenario = Scenario().with_values(values | {"swarm.robots": most, "run.t_end_s": 0.02})

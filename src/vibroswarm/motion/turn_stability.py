@@ -43,6 +43,14 @@ def spectral_radius(scenario: Scenario) -> float:
     return 0.5 * abs(trace) + math.sqrt(beyond)
 
 
+def is_stable(scenario: Scenario) -> bool:
+    """Whether ``spectral_radius`` is below 1: by the bound, which rounding does not blur near 1."""
+    walk = scenario.walk
+    gains = 2.0 * walk.turn_gain_percent_per_deg
+    gains += scenario.tick_s * walk.turn_integral_gain_percent_per_deg_s
+    return turn_gain_deg(scenario) * gains < 4.0
+
+
 def passes_tolerance(scenario: Scenario) -> bool:
     """Whether the fastest robot at full command may turn from one side of the tolerance to the other in a step."""
     return 100.0 * turn_gain_deg(scenario) > 2.0 * scenario.walk.turn_tolerance_deg
@@ -50,12 +58,11 @@ def passes_tolerance(scenario: Scenario) -> bool:
 
 def scenario_warnings(scenario: Scenario) -> list[str]:
     """What a user should know of a scenario that is valid, and hardly what was meant; one sentence each."""
-    radius = spectral_radius(scenario)
-    if radius < 1.0 or not passes_tolerance(scenario):
+    if is_stable(scenario) or not passes_tolerance(scenario):
         return []
     walk = scenario.walk
     gain, integral = walk.turn_gain_percent_per_deg, walk.turn_integral_gain_percent_per_deg_s
-    most = 4.0 / turn_gain_deg(scenario)
+    most, radius = 4.0 / turn_gain_deg(scenario), spectral_radius(scenario)
     return [
         f"turns are not stable: robots swing about the angle they turn to (spectral radius {radius:.3g}), and rounding "
         "grows in each swing, so that other machines or engines may give other runs; 2 "
