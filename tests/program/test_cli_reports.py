@@ -207,7 +207,7 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
         ("tradeoff --observations a", "--observations: 'a' is no whole number"),
         ("tradeoff --thresholds x", "--thresholds: 'x' is no number"),
-        ("tradeoff --runs 0", "runs: 0 is too few"),
+        ("tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
         ("tradeoff --workers 0", "workers: 0 is too few"),
         ("evaluate --style poster", "--style: there is no style 'poster'"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
