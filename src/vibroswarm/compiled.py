@@ -170,22 +170,21 @@ def _compile(
         return function
     import numba
 
-    from vibroswarm import joined
-
     if not _compiled:
         _name_records_by_their_fields()
-    options |= {"nogil": True, "no_cfunc_wrapper": True}
+    options |= {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
     folder = cache_folder()
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder) if folder else before
     try:
-        make = joined.whole if from_python else joined.part
-        compiled: Any = make(function, cache=folder is not None, error_model="numpy", **options)
+        njit: Any = numba.njit  # its stubs do not know all options
+        compiled: Any = njit(cache=folder is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
-    if from_python:
-        _set_for_compiling(compiled, side_by_side)
+    if not from_python:
+        _call_plain(compiled)
+    _set_for_compiling(compiled, side_by_side)
     _compiled.append(compiled)
     if Path(function.__code__.co_filename).stat().st_mtime > _hashed_at_s:
         _forget()
@@ -193,8 +192,15 @@ def _compile(
     return result
 
 
+def _call_plain(compiled: Any) -> None:
+    """Let Python call the plain function: what only kernels call has no entry for Python, which takes time to make."""
+    kind = type(compiled)
+    called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
+    compiled.__class__ = type(kind.__name__, (kind,), called)
+
+
 def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
-    """Let this kernel, and all that is compiled with it, be compiled under ``_settings``."""
+    """Let this kernel be compiled under ``_settings``."""
     compile_one, module = compiled.compile, compiled.py_func.__module__
 
     def compile_under_settings(signature: Any) -> Any:
