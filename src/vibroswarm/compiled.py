@@ -206,23 +206,24 @@ def _compile(
         return function
     import numba
 
-    from vibroswarm import joined, kernel_cache
+    from vibroswarm import kernel_cache
 
     if not _compiled:
         _name_records_by_their_fields()
-    options |= {"nogil": True, "no_cfunc_wrapper": True}
-    make = joined.whole if from_python else joined.part
-    compiled: Any = make(function, error_model="numpy", **options)
+    options |= {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
+    njit: Any = numba.njit  # its stubs do not know all options
+    compiled: Any = njit(error_model="numpy", **options)(function)
     folder = cache_folder()
-    if folder is not None and (from_python or not joined.is_known()):
+    if folder is not None:
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
         try:
             compiled._cache = kernel_cache.KernelCache(function)
         finally:
             config.CACHE_DIR = before
-    if from_python:
-        _set_for_compiling(compiled, side_by_side)
+    if not from_python:
+        _call_plain(compiled)
+    _set_for_compiling(compiled, side_by_side)
     _compiled.append(compiled)
     if _is_changed(function.__code__.co_filename):
         _forget()
@@ -230,8 +231,15 @@ def _compile(
     return result
 
 
+def _call_plain(compiled: Any) -> None:
+    """Let Python call the plain function: what only kernels call has no entry for Python, which takes time to make."""
+    kind = type(compiled)
+    called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
+    compiled.__class__ = type(kind.__name__, (kind,), called)
+
+
 def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
-    """Let this kernel, and all that is compiled with it, be compiled under ``_settings``."""
+    """Let this kernel be compiled under ``_settings``."""
     compile_one, module = compiled.compile, compiled.py_func.__module__
 
     def compile_under_settings(signature: Any) -> Any:

@@ -77,59 +77,42 @@ def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
     assert called("ba") == [7.0, 7.0]
 
 
-PARTS = """
-from vibroswarm.compiled import inner, kernel
-
-NEVER = False
-
-@inner
-def deep(x):
-    return 3.0 * x
-
-@inner
-def never(x):
-    if NEVER:
-        return deep(x)
-    return x
-
-@inner
-def always(x):
-    return deep(x) + 1.0
-
-@kernel
-def both(x):
-    return never(x) + always(x)
-"""
-CALL_PARTS = """
+FOREIGN = """
 import gc
 import sys
 import numba
-import vibroswarm.joined
-if sys.argv[1] == "unknown":
-    vibroswarm.joined.KNOWN = ()
+from vibroswarm.draws import uniform
+from vibroswarm.robot.believe import belief_below
+from vibroswarm.strategies.soft import weight
+
 before = gc.get_threshold(), numba.config.SLP_VECTORIZE
-import parts_kernels as k
-print(k.both(2.0), k.deep(2.0))
+
+@numba.njit
+def total(n):
+    found = 0.0
+    for k in range(n):
+        found += uniform(1, 2, 3, 4, k, 0) + belief_below(3, k + 1, 0.5) + weight(3, k + 1, 0.2, 1500.0, 2.0)
+    return found
+
+print(total(100), total.py_func(100))
 assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
 """
 
 
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-@pytest.mark.parametrize("version", ["known", "unknown"])
-def test_a_part_that_one_caller_never_calls_is_there_for_the_next(version: str, tmp_path: Path) -> None:
-    (tmp_path / "parts_kernels.py").write_text(PARTS, encoding="utf-8")
-    (tmp_path / "call.py").write_text(CALL_PARTS, encoding="utf-8")
+def test_a_users_own_compiled_function_calls_our_kernels(tmp_path: Path) -> None:
+    """What Python calls and what only kernels call, compiled at first and from the cache."""
+    (tmp_path / "foreign.py").write_text(FOREIGN, encoding="utf-8")
     cache = str(tmp_path / "cache")
     environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
     for _ in ("compiled", "from the cache"):
         done = subprocess.run(
-            [sys.executable, str(tmp_path / "call.py"), version],
+            [sys.executable, str(tmp_path / "foreign.py")],
             env=environment, capture_output=True, text=True, check=True, timeout=120,
         )  # fmt: skip
-        assert done.stdout.split() == ["9.0", "6.0"]
-    kept = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbc")}
-    parts = {"parts_kernels.deep", "parts_kernels.never", "parts_kernels.always"}
-    assert kept == {"parts_kernels.both"} | (parts if version == "unknown" else set())
+        compiled, plain = map(float, done.stdout.split())
+        assert compiled == pytest.approx(plain, rel=1e-12)
+        assert 100.0 < plain < 200.0
 
 
 def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it() -> None:

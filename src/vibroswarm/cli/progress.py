@@ -60,7 +60,7 @@ def say_compiling(*modules: str) -> None:
 
     if not is_cached(*modules):
         begin()
-        how = "once (about 10 s; kept for later runs)" if cache_folder() is not None else "about 10 s"
+        how = "once (about 15 s; kept for later runs)" if cache_folder() is not None else "about 15 s"
         print(f"compiling the engine, {how} ...", file=sys.stderr, flush=True)
 
 
