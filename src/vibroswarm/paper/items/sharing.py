@@ -20,6 +20,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.page.report import Column
 from vibroswarm.paper.columns import STRATEGIES, fills, sizes
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
@@ -125,12 +126,12 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
     for case, values in costs.items():
         least = int(values.mean(axis=1).argmin())
         for place, (eta, kappa) in enumerate(CHOICES):
-            row = mean("", COLUMN, "", values[place])
+            found = mean_interval(values[place])
             rows.append(
                 {
                     "case": case, "robots": CASES[case][0], "floor": CASES[case][1], "eta": eta, "kappa": kappa,
-                    "cost": row["estimate"], "low": row["estimate"] - 1.96 * row["standard_error"],
-                    "high": row["estimate"] + 1.96 * row["standard_error"], "least": place == least,
+                    "cost": found.estimate, "low": plain(found.low), "high": plain(found.high),
+                    "least": place == least,
                 }
             )  # fmt: skip
     return pl.DataFrame(rows)
