@@ -272,7 +272,7 @@ def main() -> int:
 
 
 def attack_all(folder: Path, options: argparse.Namespace) -> int:
-    """All commands in turn until there are kills enough; says what came of them."""
+    """Attack all commands in turn until the wanted number of kills; report how each round ended."""
     dice, rounds, kills = random.Random(options.seed), Counter[tuple[str, str]](), Counter[str]()
     chosen = [
         one for one in commands(folder, options.runs)

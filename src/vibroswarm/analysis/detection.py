@@ -11,7 +11,7 @@
 | clear until | the time from which on the upper limit of the false alarms is no longer below what is wanted | |
 
 A miss is not an error made: undecided counts as missed. Misses fall with time and false alarms rise, so a floor above
-the boundary and one below it are told apart as wanted at a time T with needed <= T < clear until: the first is T =
+the boundary and one below it are distinguished as wanted at a time T with needed <= T < clear until: the first is T =
 needed. All upper limits are taken, not the estimates: with too few runs (fewer than about 73 for 5 % at the level of
 95 %) nothing is enough. Each limit holds by itself; both of a pair together hold at twice the error of the level.
 """
@@ -165,7 +165,7 @@ def needed(
 
 
 def pairs(found: pl.DataFrame) -> pl.DataFrame:
-    """When a floor above the boundary is told from one below it with few enough misses and false alarms.
+    """When a floor above the boundary is distinguished from one below it, misses and false alarms being rare enough.
 
     Args:
         found: of ``needed``.
