@@ -149,6 +149,17 @@ def test_an_archive_cannot_ask_for_years_of_work(archive: Path, tmp_path: Path) 
         confirm(_changed(archive, huge, tmp_path, honest=False), 1)
 
 
+@pytest.mark.parametrize(("version", "words"), [(1, "make the archive again"), (9, "update vibroswarm")])
+def test_an_archive_of_another_format_is_refused_in_one_sentence(
+    archive: Path, tmp_path: Path, version: int, words: str
+) -> None:
+    def other(entries: Entries) -> None:
+        entries[HEAD] = json.dumps(json.loads(entries[HEAD]) | {"format": version}).encode()
+
+    with pytest.raises(InputError, match=words):
+        confirm(_changed(archive, other, tmp_path, honest=False), 1)
+
+
 def test_absurd_work_is_refused_with_an_estimate() -> None:
     """Each within the limits of its own, together weeks of work."""
     scenario = preset("paper").with_values(

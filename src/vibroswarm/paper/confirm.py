@@ -108,20 +108,32 @@ def confirm(
 def _head(archive: Zipped) -> dict[str, Any]:
     try:
         head: dict[str, Any] = json.loads(archive.read(HEAD))
-        assert isinstance(head["format"], int)
-        assert all(isinstance(head[name], dict) for name in ("settings", "versions", "sha256"))
-        runs, seed = head["settings"]["runs"], head["settings"]["seed"]
-        assert all(isinstance(one, int) and not isinstance(one, bool) for one in (runs, seed, head["format"]))
-        assert 1 <= runs <= LARGEST["runs"]
-        assert 0 <= seed < SEED_LIMIT
-        assert all(isinstance(value, str) for name in ("versions", "sha256") for value in head[name].values())
-    except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
+        right = _is_head(head)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        right = False
+    if not right:
         raise InputError(
             f"is no archive of a reproduction: '{HEAD}' is not as it should be", field=str(archive.path)
-        ) from None
+        )
+    if head["format"] < FORMAT:
+        raise InputError(
+            f"is of format {head['format']}, whose claims were others; make the archive again with this version",
+            field=str(archive.path),
+        )
     if head["format"] > FORMAT:
         raise InputError(f"is of format {head['format']}; update vibroswarm", field=str(archive.path))
     return head
+
+
+def _is_head(head: dict[str, Any]) -> bool:
+    """Whether each entry of an archive's head is of its type and in its range."""
+    runs, seed = head["settings"]["runs"], head["settings"]["seed"]
+    return (
+        all(isinstance(one, int) and not isinstance(one, bool) for one in (runs, seed, head["format"]))
+        and 1 <= runs <= LARGEST["runs"]
+        and 0 <= seed < SEED_LIMIT
+        and all(isinstance(value, str) for name in ("versions", "sha256") for value in head[name].values())
+    )
 
 
 def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
