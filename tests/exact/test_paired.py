@@ -131,6 +131,8 @@ def test_not_told_apart_is_not_equal() -> None:
     assert not equivalent(wide, 1.0)
     assert equivalent(Interval(0.1, -0.5, 0.7, 0.95, 80, "sign flip"), 1.0)
     assert not equivalent(Interval(math.nan, math.nan, math.nan, 0.95, 0, ""), 1.0)
+    # All pairs alike: an event of one pair in ten may well be missing among six, whatever the margin.
+    assert not equivalent(Interval(0.0, 0.0, 0.0, 0.95, 6, "sign flip"), 1.0)
     with pytest.raises(InputError, match="margin"):
         equivalent(wide, 0.0)
 
