@@ -54,7 +54,7 @@ def why_unsafe(folder: Path, base: Path) -> str | None:
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The folder that Numba is told (its ``CACHE_DIR``), and no other; a source is known by its content."""
+    """The folder in Numba's ``CACHE_DIR``, and no other; a source is identified by its content."""
 
     def ensure_cache_path(self) -> None:
         """Make the folder; whether it can be written shows when it is."""

@@ -63,6 +63,20 @@ def test_the_mean_over_all_floors_of_a_grid(
         assert mean.found + mean.spilt == pytest.approx(np.mean(found), abs=1e-12)
 
 
+@pytest.mark.parametrize("width_m", [0.05, 0.2, 1.0, 30.0])
+@pytest.mark.parametrize(("reach_m", "blur_m"), [(0.01, None), (-0.01, None), (0.01, 0.008), (0.004, 0.001)])
+def test_one_straight_edge_by_theory(width_m: float, reach_m: float, blur_m: float | None) -> None:
+    """A floor of two halves: the vibrating one is larger by the reach, whatever the blur and the size of the tiles."""
+    sensor, floor = (
+        Sensor(edge_reach_m=reach_m, edge_blur_m=blur_m),
+        Floor.filling([[1, 0]], 2 * width_m, 1.0),
+    )
+    felt = felt_on(sensor, floor, (2 * width_m, 1.0))
+    assert felt.found + felt.spilt == pytest.approx(0.5 + reach_m / (2 * width_m), abs=2e-5 / width_m)
+    edges = mean_felt(sensor, floor.geometry, (2 * width_m, 1.0), 0.5)
+    assert edges.found + edges.spilt == pytest.approx(felt.found + felt.spilt, abs=1e-12)
+
+
 def test_lanes_that_are_alike_may_be_taken_together() -> None:
     """A larger floor, where one lane of tiles stands for many, against random floors."""
     scenario = CALIBRATED.with_values({"floor.rows": 8, "floor.columns": 9, "floor.source": "random:0.375"})

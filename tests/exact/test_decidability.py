@@ -24,7 +24,7 @@ from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.boundary import tiled_share
-from vibroswarm.observation.felt import error_rates_on
+from vibroswarm.observation.felt import felt_share, place_of
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.presets import preset
 from vibroswarm.simulation import simulate
@@ -88,8 +88,14 @@ def test_vibration_across_edges_counts() -> None:
     scenario = PAPER.with_values(
         {"floor.source": "diagonal:0.48", "sensor.edge_reach_m": 0.01, "sensor.edge_blur_m": 0.008}
     )
-    positive, negative = error_rates_on(scenario.sensor, scenario.floor_for(0, 0))
-    assert d.share == pytest.approx(0.48 * (1 - negative) + 0.52 * positive, abs=1e-6)
+    (a, b), floor = error_rates(scenario.sensor), scenario.floor_for(0, 0)
+    place, tiles, side = place_of(floor), floor.tiles.ravel(), (np.arange(2000) + 0.5) / 2000
+    rows = [
+        [felt_share(x, y, floor.tile_at(x, y).item(), place, tiles, 0.01, 0.008)[0] for x in side[::7]]
+        for y in side[::7]
+    ]
+    felt = float(np.mean(rows))  # 82,000 places that know nothing of tiles and their edges
+    assert d.share == pytest.approx(felt * (1 - b) + (1 - felt) * a, abs=2e-4)
     assert d.share > at(floor__source="diagonal:0.48").share + 0.01
     result = simulate(scenario, 3, 1)
     assert verdict(result).share_of_ones_expected == pytest.approx(d.share, abs=1e-6)

@@ -12,7 +12,8 @@ from scipy import stats
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.felt import Place, error_rates_on, nearest_of_kind
+from vibroswarm.observation.boundary import felt_on
+from vibroswarm.observation.felt import Place, nearest_of_kind
 from vibroswarm.observation.model import observe
 from vibroswarm.observation.reading import error_rates, shares_below
 from vibroswarm.presets import preset
@@ -184,11 +185,15 @@ def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
     )
     kind = floor.tiles.ravel()[table["tile"].to_numpy()]
     bit = table["observation"].to_numpy()
-    positive, negative = error_rates_on(sensor, floor)
+    felt, (a, b) = felt_on(sensor, floor, (1.0, 1.0)), error_rates(sensor)
+    of_still = felt.spilt / (1 - felt.vibrating)
+    of_vibrating = felt.found / felt.vibrating
+    positive = of_still * (1 - b) + (1 - of_still) * a
+    negative = of_vibrating * b + (1 - of_vibrating) * (1 - a)
     assert bit[kind == 0].mean() == pytest.approx(positive, abs=0.008)
     assert 1 - bit[kind == 1].mean() == pytest.approx(negative, abs=0.008)
     assert positive > error_rates(sensor)[0] + 0.05  # negative control: the edges count
-    assert error_rates_on(Sensor(), floor) == pytest.approx(error_rates(Sensor()))
+    assert felt_on(Sensor(), floor, (1.0, 1.0)) == pytest.approx((floor.fill_ratio, floor.fill_ratio, 0.0))
 
 
 def test_all_of_it_is_off_in_the_paper() -> None:

@@ -1,7 +1,7 @@
 """A result of which every second run is on a floor of the mirrored fill ratio: over the prior of ``mirror``.
 
 A cell has floors on one side of the boundary. A test that does not know the side may be mistaken more often on one side
-than on the other, and its nominal error is that over both. So every second run is observed anew, on a floor drawn with
+than on the other, and its nominal error is that over both. So every second run is observed again, on a floor drawn with
 the number of vibrating tiles that lies as far across the boundary; motion is kept, since it does not depend on floors.
 """
 

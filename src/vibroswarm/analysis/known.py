@@ -25,7 +25,7 @@ those of ``vibroswarm.posterior``.
 
 **What it bounds.** Nobody who has these bits, their places, the sensor's model and this prior can be surer: a rule that
 decides only where its posterior error is at most alpha decides no sooner in any run. A rule that keeps alpha on average
-only, some runs worse and some better, may; so may one that is told more, such as the energies or the floor's pattern.
+only, some runs worse and some better, may; so may one that knows more, such as the energies or the floor's pattern.
 
 **What error to expect.** Over floors as the prior has them the share wrong is the mean of the claimed errors, which is
 at most alpha and somewhat less, since a sample takes the posterior past 1 - alpha and it is looked at from time to time

@@ -14,7 +14,7 @@ WIDTH = 100
 def say_detection(
     need: pl.DataFrame, told: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float
 ) -> None:
-    """What is told apart and when, then every cell.
+    """Print which floors are distinguished and when, then every cell.
 
     Args:
         need, told: of ``analysis.detection.needed`` and ``pairs``. error, false_alarms: as wanted.
@@ -51,7 +51,7 @@ def say_detection(
 
 
 def _best(told: pl.DataFrame) -> pl.DataFrame:
-    """For each floor above and number of robots, the fullest floor below that it is told from."""
+    """For each floor above and number of robots, the fullest floor below that it is distinguished from."""
     reached = pl.col("time_s").is_not_null()
     return (
         told.sort("fill_ratio", "robots", reached, "fill_ratio_below", descending=[False, False, True, True])

@@ -157,7 +157,7 @@ def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
 
 
 def _check_more(result: Result, more: Mapping[str, pl.DataFrame], folder: Path) -> None:
-    """Rows are those of the samples; tracks are of the runs and robots that there are, each in the order of time."""
+    """Rows are those of the samples; tracks are of existing runs and robots, each in the order of time."""
     key = ["run", "robot", "sample"]
     if not more["rows"].select(key).equals(result.motion.select(key)):
         raise InputError(

@@ -33,7 +33,7 @@ from vibroswarm.observation.reading import error_rates
 from vibroswarm.scenario import Scenario
 
 GRID = 40
-"""Points to a tile's side at which places are averaged."""
+"""Places along a tile's side at which what is felt is averaged, or along each part of it that lies near an edge."""
 MOST_NEIGHBOURS = 400
 """Tiles near one place that the mean over random floors can take into account."""
 
@@ -204,19 +204,21 @@ def _points(
     length: list[NDArray[np.float64]] = []
     lane: list[NDArray[np.int64]] = []
     alike: int | None = None
+    repeated = 1
     for number in range(count):
         low, high = first_m + number * size_m, first_m + (number + 1) * size_m
         whole = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
         if whole and not every and near <= number < count - near:
             if alike is not None:
-                length[alike] += (high - low) / grid
+                repeated += 1
                 continue
-            alike = len(at)
-        inside = (max(low, 0.0), min(high, arena_m))
-        if inside[1] > inside[0]:
-            at.append(_midpoints(*inside, grid))
-            length.append(np.full(grid, (inside[1] - inside[0]) / grid))
-            lane.append(np.full(grid, number))
+            alike, repeated = len(at), 1
+        found = _within_lane(low, high, max(low, 0.0), min(high, arena_m), within_m, grid)
+        at.append(found[0])
+        length.append(found[1])
+        lane.append(np.full(found[0].size, number))
+    if alike is not None:
+        length[alike] *= repeated
     end_m = first_m + count * size_m
     for low, high in ((max(first_m - within_m, 0.0), first_m), (end_m, min(end_m + within_m, arena_m))):
         if high > low:
@@ -224,6 +226,28 @@ def _points(
             length.append(np.full(grid, (high - low) / grid))
             lane.append(np.full(grid, -1))
     return np.concatenate(at), np.concatenate(length), np.concatenate(lane)
+
+
+def _within_lane(
+    low: float, high: float, first: float, last: float, within_m: float, grid: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Midpoints of a lane from ``low`` to ``high``, in the arena from ``first`` to ``last``, and their lengths.
+
+    Farther than ``within_m`` from both sides the edges along them are not felt: one point stands for all places there,
+    so that the points lie where it matters, however large the tile.
+    """
+    if high - low > 2 * within_m:
+        ends = (low, low + within_m, high - within_m, high)
+        parts = [(ends[0], ends[1], grid), (ends[1], ends[2], 1), (ends[2], ends[3], grid)]
+    else:
+        parts = [(low, high, grid)]
+    at, length = [np.empty(0)], [np.empty(0)]
+    for start, end, points in parts:
+        start, end = max(start, first), min(end, last)
+        if end > start:
+            at.append(_midpoints(start, end, points))
+            length.append(np.full(points, (end - start) / points))
+    return np.concatenate(at), np.concatenate(length)
 
 
 def _midpoints(low: float, high: float, grid: int) -> NDArray[np.float64]:

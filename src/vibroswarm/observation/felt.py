@@ -24,7 +24,7 @@ from vibroswarm.compiled import kernel
 from vibroswarm.draws import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.reading import share_below, shares_below, typical_factors
+from vibroswarm.observation.reading import share_below, shares_below
 from vibroswarm.scenario import Scenario
 
 FAR = 6.0
@@ -228,58 +228,3 @@ def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.floa
     for k in range(out.size):
         robot, tile = (k, 0) if robots else (0, k)
         out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
-
-
-def spill(sensor: Sensor, floor: Floor, grid: int = 40) -> float:
-    """By how much the share of a floor that is felt as vibrating is larger than its fill ratio; 0 without edges.
-
-    Args:
-        grid: points to a tile's side at which it is computed.
-    """
-    if sensor.edge_reach_m is None and sensor.edge_blur_m is None:
-        return 0.0
-    place = place_of(floor)
-    share = np.empty(floor.tiles.size)
-    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
-    _shares_felt(place, floor.tiles.ravel(), reach_m, blur_m, grid, share)
-    return float(share.mean() - floor.tiles.mean())
-
-
-def error_rates_on(sensor: Sensor, floor: Floor, grid: int = 40) -> tuple[float, float]:
-    """(false positive, false negative) on a floor, edges and all: means over its still and vibrating tiles' area.
-
-    Args:
-        grid: points to a tile's side at which it is computed; the error of a mean is below 0.1 % of it.
-    """
-    factors, weights = typical_factors(sensor)
-    still, vibrating = (float(weights @ shares_below(sensor, kind, factors)) for kind in (False, True))
-    place = place_of(floor)
-    kinds = floor.tiles.ravel() == 1
-    share = kinds.astype(np.float64)
-    if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None:
-        reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
-        _shares_felt(place, floor.tiles.ravel(), reach_m, blur_m, grid, share)
-    reads = share * (1.0 - vibrating) + (1.0 - share) * (1.0 - still)
-    positive = float(reads[~kinds].mean()) if (~kinds).any() else 1.0 - still
-    return positive, 1.0 - float(reads[kinds].mean()) if kinds.any() else vibrating
-
-
-@kernel
-def _shares_felt(
-    place: Place,
-    tiles: NDArray[np.uint8],
-    reach_m: float,
-    blur_m: float,
-    grid: int,
-    share: NDArray[np.float64],
-) -> None:
-    """Probability that a sample anywhere on each tile feels vibration, (tiles,)."""
-    for index in range(tiles.size):
-        row, column = index // place.columns, index % place.columns
-        total = 0.0
-        for i in range(grid):
-            for j in range(grid):
-                x_m = place.left_m + (column + (i + 0.5) / grid) * place.width_m
-                y_m = place.top_m - (row + (j + 0.5) / grid) * place.height_m
-                total += felt_share(x_m, y_m, index, place, tiles, reach_m, blur_m)[0]
-        share[index] = total / (grid * grid)

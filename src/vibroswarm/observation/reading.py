@@ -37,7 +37,7 @@ def error_rates(sensor: Sensor) -> tuple[float, float]:
     """(false positive, false negative): a still tile reads as vibrating, a vibrating one as still.
 
     Where tiles or robots differ, their mean over all of them. Away from edges, whatever ``sensor.edge_reach_m``:
-    what edges do depends on the floor (``felt.error_rates_on``).
+    what edges do depends on the floor (``boundary.felt_on``).
     """
     if sensor.tile_spread is None and sensor.robot_spread is None:
         return 1.0 - share_below(sensor, False), share_below(sensor, True)

@@ -3,7 +3,7 @@
     optuna-dashboard out/search/optuna.journal
 
 A copy for the eye: a journal of JSON lines, safe on shared file systems; nothing is read back from it but which
-candidates it holds. So one that is damaged is put aside and written anew. A lock that a killed
+candidates it holds. So one that is damaged is put aside and written again. A lock that a killed
 process left is taken over.
 """
 

@@ -252,7 +252,7 @@ def held(folder: Path) -> dict[str, Any]:
 
 
 def held_result(path: Path) -> dict[str, Any] | None:
-    """What came of a search, as far as it is told again; None where it was not scored yet.
+    """The result of a search, as far as it is shown again; None where it was not scored yet.
 
     Raises:
         InputError: the file is damaged.

@@ -30,7 +30,7 @@ PARTICLES: Final = 10
 ITERATIONS: Final = 12
 RUNS_AN_ITERATION: Final = 80
 RUNS_A_SEARCH: Final = 250
-"""Of what is asked for: 1000 runs a cell go with all iterations and 4 searches, more with more searches."""
+"""Runs a cell for each search: 1000 give 4 searches of all iterations."""
 FIFTH: Final = 0.2
 
 
