@@ -109,6 +109,27 @@ def _put(part: Path, path: Path) -> None:
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
     """Refuse a result folder that exists (unless it may be replaced) or that a file stands in the way of."""
+    for left in reversed(range(TRIES)):
+        before = _identity(path)
+        try:
+            _check_folder(path, replace, marker)
+            return
+        except (InputError, FileNotFoundError):
+            # Another process may have moved the folder away between two looks at it, to put its own there.
+            if not left or _identity(path) == before:
+                raise
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Equal as long as one and the same folder is there; None: there is none."""
+    try:
+        about = path.lstat()
+    except (OSError, ValueError):
+        return None
+    return about.st_dev, about.st_ino
+
+
+def _check_folder(path: Path, replace: bool, marker: str) -> None:
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
