@@ -40,6 +40,11 @@ class Purpose(IntEnum):
     OPTIMIZER = 9
     BOOTSTRAP = 10
     POSTERIOR = 11
+    HEARING = 12
+    TIMER = 13
+    BEGINNING = 14
+    STEERING = 15
+    NETWORK = 16
 
 
 def _number(value: int) -> int:
@@ -57,6 +62,11 @@ MESSAGE: Final = _number(Purpose.MESSAGE)
 LOSS: Final = _number(Purpose.LOSS)
 FLOOR: Final = _number(Purpose.FLOOR)
 POSTERIOR: Final = _number(Purpose.POSTERIOR)
+HEARING: Final = _number(Purpose.HEARING)
+TIMER: Final = _number(Purpose.TIMER)
+BEGINNING: Final = _number(Purpose.BEGINNING)
+STEERING: Final = _number(Purpose.STEERING)
+NETWORK: Final = _number(Purpose.NETWORK)
 
 FIRST: Final = _number(0)
 """The index of a number that there is only one of."""

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import branching_kernel
-from vibroswarm.inference.beliefs import Beliefs
 from vibroswarm.inference.follow import Follower, Notes, follow
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.event import EventRun, events
@@ -20,6 +19,7 @@ from vibroswarm.motion.neighbours import SMALL_SWARM
 from vibroswarm.motion.plans import Planners
 from vibroswarm.motion.record import Record
 from vibroswarm.observation.ground import Ground
+from vibroswarm.strategies.belief_table import Beliefs
 from vibroswarm.strategies.program import MindProgram
 
 

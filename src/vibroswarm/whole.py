@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import kernel, zero_rows
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.beliefs import Beliefs, beliefs
 from vibroswarm.inference.minds import MIND, begin_minds, final_frame, hear, mind_program, take_sample
 from vibroswarm.inference.replay import Columns, empty_columns, inference_frame, write_row
 from vibroswarm.motion.body import Setup, give_each, setup_of, speed_quantiles
@@ -29,6 +28,7 @@ from vibroswarm.observation.model import OBSERVATIONS, sensing_numbers, vibratin
 from vibroswarm.observation.reading import energies_of
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.belief_table import Beliefs, beliefs
 from vibroswarm.strategies.program import MindProgram
 
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.inference.beliefs import MOST_COUNTS, belief_of, beliefs
 from vibroswarm.robot.believe import SURE, belief_below, log_term, stirling_rest, variance
+from vibroswarm.strategies.belief_table import MOST_COUNTS, belief_of, beliefs
 
 BOUNDARIES = (0.5, 0.03, 0.97)
 TOLERANCE = 1e-9

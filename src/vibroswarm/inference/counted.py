@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, kernel, signed
 from vibroswarm.draws import ALONE, LOSS, MESSAGE, uniform
-from vibroswarm.inference.beliefs import Beliefs
 from vibroswarm.inference.minds import begin_minds, load_mind, store_mind, take_sample
 from vibroswarm.inference.replay import Columns, write_row
+from vibroswarm.strategies.belief_table import Beliefs
 from vibroswarm.strategies.program import SOFT, MindProgram, receive
 
 

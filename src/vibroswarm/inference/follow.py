@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, signed, zero_rows
 from vibroswarm.draws import ALONE, MESSAGE, uniform
-from vibroswarm.inference.beliefs import Beliefs, beliefs
 from vibroswarm.inference.minds import MIND, begin_minds, hear, load_mind, mind_program, sample_with
 from vibroswarm.inference.replay import hear_all
 from vibroswarm.inference.timeline import HEARD_ROWS, write_heard
 from vibroswarm.observation.ground import Ground, read
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.belief_table import Beliefs, beliefs
 from vibroswarm.strategies.program import SOFT, MindProgram
 
 

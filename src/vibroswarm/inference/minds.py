@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import inner, kernel, signed
 from vibroswarm.draws import LOSS, uniform
-from vibroswarm.inference.beliefs import Beliefs, belief_of
 from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.belief_table import Beliefs, belief_of
 from vibroswarm.strategies.program import (
     GATES,
     STRATEGIES,

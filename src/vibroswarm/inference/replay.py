@@ -13,7 +13,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import inner, kernel, read_only, signed, unsigned, zero_rows
-from vibroswarm.inference.beliefs import Beliefs, belief_of, beliefs
 from vibroswarm.inference.minds import (
     MIND,
     begin_minds,
@@ -28,6 +27,7 @@ from vibroswarm.inference.minds import (
 from vibroswarm.inference.timeline import HEARD_ROWS, LAST_OWN, OTHERS, Reach, Timeline, in_lane, timeline_of
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.belief_table import Beliefs, belief_of, beliefs
 from vibroswarm.strategies.program import SOFT, Mind, MindProgram
 
 INFERENCE: Final[dict[str, Any]] = {

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import zero_rows
 from vibroswarm.draws import Purpose, uniform
 from vibroswarm.errors import InputError
-from vibroswarm.inference.beliefs import beliefs
 from vibroswarm.inference.counted import Session, replay_counted
 from vibroswarm.inference.minds import FINALS, MIND, final_frame, mind_program
 from vibroswarm.inference.replay import Columns, empty_columns, infer
@@ -31,6 +30,7 @@ from vibroswarm.observation.model import vibrating_at
 from vibroswarm.outcome import fill_ratios, outcome_tables, robot_table, run_table, truth_of
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies.belief_table import beliefs
 
 SLACK_S: Final = 1.0
 """Times of sender and receiver are late by up to a quarter of a second each; real radios may hear during a stop."""

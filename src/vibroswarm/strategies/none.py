@@ -2,10 +2,39 @@
 
 from __future__ import annotations
 
-from vibroswarm.compiled import inner
+from vibroswarm.strategies.base import Strategy, register
+from vibroswarm.strategies.bayes import (
+    Message,
+    Row,
+    State,
+    begin,
+    belief,
+    decide_once,
+    decision,
+    observe,
+    on_counts,
+)
+from vibroswarm.strategies.world import Draws, Reading, World
 
 
-@inner
-def message(observation: int) -> int:
-    """m = O."""
-    return observation
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Observe, test, and say m = O."""
+    observe(s, x.reading)
+    decide_once(s, w)
+    out.bit = x.reading
+    return True
+
+
+none = register(
+    Strategy(
+        name="none",
+        state=State,
+        message=Message,
+        begin=begin,
+        on_counts=on_counts,
+        on_sample=on_sample,
+        decision=decision,
+        belief=belief,
+        about="no feedback: a robot says its reading",
+    )
+)

@@ -2,10 +2,39 @@
 
 from __future__ import annotations
 
-from vibroswarm.compiled import inner
+from vibroswarm.strategies.base import Strategy, register
+from vibroswarm.strategies.bayes import (
+    Message,
+    Row,
+    State,
+    begin,
+    belief,
+    decide_once,
+    decision,
+    observe,
+    on_counts,
+)
+from vibroswarm.strategies.world import Draws, Reading, World
 
 
-@inner
-def message(observation: int, decision: int) -> int:
-    """m = d_f if d_f is not -1, else O."""
-    return decision if decision != -1 else observation
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Observe, test, and say m = d_f if that is not -1, else O."""
+    observe(s, x.reading)
+    decide_once(s, w)
+    out.bit = s.decision if s.decision != -1 else x.reading
+    return True
+
+
+positive = register(
+    Strategy(
+        name="positive",
+        state=State,
+        message=Message,
+        begin=begin,
+        on_counts=on_counts,
+        on_sample=on_sample,
+        decision=decision,
+        belief=belief,
+        about="positive feedback: a robot says its decision once it has one",
+    )
+)

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from vibroswarm.compiled import inner, kernel
 from vibroswarm.robot.believe import belief_below
-from vibroswarm.strategies import none, positive, soft
+from vibroswarm.strategies import soft
 
 NONE: Final = 0
 POSITIVE: Final = 1
@@ -115,9 +115,9 @@ def conclude(mind: Mind, belief: float, observation: int, u: float, program: Min
     if program.strategy == SOFT:
         bit = soft.message(observation, alpha, beta, belief, program.eta, program.kappa, u)
     elif program.strategy == POSITIVE:
-        bit = positive.message(observation, decision)
+        bit = decision if decision != -1 else observation
     else:
-        bit = none.message(observation)
+        bit = observation
     return Mind(alpha, beta, decision, own, received, bit)
 
 

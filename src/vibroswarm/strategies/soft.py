@@ -11,13 +11,50 @@ With delta = 0 it says O, as no feedback does.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Annotated, Final
+
+from pydantic import Field
 
 from vibroswarm.compiled import inner
 from vibroswarm.robot.believe import variance
+from vibroswarm.strategies.base import Strategy, register
+from vibroswarm.strategies.bayes import (
+    Message,
+    Row,
+    State,
+    begin,
+    belief,
+    decided,
+    decision,
+    is_enough,
+    observe,
+    on_counts,
+)
+from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
 
 ROUNDING: Final = 1e-12
 """Far above what rounding does to a probability."""
+
+
+class Params:
+    """How a robot weighs its belief against its reading."""
+
+    eta: Annotated[
+        float, Field(ge=0, le=1e12, description="How fast the weight grows as the posterior narrows.")
+    ] = 1500.0
+    kappa: Annotated[
+        float, Field(ge=0, le=1e6, description="How little the belief weighs while it is near 1/2.")
+    ] = 2.0
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Observe, test, and say a bit drawn from the posterior with the own sample in it."""
+    observe(s, x.reading)
+    below = belief_below(s.alpha, s.beta, w)
+    if (s.decision == -1 or w.revise) and is_enough(s, w):
+        s.decision = decided(below, s.decision, w)
+    out.bit = message(x.reading, s.alpha, s.beta, below, p.eta, p.kappa, u(d, 0))
+    return True
 
 
 @inner
@@ -46,3 +83,21 @@ def message(
     if (1.0 - u if observation == 1 else u) > most * doubt + ROUNDING:
         return observation
     return 1 if u < probability(observation, alpha, beta, belief, eta, kappa) else 0
+
+
+soft = register(
+    Strategy(
+        name="soft",
+        params=Params,
+        state=State,
+        message=Message,
+        begin=begin,
+        on_counts=on_counts,
+        on_sample=on_sample,
+        decision=decision,
+        belief=belief,
+        revises=True,
+        boundary_half=True,
+        about="soft feedback: a robot says a bit drawn between its reading and its belief",
+    )
+)

@@ -1,0 +1,211 @@
+"""What a strategy is: what a robot remembers, says, and does when it hears, samples, or a time has come.
+
+A strategy is one file: a few classes that declare fields, a few plain functions, and one ``Strategy`` that names them.
+The functions change rows in place and are compiled by Numba; they allocate nothing, and all chance comes from ``u``.
+
+    class Params:                          # [strategy.NAME] of a scenario, one field a line, with bounds
+        patience: Annotated[int, Field(ge=1)] = 3
+    class State:                           # what a robot remembers: int, float, bool
+        opinion: int
+    class Message:                         # what it sends
+        bit: int
+
+    def begin(s, a, d, p, w): ...                     # the state at time 0; it is all zeros before
+    def on_counts(s, ones, zeros, p, w): ...          # so many messages of one bit were heard
+    def on_message(s, a, m, sender, t_s, d, p, w): ...  # one message was heard
+    def on_sample(s, a, x, out, d, p, w): ...         # an own sample: True sends ``out``
+    def on_timer(s, a, t_s, out, d, p, w): ...        # optional, due at s.next_s: True sends ``out``
+    def decision(s, a, p, w): ...                     # 0, 1; -1 undecided
+    def belief(s, a, p, w): ...                       # that the fill ratio lies below the boundary; nan: has none
+    def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: turn_deg, drive_ms
+
+``s`` is the robot's State, ``a`` its arrays, ``m`` and ``out`` Messages, ``p`` the Params, ``w`` a ``World``, ``x`` a
+``Reading``; ``u(d, k)`` is the k-th uniform number of this call. ``decision`` is asked after each own sample and timer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, get_type_hints
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, create_model, field_validator
+
+from vibroswarm.errors import InputError, nearest, shown
+
+Hook = Callable[..., Any]
+
+MOST_BYTES: Final = 144
+"""Bytes that the robots' radio carries in one message."""
+NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class StrategyParams(BaseModel):
+    """Parameters of a strategy: frozen and strict, as all fields of a scenario are."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _one_zero(cls, value: object) -> object:
+        """-0.0 is 0.0: what is equal is written alike and has one hash."""
+        return value + 0.0 if isinstance(value, float) else value
+
+
+class NoParams:
+    """A strategy without parameters."""
+
+
+class NoArrays:
+    """A strategy whose state is scalars alone."""
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """A strategy, see the head of this module.
+
+    Args:
+        name: as scenarios call it: small letters, digits and underscores. about: one line.
+        state, message, params, arrays: classes of annotated fields. hooks: the functions.
+        decides: "once", or "opinion": it may change, and the swarm has decided when all have agreed for
+            ``decision.hold_s``.
+        bytes_on_air: of one message, at most 144.
+        revises: a decision may change later where ``decision.revise`` says so.
+        boundary_half: it asks which of two kinds is more: its boundary of readings must be 1/2.
+    """
+
+    name: str
+    state: type
+    message: type
+    begin: Hook
+    on_sample: Hook
+    decision: Hook
+    belief: Hook
+    params: type = NoParams
+    arrays: type = NoArrays
+    on_counts: Hook | None = None
+    on_message: Hook | None = None
+    on_timer: Hook | None = None
+    steer: Hook | None = None
+    decides: Literal["once", "opinion"] = "once"
+    bytes_on_air: int = 1
+    revises: bool = False
+    boundary_half: bool = False
+    about: str = ""
+    source: str = field(default="", compare=False)
+    """The text of the file it comes from, where that is not of this package."""
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name):
+            raise InputError(
+                f"{shown(self.name)} is no name; small letters, digits and underscores", field="name"
+            )
+        if not 0 <= self.bytes_on_air <= MOST_BYTES:
+            raise InputError(f"{self.bytes_on_air} is wrong; 0 to {MOST_BYTES}", field="bytes_on_air")
+        object.__setattr__(self, "params", as_params(self.params, self.name))
+        for kind in ("state", "message"):
+            row_type(getattr(self, kind), kind)
+
+    @property
+    def state_type(self) -> np.dtype[np.void]:
+        """The row of a robot's state."""
+        return row_type(self.state, "state")
+
+    @property
+    def message_type(self) -> np.dtype[np.void]:
+        """The row of a message."""
+        return row_type(self.message, "message")
+
+    @property
+    def params_type(self) -> np.dtype[np.void]:
+        """The row of the parameters: as of the fields' defaults and bounds."""
+        return row_type(self.params, "params")
+
+    def params_row(self, values: BaseModel) -> tuple[Any, ...]:
+        """The parameters as a row of ``params_type``."""
+        names = self.params_type.names or ()
+        return tuple(getattr(values, name, 0) for name in names)
+
+
+KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_}
+
+
+def fields_of(declared: type) -> dict[str, type]:
+    """Fields of a class of annotations, by name: int, float or bool.
+
+    Raises:
+        InputError: another type.
+    """
+    hints = get_type_hints(declared)
+    if issubclass(declared, BaseModel):
+        hints = {name: hint for name, hint in hints.items() if name in declared.model_fields}
+    for name, kind in hints.items():
+        if kind not in KINDS:
+            raise InputError(f"{shown(kind)} is no type of a field; int, float or bool", field=name)
+    return hints
+
+
+def row_type(declared: type, what: str) -> np.dtype[np.void]:
+    """The row of a class's fields.
+
+    Raises:
+        InputError: a field of another type than int, float or bool.
+    """
+    try:
+        found = fields_of(declared)
+    except (NameError, TypeError) as error:
+        raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
+    # A row without a field has no place: a strategy that says or remembers nothing keeps one that is not used.
+    return np.dtype([(name, KINDS[kind]) for name, kind in found.items()] or [("unused", np.int64)])
+
+
+def as_params(declared: type, name: str) -> type[BaseModel]:
+    """A class of annotated fields as a frozen, strict model."""
+    if issubclass(declared, BaseModel):
+        return declared
+    hints = get_type_hints(declared, include_extras=True)
+    given: dict[str, Any] = {one: (hint, getattr(declared, one, ...)) for one, hint in hints.items()}
+    return create_model(
+        f"{name.title()}Params", __base__=StrategyParams, __doc__=declared.__doc__, **given
+    )  # fmt: skip
+
+
+_known: dict[str, Strategy] = {}
+
+
+def register(strategy: Strategy) -> Strategy:
+    """Make a strategy known by its name; gives it back.
+
+    Raises:
+        InputError: another of that name is known.
+    """
+    if strategy.name in _known and _known[strategy.name] is not strategy:
+        raise InputError(f"there is a strategy '{strategy.name}' already", field="name")
+    _known[strategy.name] = strategy
+    return strategy
+
+
+def names() -> tuple[str, ...]:
+    """Names of all known strategies, as they became known."""
+    return tuple(_known)
+
+
+def known() -> Mapping[str, Strategy]:
+    """All known strategies by name."""
+    return _known
+
+
+def strategy(name: str) -> Strategy:
+    """The strategy of that name.
+
+    Raises:
+        InputError: there is none; the nearest is named.
+    """
+    if name not in _known:
+        raise InputError(
+            f"there is no strategy {shown(name)}{nearest(name, _known)} (there are {', '.join(_known)})",
+            field="strategy.name",
+        )
+    return _known[name]

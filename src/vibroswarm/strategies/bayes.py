@@ -1,0 +1,97 @@
+"""What none, positive and soft share: a posterior of the fill ratio, a bit, and a decision (Algorithm 1).
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 7, 8) |
+| decision | d_f | - | 0 if p > p_c, 1 if 1 - p > p_c, and -1 while undecided (Eq. 10) |
+| min_observations | O_c | - | a robot may decide only with strictly more than O_c counted observations |
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from vibroswarm.compiled import inlined
+from vibroswarm.strategies.world import Draws, World, belief_below
+
+Row = Any
+"""A row of a structured array: its fields are attributes, and are changed in place."""
+
+GATE_TOTAL: Final = 0
+GATE_RECEIVED: Final = 1
+GATE_OWN: Final = 2
+GATES: Final = ("total", "received", "own")
+
+
+class State:
+    """What a robot knows and has decided."""
+
+    alpha: int
+    beta: int
+    decision: int
+    own: int
+
+
+class Message:
+    """One bit."""
+
+    bit: int
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """The prior, undecided."""
+    s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
+
+
+def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
+    """Bits from other robots: into the posterior like own ones (Eq. 8)."""
+    s.alpha += ones
+    s.beta += zeros
+
+
+def decision(s: Row, a: Row, p: Row, w: World) -> int:
+    """d_f."""
+    found: int = s.decision
+    return found
+
+
+def belief(s: Row, a: Row, p: Row, w: World) -> float:
+    """P(f < boundary) of the posterior (Eq. 9)."""
+    return belief_below(s.alpha, s.beta, w)
+
+
+@inlined
+def observe(s: Row, observation: int) -> None:
+    """An own reading: into the posterior (Eq. 7)."""
+    s.alpha += observation
+    s.beta += 1 - observation
+    s.own += 1
+
+
+@inlined
+def is_enough(s: Row, w: World) -> bool:
+    """Whether more than O_c observations are counted, when the current own sample is already in ``s``."""
+    own = s.own if w.gate_counts_current else s.own - 1
+    if w.gate == GATE_OWN:
+        return bool(own > w.min_observations)
+    received = s.alpha + s.beta - w.prior_alpha - w.prior_beta - s.own
+    if w.gate == GATE_RECEIVED:
+        return bool(received > w.min_observations)
+    return bool(own + received > w.min_observations)
+
+
+@inlined
+def decided(p_below: float, before: int, w: World) -> int:
+    """d_f by Eq. 10, strictly; what was decided before stays where the belief decides nothing."""
+    if p_below > w.credible_threshold:
+        return 0
+    if 1.0 - p_below > w.credible_threshold:
+        return 1
+    return before
+
+
+@inlined
+def decide_once(s: Row, w: World) -> None:
+    """Decide, if undecided and if there is enough to go by."""
+    if s.decision == -1 and is_enough(s, w):
+        s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)
