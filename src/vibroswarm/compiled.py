@@ -191,9 +191,22 @@ _stamps = {str(source): _stamp(source) for source in _sources()} if _compiles() 
 """Of the sources as they were before any of them with a kernel was imported."""
 
 
+def made(file: str, text: str) -> None:
+    """Let kernels of a source that is no file, but was made, be kept by a hash of its text."""
+    if not _compiles():
+        return
+    from vibroswarm import kernel_cache
+
+    kernel_cache.MADE[file] = hashlib.sha256(text.encode()).digest()
+
+
 def _is_changed(source: str) -> bool:
     """Whether a source was changed since this began; a time that is still to come is no sign of it."""
+    from vibroswarm import kernel_cache
+
     path = Path(source)
+    if source in kernel_cache.MADE:
+        return False
     if source in _stamps:
         return _stamp(path) != _stamps[source]
     return _hashed_at_s < path.stat().st_mtime <= time.time()

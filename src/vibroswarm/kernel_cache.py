@@ -56,6 +56,11 @@ def why_unsafe(folder: Path, base: Path) -> str | None:
 class _Locator(UserProvidedCacheLocator):
     """The folder in Numba's ``CACHE_DIR``, and no other; a source is identified by its content."""
 
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
+        """For any function, also of a source that is no file."""
+        return cls(py_func, py_file)
+
     def ensure_cache_path(self) -> None:
         """Make the folder; whether it can be written shows when it is."""
         with suppress(OSError):
@@ -66,8 +71,16 @@ class _Locator(UserProvidedCacheLocator):
         return _hash_of(self._py_file)
 
 
-@cache
+MADE: Final[dict[str, bytes]] = {}
+"""Hashes of sources that are no files, by the names that stand for them."""
+
+
 def _hash_of(path: str) -> bytes:
+    return MADE[path] if path in MADE else _hash_of_file(path)
+
+
+@cache
+def _hash_of_file(path: str) -> bytes:
     return hashlib.sha256(Path(path).read_bytes()).digest()
 
 

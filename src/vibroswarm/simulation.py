@@ -13,6 +13,7 @@ import vibroswarm.motion.event
 import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
+from vibroswarm.early_stop import until_all_decided
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import infer, outcomes
@@ -23,7 +24,6 @@ from vibroswarm.observation.model import observe
 from vibroswarm.outcome import outcome_tables
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import Scenario
-from vibroswarm.until_decided import until_all_decided
 
 PIECE_S = 100.0
 """Motion whose progress is told is advanced in pieces of this length."""

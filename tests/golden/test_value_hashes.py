@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.optimize.followed import outcomes_of
+from vibroswarm.optimize.simulate_runs import outcomes_of
 from vibroswarm.presets import preset
 from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario

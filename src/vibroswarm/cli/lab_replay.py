@@ -48,14 +48,14 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.scenarios import whole_number
     from vibroswarm.lab.recording import Recording
     from vibroswarm.lab.replay import as_logged, lab_replay, told
-    from vibroswarm.strategies.program import STRATEGIES
+    from vibroswarm.strategies import names as known_names
 
     draws, seed = whole_number(arguments.draws, "--draws"), whole_number(arguments.seed, "--seed")
     names = [name.strip() for name in arguments.strategy.split(",")]
     for name in names:
-        if name not in STRATEGIES:
+        if name not in known_names():
             raise InputError(
-                f"there is no strategy '{name}'{nearest(name, STRATEGIES)} (there are {', '.join(STRATEGIES)})",
+                f"there is no strategy '{name}'{nearest(name, known_names())} (there are {', '.join(known_names())})",
                 field="--strategy",
             )
     recording = Recording.read(arguments.folder)

@@ -139,7 +139,6 @@ def search_from(arguments: argparse.Namespace) -> Search:
 
 def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
-    from vibroswarm.optimize.followed import engine_of
     from vibroswarm.optimize.fronts import fresh_runs, front_of
     from vibroswarm.optimize.loop import run_search
     from vibroswarm.optimize.report import as_dict, write_report
@@ -148,7 +147,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
     workers = _workers(arguments)
     warn_of(cell.scenario for cell in search.cases)
-    say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
+    say_compiling(search.study.motion.replace("-", "_"))
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
     about = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
@@ -266,7 +265,6 @@ def _say_grid(nodes: Nodes) -> None:
 def _sensitivity(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
-    from vibroswarm.optimize.followed import engine_of
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
     from vibroswarm.optimize.words import failures_said
     from vibroswarm.study.runner import Told
@@ -279,7 +277,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     search = search_from(arguments)
     workers = _workers(arguments)
     warn_of(cell.scenario for cell in search.cases)
-    say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
+    say_compiling(search.study.motion.replace("-", "_"))
     with study_progress("simulating", workers) as told:
         found = sobol_indices(
             search, budget, executor=arguments.executor, workers=workers,
@@ -390,7 +388,6 @@ def _check(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.cli.scenarios import whole_number
     from vibroswarm.optimize.check import compare_scenarios, scenario_named
-    from vibroswarm.optimize.followed import engine_of
     from vibroswarm.study.runner import Told
 
     for name in ("method", "noise", "budget", "fresh"):
@@ -403,7 +400,7 @@ def _check(arguments: argparse.Namespace) -> int:
     warn_of([first, second])
     workers = _workers(arguments)
     warn_of(cell.scenario for cell in search.cases)
-    say_compiling(engine_of([cell.scenario for cell in search.cases], search.study.motion))
+    say_compiling(search.study.motion.replace("-", "_"))
     with study_progress("scoring on fresh runs", workers) as told:
         found = compare_scenarios(
             first, second, search.objectives[0], runs, search.seed,

@@ -12,7 +12,7 @@ from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.energies import read_energies
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario, parse_setting
-from vibroswarm.strategies.program import STRATEGIES
+from vibroswarm.strategies import names
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
@@ -35,10 +35,10 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
     if arguments.robots is not None:
         values["swarm.robots"] = whole_number(arguments.robots, "--robots")
     if arguments.strategy is not None:
-        if arguments.strategy not in STRATEGIES:
+        if arguments.strategy not in names():
             raise InputError(
-                f"there is no strategy '{arguments.strategy}'{nearest(arguments.strategy, STRATEGIES)}"
-                f" (there are {', '.join(STRATEGIES)})",
+                f"there is no strategy '{arguments.strategy}'{nearest(arguments.strategy, names())}"
+                f" (there are {', '.join(names())})",
                 field="--strategy",
             )
         values["strategy.name"] = arguments.strategy

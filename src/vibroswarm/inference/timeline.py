@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, inner, read_only, signed, unsigned
 from vibroswarm.draws import ALONE, MESSAGE, uniform
-from vibroswarm.inference.minds import loss_number
+from vibroswarm.inference.agents import loss_number
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
@@ -62,6 +62,9 @@ class Timeline:
     time_s: NDArray[np.float64]
     robot: NDArray[np.uint16]
     sample: NDArray[np.uint32]
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    heading_rad: NDArray[np.float64]
     """(rows,) each."""
     heard: NDArray[np.int32]
     """(rows, 3): how many rows of the run the robot had come past when it took this sample, which of them was
@@ -115,7 +118,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         raise ValueError(f"samples of robot {highest} in runs of {robots} robots")
     runs = ends["run"].to_numpy()[::robots]
     bounds = np.append(np.searchsorted(samples["run"].to_numpy(), runs), samples.height)
-    names = ("robot", "sample", "time_s", "stop_start_s")
+    names = ("robot", "sample", "time_s", "stop_start_s", "x_m", "y_m", "heading_rad")
     column = {name: read_only(samples[name].to_numpy()) for name in names}
     heard, at_end = hearing(
         bounds,
@@ -134,6 +137,9 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         time_s=column["time_s"],
         robot=column["robot"],
         sample=column["sample"],
+        x_m=column["x_m"],
+        y_m=column["y_m"],
+        heading_rad=column["heading_rad"],
         heard=heard,
         heard_at_end=at_end,
     )

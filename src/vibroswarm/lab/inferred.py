@@ -26,7 +26,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.lab.log import Log
 from vibroswarm.strategies import soft
-from vibroswarm.strategies.program import GATES, STRATEGIES
+from vibroswarm.strategies.bayes import GATES
+
+TOLD_APART: Final = ("none", "positive", "soft")
+"""The strategies of the study's robots."""
 
 TICKS_S: Final = 0.04
 """Undisturbed samples are tau, two ticks and the stop apart."""
@@ -297,10 +300,10 @@ def infer_strategy(
     )
     if used == 0:
         return Inferred(name, None, None, None, "neither bits sent nor posteriors and decisions are logged")
-    order = sorted(STRATEGIES, key=lambda one: -likelihood[one])
+    order = sorted(TOLD_APART, key=lambda one: -likelihood[one])
     lead = likelihood[order[0]] - likelihood[order[1]]
     said = f"{used} {words}; log likelihood " + ", ".join(
-        f"{one} {likelihood[one]:.1f}" for one in STRATEGIES
+        f"{one} {likelihood[one]:.1f}" for one in TOLD_APART
     )
     # 10 to the 4 against 1: bits of one interval are not independent, so that no less will do.
     value = order[0] if lead > 9.2 else None
@@ -333,7 +336,7 @@ def _from_sent(
 ) -> tuple[dict[str, float], int, str] | None:
     if any(log.samples["message"].null_count() for log in logs):
         return None
-    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    total, used = dict.fromkeys(TOLD_APART, 0.0), 0
     for log in logs:
         bit = log.samples.sort("time_s")["message"].to_numpy()
         for one, share in _messages(log, threshold, eta, kappa).items():
@@ -346,7 +349,7 @@ def _from_sent(
 def _from_received(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
-    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    total, used = dict.fromkeys(TOLD_APART, 0.0), 0
     own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):
         if (
@@ -374,11 +377,11 @@ def _from_received(
             if others.size == 0 or not 0 <= ones <= n:
                 continue
             used += n
-            found.append((ones, n, *(float(chance[one][others].mean()) for one in STRATEGIES)))
+            found.append((ones, n, *(float(chance[one][others].mean()) for one in TOLD_APART)))
         if not found:
             continue
         of_ones, of_all, *shares = np.array(found).T
-        for one, share in zip(STRATEGIES, shares, strict=True):
+        for one, share in zip(TOLD_APART, shares, strict=True):
             likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
             total[one] += math.fsum(_log_binomial(of_ones, of_all, likely))
     return total, used, "bits received"

@@ -24,7 +24,7 @@ import polars as pl
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.minds import FINALS
+from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.lab.floor_fit import check_floor
 from vibroswarm.lab.inferred import Inferred, infer_settings

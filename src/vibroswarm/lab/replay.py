@@ -1,7 +1,7 @@
 """What each strategy would have decided on a recording's own observations.
 
 The energies are those that were read; the bit is E > theta_E with the threshold that is asked for. As many messages are
-heard between two samples of a robot as its log counts (``inference.counted``); which ones is not logged and is drawn
+heard between two samples of a robot as its log counts (``replay_from_counts``); which ones is not logged and is drawn
 anew in each draw. A sample whose row is lost is put back half-way between its neighbours, at the place where the
 robot was, with an energy drawn from those of the session on tiles of the same kind. Motion stays what it was: a robot
 that decided went on sampling.
@@ -17,12 +17,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import zero_rows
 from vibroswarm.draws import Purpose, uniform
 from vibroswarm.errors import InputError
-from vibroswarm.inference.counted import Session, replay_counted
-from vibroswarm.inference.minds import FINALS, MIND, final_frame, mind_program
-from vibroswarm.inference.replay import Columns, empty_columns, infer
+from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
+from vibroswarm.inference.generate import kernels
+from vibroswarm.inference.replay import infer, inference_columns
+from vibroswarm.inference.rows import Session, empty_log
 from vibroswarm.lab.recording import Recording, inside
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.pose import pose
@@ -30,7 +30,7 @@ from vibroswarm.observation.model import vibrating_at
 from vibroswarm.outcome import fill_ratios, outcome_tables, robot_table, run_table, truth_of
 from vibroswarm.result import ROBOTS, RUNS, Result
 from vibroswarm.scenario import Scenario
-from vibroswarm.strategies.belief_table import beliefs
+from vibroswarm.strategies import strategy as strategy_of
 
 SLACK_S: Final = 1.0
 """Times of sender and receiver are late by up to a quarter of a second each; real radios may hear during a stop."""
@@ -108,7 +108,7 @@ def replayed_table(
             "run": np.full(rows.energy.size, run, dtype=np.uint32),
             "robot": rows.session.robot.astype(np.uint16),
             "sample": rows.session.sample.astype(np.uint32),
-            **columns._asdict(),
+            **{column.name: column for column in columns},
         }
     )
     return frame, missing
@@ -116,21 +116,20 @@ def replayed_table(
 
 def _one(
     recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
-) -> tuple[pl.DataFrame, int, Columns]:
+) -> tuple[pl.DataFrame, int, list[pl.Series]]:
     """What became of each robot of a run in one draw, and messages that nobody can have sent."""
     energy = rows.energy
     if np.isnan(energy).any():
         energy = _drawn(rows, run, seed)
     session = rows.session._replace(observation=(energy > scenario.sensor.rms_threshold).astype(np.uint8))
-    program, count = mind_program(scenario), energy.size
-    minds = zero_rows(scenario.swarm.robots, MIND)
-    columns = empty_columns(count)
-    known = beliefs(program.boundary, program.prior_alpha + program.prior_beta + count)
-    missing = replay_counted(
-        session, minds, np.zeros(count, dtype=np.uint8), columns, program, known, SLACK_S, seed, run
+    count, strategy = energy.size, strategy_of(scenario.strategy.name)
+    swarm, log = empty_swarm(strategy, scenario, 1), empty_log(count, strategy.state_type)
+    messages = np.zeros(count, strategy.message_type)
+    missing = kernels(strategy, "replay_from_counts").replay_from_counts(
+        session, swarm, messages, log, world_of(scenario, count), SLACK_S, seed, run
     )
     ends = recording.ends.filter(pl.col("run") == run)
-    return final_frame(ends, minds, session.time_s), int(missing), columns
+    return final_frame(ends, swarm), int(missing), inference_columns(messages, log)
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:

@@ -79,7 +79,7 @@ def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
     Raises:
         InputError: edges that reach over too many tiles.
     """
-    return _expected(scenario.sensor, _geometry(scenario), _size(scenario), fill_ratio)
+    return _expected(scenario.sensor, geometry_of(scenario), _size(scenario), fill_ratio)
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
@@ -145,7 +145,7 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
     A rate that is not given is the sensor's, averaged over uniformly random places on floors at the boundary.
     """
     sensor, size = scenario.sensor, _size(scenario)
-    felt = _mean_felt_cached(sensor, _geometry(scenario), size, x)
+    felt = _mean_felt_cached(sensor, geometry_of(scenario), size, x)
     v = felt.vibrating
     a, b = error_rates(sensor)
     of_still = felt.spilt / (1.0 - v) if v < 1.0 else 0.0
@@ -176,7 +176,8 @@ def _mean_felt_cached(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio
     return mean_felt(sensor, geometry, size, fill_ratio)
 
 
-def _geometry(scenario: Scenario) -> Geometry:
+def geometry_of(scenario: Scenario) -> Geometry:
+    """Rows, columns, tile size and place of a scenario's grid of tiles, m."""
     return scenario.floor_for(0, 0).geometry
 
 

@@ -11,7 +11,6 @@ from vibroswarm.lazy import lazy_names
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.check import compare_scenarios
-    from vibroswarm.optimize.followed import outcomes_of
     from vibroswarm.optimize.fronts import Front, front_of
     from vibroswarm.optimize.grid import Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.importance import ped_anova
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from vibroswarm.optimize.pso import PsoSettings
     from vibroswarm.optimize.report import best_scenario, write_report
     from vibroswarm.optimize.sensitivity import sobol_indices
+    from vibroswarm.optimize.simulate_runs import outcomes_of
     from vibroswarm.optimize.space import Space
     from vibroswarm.optimize.spec import Search, SearchSettings
     from vibroswarm.optimize.truth import Truth, truth_of

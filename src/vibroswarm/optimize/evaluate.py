@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.followed import outcomes_of
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes
+from vibroswarm.optimize.simulate_runs import outcomes_of
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.executors import Workers
 

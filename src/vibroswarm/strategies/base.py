@@ -125,8 +125,53 @@ class Strategy:
 
     def params_row(self, values: BaseModel) -> tuple[Any, ...]:
         """The parameters as a row of ``params_type``."""
-        names = self.params_type.names or ()
+        names: tuple[str, ...] = self.params_type.names or ()
         return tuple(getattr(values, name, 0) for name in names)
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array of a robot's state: ``array("float32", "robots*tiles")``."""
+
+    kind: str
+    of: str
+
+    def size(self, sizes: Mapping[str, int]) -> int:
+        """How many numbers it holds.
+
+        Args:
+            sizes: robots, rows, columns, tiles.
+        """
+        found = 1
+        for factor in self.of.split("*"):
+            word = factor.strip()
+            if not word.isdigit() and word not in sizes:
+                raise InputError(
+                    f"{shown(word)} is no size; a number or one of {', '.join(sizes)}", field="arrays"
+                )
+            found *= int(word) if word.isdigit() else sizes[word]
+        return found
+
+
+ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
+
+
+def array(kind: str, of: str) -> Array:
+    """An array in a robot's state.
+
+    Args:
+        kind: of its numbers, one of ``ARRAY_KINDS``. of: its size, a product such as "robots*tiles".
+    """
+    if kind not in ARRAY_KINDS:
+        raise InputError(
+            f"{shown(kind)} is no kind of number (there are {', '.join(ARRAY_KINDS)})", field="arrays"
+        )
+    return Array(kind, of)
+
+
+def arrays_of(declared: type) -> dict[str, Array]:
+    """The arrays of a class whose attributes are ``array(...)``."""
+    return {name: one for name, one in vars(declared).items() if isinstance(one, Array)}
 
 
 KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_}

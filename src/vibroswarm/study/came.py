@@ -10,10 +10,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.sampling import Walk
-from vibroswarm.compiled import zero_rows
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.minds import MIND, final_columns
-from vibroswarm.inference.replay import INFERENCE, infer, replay_to
+from vibroswarm.inference.agents import final_columns
+from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
 from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
@@ -112,12 +111,12 @@ class _Moved:
         seen, runs, seed = scenarios[0], self.asked.runs, self.asked.seed
         floors = self._floors_of(seen)
         read = self.places.read(seen, floors, self.asked.samples)
-        minds = zero_rows((len(scenarios), self.timeline.ends.height), MIND)
-        for scenario, row in zip(scenarios, minds, strict=True):
+        each = []
+        for scenario in scenarios:
             self.asked.check()
-            replay_to(row, scenario, seed, self.timeline, read.observation)
-        finals = final_columns(minds, self.timeline.time_s)
-        finals = {name: one.reshape(len(scenarios), len(runs), -1) for name, one in finals.items()}
+            each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation)))
+        shape = (len(runs), self.timeline.robots)
+        finals = {name: np.stack([one[name].reshape(shape) for one in each]) for name in each[0]}
         fills, truth = _of_floors(scenarios, floors, runs)
         robots = {
             **finals,

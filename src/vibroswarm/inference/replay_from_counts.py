@@ -1,4 +1,4 @@
-"""Replay over observations where it is known how many messages each robot received between its samples, not which.
+"""Replay where it is known how many messages each robot received between its samples, not which; a kernel's source.
 
 A robot's log counts the messages it has received. So in each draw as many of the messages that others sent since its
 last sample are heard, chosen at random. Times in a log are a little late: where more were received than were sent in
@@ -7,37 +7,22 @@ that time, the rest is taken from those left over from the time before, and then
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, kernel, signed
-from vibroswarm.draws import ALONE, LOSS, MESSAGE, uniform
-from vibroswarm.inference.minds import begin_minds, load_mind, store_mind, take_sample
-from vibroswarm.inference.replay import Columns, write_row
-from vibroswarm.strategies.belief_table import Beliefs
-from vibroswarm.strategies.program import SOFT, MindProgram, receive
-
-
-class Session(NamedTuple):
-    """One run's samples in the order of time, (rows,) each."""
-
-    robot: NDArray[np.int64]
-    sample: NDArray[np.int64]
-    time_s: NDArray[np.float64]
-    hears_until_s: NDArray[np.float64]
-    """What was sent before this has arrived when the sample is taken."""
-    received: NDArray[np.int64]
-    """Messages received since the robot's row before."""
-    observation: NDArray[np.uint8]
+from vibroswarm.draws import LOSS, uniform
+from vibroswarm.inference.agents import Swarm, begin_agent, of_beginning, of_sample, world_for
+from vibroswarm.inference.hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
+from vibroswarm.inference.rows import Log, Session
+from vibroswarm.strategies.world import Reading, World
 
 
 @kernel
 def choose(
     session: Session,
     heard: NDArray[np.uint8],
-    message: NDArray[np.uint8],
+    messages: NDArray[np.void],
     i: int,
     first: int,
     last: int,
@@ -62,35 +47,38 @@ def choose(
         if uniform(seed, run, i, LOSS, index, k) * there < left:
             heard[k] = 1
             left -= 1
-            ones += message[k]
-            zeros += 1 - message[k]
+            bit = bit_of(messages[k])
+            ones += bit
+            zeros += 1 - bit
         there -= 1
     return ones, zeros
 
 
 @allocating_kernel
-def replay_counted(
-    session: Session,
-    minds: NDArray[np.void],
-    message: NDArray[np.uint8],
-    columns: Columns,
-    program: MindProgram,
-    beliefs: Beliefs,
-    slack_s: float,
-    seed: int,
-    run: int,
-) -> int:
+def replay_from_counts(
+    session: Session, swarm: Swarm, messages: NDArray[np.void], log: Log, world: World, slack_s: float,
+    seed: int, run: int,
+) -> int:  # fmt: skip
     """One run from the prior to its end; gives how many messages that were received nobody can have sent.
 
     Args:
-        minds: (robots,), message: (rows,), columns: overwritten. seed: of which messages are lost, and of soft bits.
+        swarm: of one run, messages: (rows,), log: (rows,); overwritten. seed: of which messages are lost, and of what
+            the strategy draws.
     """
-    rows, robots = session.robot.size, minds.size
+    rows, robots = session.robot.size, swarm.params.size
     heard = np.zeros((robots, rows), dtype=np.uint8)
     before = np.zeros(robots, dtype=np.int64)  # from here on messages may be left over
     since = np.zeros(robots, dtype=np.int64)  # from here on they are new
     unsent = 0
-    begin_minds(minds, program)
+    for i in range(robots):
+        begin_agent(swarm.agents[i])
+        begin(
+            swarm.states[i],
+            views(swarm.arrays, i),
+            of_beginning(seed, run, i),
+            swarm.params[i],
+            world_for(world, i),
+        )
     for k in range(rows):
         i, index = session.robot[k], session.sample[k]
         until = since[i]
@@ -100,21 +88,33 @@ def replay_counted(
         while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
             later += 1
         wanted = session.received[k]
-        ones, zeros = choose(session, heard[i], message, i, since[i], until, wanted, seed, run, index)
+        ones, zeros = choose(session, heard[i], messages, i, since[i], until, wanted, seed, run, index)
         more_ones, more_zeros = choose(
-            session, heard[i], message, i, before[i], since[i], wanted - ones - zeros, seed, run, index
+            session, heard[i], messages, i, before[i], since[i], wanted - ones - zeros, seed, run, index
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
         more_ones, more_zeros = choose(
-            session, heard[i], message, i, until, later, wanted - ones - zeros, seed, run, index
+            session, heard[i], messages, i, until, later, wanted - ones - zeros, seed, run, index
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
         unsent += wanted - ones - zeros
         before[i], since[i] = since[i], until
-        store_mind(minds, i, receive(load_mind(minds, i), ones, zeros))
-        u = 0.5
-        if program.strategy == SOFT:
-            u = uniform(seed, run, i, MESSAGE, index, ALONE)
-        message[k] = take_sample(minds, i, k, signed(session.observation[k]), u, program, beliefs, True)
-        write_row(columns, k, minds, i)
+        row, s, p, w, a = (
+            swarm.agents[i],
+            swarm.states[i],
+            swarm.params[i],
+            world_for(world, i),
+            views(swarm.arrays, i),
+        )
+        row.received += ones + zeros
+        on_counts(s, ones, zeros, p, w)
+        bit = signed(session.observation[k])
+        x = Reading(bit, np.nan, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0)
+        on_sample(s, a, x, messages[k], of_sample(seed, run, i, index, -1.0), p, w)
+        row.samples += 1
+        row.belief = belief(s, a, p, w)
+        new = decision(s, a, p, w)
+        if new != row.decision:
+            row.decision, row.decided_s, row.belief_at_decision = new, session.time_s[k], row.belief
+        log.states[k], log.received[k], log.belief[k], log.decision[k] = s, row.received, row.belief, new
     return unsent

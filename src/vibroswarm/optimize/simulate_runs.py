@@ -1,0 +1,125 @@
+"""The outcomes of runs without their tables: each run is followed as it moves, and no further than need be.
+
+What an evaluation needs is known once all robots have decided. Scenarios that move alike share their motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.inference.closed_loop import ClosedLoop, move_on
+from vibroswarm.motion.contract import MotionState, source
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.observation.ground import grounds_of
+from vibroswarm.optimize.outcomes import Outcomes, end_s, truths
+from vibroswarm.outcome import fill_ratios
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import OF_MOTION, floors_of
+
+PIECE_S: Final = 60.0
+"""So far runs move between two looks whether all have decided: a look costs as much as moving for some 20 s."""
+LIKELY: Final = 0.95
+"""Of the shortest run so far: how long the first piece of the next one is. No result depends on it."""
+
+
+def outcomes_of(
+    scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
+) -> list[Outcomes]:
+    """The outcomes of these runs of each scenario, whatever its ``run.stop``.
+
+    Args:
+        scenarios: one or several. seed, runs, motion: as of ``simulate``.
+    Raises:
+        InputError: a scenario cannot be simulated.
+    """
+    alike: dict[tuple[Any, ...], list[int]] = {}
+    for k, scenario in enumerate(scenarios):
+        alike.setdefault(tuple(getattr(scenario, section) for section in OF_MOTION), []).append(k)
+    found: dict[int, Outcomes] = {}
+    for group in alike.values():
+        came = _followed([scenarios[k] for k in group], seed, runs, motion)
+        found |= dict(zip(group, came, strict=True))
+    return [found[k] for k in range(len(scenarios))]
+
+
+def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str) -> list[Outcomes]:
+    """The outcomes of these runs of scenarios that move alike."""
+    courses = [_Course(scenario, seed, runs) for scenario in scenarios]
+    state: MotionState | None = None
+    for r, run in enumerate(runs):
+        if isinstance(state, KernelRun):
+            state.start(seed, run)
+        else:
+            state = source(motion).init(scenarios[0], seed, run, False)
+        for course in courses:
+            course.loop.begin(run, course.grounds[r])
+
+        def take(rows: NDArray[np.void]) -> None:
+            for course in courses:
+                course.loop.take(rows)
+
+        until_s = min(course.first_s for course in courses)
+        while until_s > state.time_s:
+            move_on(state, scenarios[0].run.control_period_ms, until_s, take)
+            until_s = max(course.until_s(state.time_s) for course in courses)
+        for course in courses:
+            course.finish(r)
+    return [course.outcomes() for course in courses]
+
+
+class _Course:
+    """The runs of one scenario while they are followed."""
+
+    def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
+        floors = floors_of(scenario, seed, runs)
+        self.scenario, self.loop = scenario, ClosedLoop(scenario, seed)
+        self.runs, self.grounds = runs, grounds_of(scenario, seed, runs, floors)
+        arena = scenario.arena
+        self.fills = np.array(fill_ratios(floors, list(runs), arena.width_m, arena.height_m))
+        self.tiles = floors[runs[0]].tiles.size
+        shape = (len(runs), scenario.swarm.robots)
+        self.decision = np.empty(shape, dtype=np.int64)
+        self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
+        self.end_s = np.empty(len(runs))
+        self.shortest_s = np.inf
+
+    @property
+    def first_s(self) -> float:
+        """Where to look first."""
+        t_end_s = self.scenario.run.t_end_s
+        return min(LIKELY * self.shortest_s if np.isfinite(self.shortest_s) else PIECE_S, t_end_s)
+
+    def until_s(self, now_s: float) -> float:
+        """Until when the run has to move; no further if that is not later than now."""
+        t_end_s, decided_s = self.scenario.run.t_end_s, self.loop.all_decided_s
+        if decided_s is None or self.loop.may_change:
+            return min(now_s + PIECE_S, t_end_s)
+        return min(end_s(decided_s, t_end_s) + self.scenario.tick_s, t_end_s)
+
+    def finish(self, r: int) -> None:
+        """Put down all that became of run ``r``."""
+        loop, decided_s = self.loop, self.loop.all_decided_s
+        self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.scenario.run.t_end_s)
+        self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
+        loop.go_back_to(float(self.end_s[r]))
+        self.estimate[r] = loop.estimate
+        if decided_s is not None:
+            self.shortest_s = min(self.shortest_s, decided_s)
+
+    def outcomes(self) -> Outcomes:
+        """Of all runs, once they are finished."""
+        return Outcomes(
+            run=np.array(self.runs, dtype=np.int64),
+            decision=self.decision,
+            decision_time_s=self.decision_time_s,
+            estimate=self.estimate,
+            end_s=self.end_s,
+            fill_ratio=self.fills,
+            truth=truths(self.scenario, self.fills),
+            tiles=self.tiles,
+            t_end_s=self.scenario.run.t_end_s,
+        )
