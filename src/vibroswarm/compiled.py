@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,11 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, from_python=False, _nrt=False, forceinline=False)
 
 
+def part(function: Callable[P, R]) -> Callable[P, R]:
+    """As ``inlined``, for functions that come from elsewhere: they are compiled with each kernel, and never kept."""
+    return _compile(function, from_python=False, keeps=False, _nrt=False, forceinline=True)
+
+
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """As ``inner``, put into its callers: for what is called at one or two places, or is as small as a call."""
     return _compile(function, from_python=False, _nrt=False, forceinline=True)
@@ -213,7 +218,11 @@ def _is_changed(source: str) -> bool:
 
 
 def _compile(
-    function: Callable[P, R], from_python: bool = True, side_by_side: bool = True, **options: bool
+    function: Callable[P, R],
+    from_python: bool = True,
+    side_by_side: bool = True,
+    keeps: bool = True,
+    **options: bool,
 ) -> Callable[P, R]:
     if not _compiles():
         return function
@@ -226,7 +235,7 @@ def _compile(
     options |= {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
     njit: Any = numba.njit  # its stubs do not know all options
     compiled: Any = njit(error_model="numpy", **options)(function)
-    folder = cache_folder()
+    folder = cache_folder() if keeps else None
     if folder is not None:
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
@@ -237,6 +246,8 @@ def _compile(
     if not from_python:
         _call_plain(compiled)
     _set_for_compiling(compiled, side_by_side)
+    if not keeps:
+        return cast("Callable[P, R]", compiled)
     _compiled.append(compiled)
     if _is_changed(function.__code__.co_filename):
         _forget()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.inference.closed_loop import ClosedLoop, taken_from
 from vibroswarm.motion.contract import Motion, MotionState, join, source
 from vibroswarm.observation.ground import grounds_of
 from vibroswarm.scenario import Scenario
@@ -50,7 +50,7 @@ def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
     while state.time_s < t_end_s:
         before = state.copy()
         piece = state.advance(min(state.time_s + length_s, t_end_s))
-        loop.take(sample_rows(piece.samples, loop.tick_ms))
+        loop.catch_up(*taken_from(piece, [loop], loop.tick_ms))
         decided_s = loop.first_all_decided_s
         if decided_s is not None:
             return join([*pieces, before.advance(decided_s + loop.scenario.tick_s)])

@@ -9,8 +9,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import inlined, zero_rows
-from vibroswarm.draws import ALONE, BEGINNING, FIRST, HEARING, LOSS, MESSAGE, STEERING, TIMER, uniform
+from vibroswarm.draws import (
+    ALONE,
+    BEGINNING,
+    FIRST,
+    HEARING,
+    LOSS,
+    MESSAGE,
+    NETWORK,
+    STEERING,
+    TIMER,
+    uniform,
+)
 from vibroswarm.inference.generate import arrays_for
+from vibroswarm.networks.base import Network
 from vibroswarm.observation.boundary import geometry_of, readings_boundary
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.scenario import Scenario
@@ -21,13 +33,14 @@ from vibroswarm.strategies.world import Draws, World
 
 AGENT = np.dtype(
     [(name, np.int64) for name in ("decision", "samples", "sent", "received", "timers", "heard", "ones", "own_ones")]
-    + [("tick", np.int64), ("heard_tick", np.int64)]
+    + [(name, np.int64) for name in ("opinion", "row", "tick", "sample_tick", "due_tick")]
     + [(name, np.float64) for name in ("decided_s", "first_decided_s", "belief", "belief_at_decision")]
 )  # fmt: skip
 """One robot: its decision (-1: none); how many samples it has taken, messages it has sent and received, timers it has
-had; how many of the run's messages it has come past, ones received, ones among its own; the tick of its last own event,
-and up to which tick's messages it has heard; when its decision came to stand, and when it first had one; its belief at
-its last own event, and when its decision came to stand."""
+had; how many of the run's messages it has come past, ones received, ones among its own; its opinion, which may change;
+the row of its last sample, the ticks of its last own event and its last sample, and at which its timer is due; when its
+decision came to stand, and when it first had one; its belief at its last own event, and when its decision came to
+stand."""
 
 FINALS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -78,6 +91,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
         robots=scenario.swarm.robots,
         t_end_s=scenario.run.t_end_s,
         tick_s=scenario.tick_s,
+        tick_ms=scenario.run.control_period_ms,
         width_m=arena.width_m,
         height_m=arena.height_m,
         rows=int(rows),
@@ -97,6 +111,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
         prior_beta=decision.prior_beta,
         false_positive=float(positive),
         false_negative=float(negative),
+        hold_s=getattr(decision, "hold_s", 30.0),
         beliefs=beliefs(boundary, decision.prior_alpha + decision.prior_beta + counts),
     )
 
@@ -105,18 +120,19 @@ def world_of(scenario: Scenario, counts: int) -> World:
 def world_for(w: World, i: int) -> World:
     """The world as robot ``i`` knows it."""
     return World(
-        i, w.robots, w.t_end_s, w.tick_s, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m, w.tile_height_m,
-        w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold, w.min_observations, w.gate,
-        w.gate_counts_current, w.revise, w.prior_alpha, w.prior_beta, w.false_positive, w.false_negative, w.beliefs,
+        i, w.robots, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
+        w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
+        w.min_observations, w.gate, w.gate_counts_current, w.revise, w.prior_alpha, w.prior_beta, w.false_positive,
+        w.false_negative, w.hold_s, w.beliefs,
     )  # fmt: skip
 
 
-def empty_swarm(strategy: Strategy, scenario: Scenario, runs: int) -> Swarm:
+def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: int) -> Swarm:
     """Rows for so many runs, to be begun."""
     robots = scenario.swarm.robots
     params = zero_rows(robots, strategy.params_type)
     params[:] = strategy.params_row(getattr(scenario.strategy, "params", scenario.strategy))
-    arrays = arrays_for(strategy, runs * robots, sizes_of(scenario))
+    arrays = arrays_for(strategy, network, runs * robots, sizes_of(scenario))
     return Swarm(
         zero_rows(runs * robots, AGENT), zero_rows(runs * robots, strategy.state_type), arrays, params
     )
@@ -133,7 +149,8 @@ def sizes_of(scenario: Scenario) -> dict[str, int]:
 def begin_agent(row: Any) -> None:
     """Undecided, nothing heard."""
     row.decision, row.samples, row.sent, row.received, row.timers = -1, 0, 0, 0, 0
-    row.heard, row.ones, row.own_ones, row.tick, row.heard_tick = 0, 0, 0, 0, -1
+    row.heard, row.ones, row.own_ones = 0, 0, 0
+    row.opinion, row.row, row.tick, row.sample_tick, row.due_tick = -1, -1, 0, 0, 0
     row.decided_s, row.first_decided_s, row.belief, row.belief_at_decision = np.nan, np.nan, np.nan, np.nan
 
 
@@ -165,6 +182,18 @@ def of_timer(seed: int, run: int, i: int, number: int) -> Draws:
 def of_steering(seed: int, run: int, i: int, number: int) -> Draws:
     """Numbers for ``steer``."""
     return Draws(seed, run, i, STEERING, number, ALONE, 0, -1.0)
+
+
+@inlined
+def of_network(seed: int, run: int, receiver: int, sender: int, number: int) -> Draws:
+    """Numbers for ``lost``: of the receiver, the sender and its message."""
+    return Draws(seed, run, receiver, LOSS, number, sender, 16, -1.0)
+
+
+@inlined
+def of_sending(seed: int, run: int, sender: int, number: int) -> Draws:
+    """Numbers for ``send``: of the sender and its message."""
+    return Draws(seed, run, sender, NETWORK, number, ALONE, 0, -1.0)
 
 
 @inlined

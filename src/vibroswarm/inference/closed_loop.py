@@ -6,7 +6,7 @@ observation and replay give one after the other, and a test holds it to that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +14,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import kernel, read_only, signed, zero_rows
-from vibroswarm.inference.agents import world_of
-from vibroswarm.inference.replay import Replayer
-from vibroswarm.inference.rows import Readings, Rows
+from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
+from vibroswarm.inference.rows import Readings, Rows, Stops
 from vibroswarm.inference.timeline import write_heard
-from vibroswarm.motion.contract import MotionState
+from vibroswarm.motion.contract import Motion, MotionState
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.record import SAMPLE_ROW
 from vibroswarm.observation.ground import Ground, read
@@ -35,6 +34,9 @@ class Notes(NamedTuple):
     tick: NDArray[np.int64]
     previous: NDArray[np.int32]
     """The robot's row before; -1: none."""
+    stop_tick: NDArray[np.int64]
+    following: NDArray[np.int32]
+    """The robot's next row; -1: none yet."""
     heard: NDArray[np.int32]
     """(room, 3): as of ``Timeline``."""
     observation: NDArray[np.uint8]
@@ -45,6 +47,8 @@ class Notes(NamedTuple):
     """(robots,): the robot's last row; -1: none."""
     own: NDArray[np.int32]
     """(robots,): how many it has taken."""
+    first: NDArray[np.int32]
+    """(robots,): the robot's first row; -1: none yet."""
 
 
 def empty_notes(robots: int, room: int) -> Notes:
@@ -55,6 +59,8 @@ def empty_notes(robots: int, room: int) -> Notes:
         time_s=np.empty(room),
         tick=np.empty(room, dtype=np.int64),
         previous=np.empty(room, dtype=np.int32),
+        stop_tick=np.empty(room, dtype=np.int64),
+        following=np.empty(room, dtype=np.int32),
         heard=np.empty((room, 3), dtype=np.int32),
         observation=np.empty(room, dtype=np.uint8),
         x_m=np.empty(room),
@@ -62,6 +68,7 @@ def empty_notes(robots: int, room: int) -> Notes:
         heading_rad=np.empty(room),
         latest=np.empty(robots, dtype=np.int32),
         own=np.empty(robots, dtype=np.int32),
+        first=np.empty(robots, dtype=np.int32),
     )
 
 
@@ -82,6 +89,11 @@ def note(
         notes.tick[k], notes.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
         notes.x_m[k], notes.y_m[k], notes.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
         notes.observation[k], notes.previous[k] = bit, notes.latest[i]
+        notes.stop_tick[k], notes.following[k] = row.stop_tick, -1
+        if notes.latest[i] >= 0:
+            notes.following[notes.latest[i]] = k
+        else:
+            notes.first[i] = k
         until, last_own, own = row.stop_tick - 2, notes.latest[i], notes.own[i]
         write_heard(notes.heard[k], notes.heard, notes.previous, notes.tick, 0, k, until, last_own, own)
         notes.latest[i] = k
@@ -105,16 +117,15 @@ class ClosedLoop:
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_of(scenario.strategy.name)
         self.notes = empty_notes(robots, room)
-        self.replayer = Replayer(scenario, seed, 1, room, world_of(scenario, room))
+        self.replayer = replayer_of(scenario, seed, runs=1, longest=room, rows=room)
         notes = Notes(*(read_only(column) for column in self.notes))
-        nowhere = read_only(np.empty(0))
         self.readings = Readings(
             notes.observation,
-            read_only(np.empty(0, dtype=np.float32)),
+            NO_ENERGY,
             notes.x_m,
             notes.y_m,
             notes.heading_rad,
-            nowhere,
+            NOWHERE,
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
@@ -126,24 +137,43 @@ class ClosedLoop:
             notes.heard,
             read_only(np.zeros((robots, 3), dtype=np.int32)),
         )
+        self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        self.stops = Stops(
+            notes.tick,
+            notes.stop_tick,
+            notes.following,
+            notes.first,
+            read_only(self.walked_tick),
+            read_only(self.known_tick),
+        )
 
     def begin(self, run: int, ground: Ground) -> None:
         """Go to the start of a run."""
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
-        self.notes.latest[:], self.notes.own[:] = -1, 0
-        self.replayer.go_on(self.rows, self.readings, begins=True)
+        self.notes.latest[:], self.notes.own[:], self.notes.first[:] = -1, 0, -1
+        self.walked_tick[:], self.known_tick[0] = 0, 0
+        self.replayer.go_on(self.rows, self.readings, self.stops, begins=True)
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Take in the samples that came next (``motion.record.SAMPLE_ROW``)."""
-        filled = note(
+        """Put down the samples that came next (``motion.record.SAMPLE_ROW``)."""
+        self.bounds[1] = note(
             rows, self.ground, self.notes, int(self.bounds[1]), self.seed, int(self.runs[0]), self.tick_ms
         )
-        self.bounds[1] = filled
-        self.replayer.go_on(self.rows, self.readings)
+
+    def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
+        """Let the robots live through what was put down.
+
+        Args:
+            known_tick: up to here, this tick not included, motion is known. stop_tick: (robots,): since when each robot
+                stands then; -1: it walks.
+        """
+        self.known_tick[0] = known_tick
+        self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
+        self.replayer.go_on(self.rows, self.readings, self.stops)
 
     def go_back_to(self, time_s: float) -> None:
         """The swarm as it was at ``time_s``, the samples taken then included."""
-        self.replayer.go_on(self.rows, self.readings, begins=True, limit_s=time_s)
+        self.replayer.go_on(self.rows, self.readings, self.stops, begins=True, limit_s=time_s)
 
     @property
     def decision(self) -> NDArray[np.int64]:
@@ -194,12 +224,33 @@ def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
     return rows
 
 
-def move_on(
-    state: MotionState, tick_ms: int, until_s: float, take: Callable[[NDArray[np.void]], None]
-) -> None:
-    """Move a run on, and hand over its samples as they come (``motion.record.SAMPLE_ROW``)."""
+def move_on(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
+    """Move a run on to ``until_s``, and let the swarms of some scenarios that move alike live through it.
+
+    Gives what is new as tables, where the source gives nothing else.
+    """
+    tick_ms = loop[0].tick_ms
     if isinstance(state, KernelRun):
+
+        def take(rows: NDArray[np.void]) -> None:
+            for one in loop:
+                one.take(rows)
+
         state.go_on(until_s, take)
+        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks
     else:
         piece = state.advance(until_s)
-        take(sample_rows(piece.samples, tick_ms))
+        known_tick, stop_tick = taken_from(piece, loop, tick_ms)
+    for one in loop:
+        one.catch_up(known_tick, stop_tick)
+    return piece
+
+
+def taken_from(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
+    """Put down a piece of motion; gives up to which tick it is known, and since when each robot stands then."""
+    rows = sample_rows(piece.samples, tick_ms)
+    for one in loop:
+        one.take(rows)
+    standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
+    stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)
+    return int(np.rint(piece.ends["end_s"].to_numpy().max() * (1000.0 / tick_ms))), stop_tick

@@ -8,6 +8,7 @@ of our code: it is compiled once, and found by every process after that.
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import inspect
 import linecache
@@ -15,13 +16,15 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.compiled import inlined, made, source_hash
+from vibroswarm.compiled import made, part, source_hash
+from vibroswarm.errors import InputError
 from vibroswarm.inference import hooks
+from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.world import u
 
@@ -30,36 +33,71 @@ PACKAGE: Final = "vibroswarm_made"
 """Modules that are made are known to Python by names that begin so."""
 IMPORT: Final = "from vibroswarm.inference.hooks import"
 
+HEAD: Final = """from typing import Any, NamedTuple
+
+from vibroswarm.compiled import part
+"""
 VIEWS: Final = '''
 
 class Arrays(NamedTuple):
     """The arrays of some robots, (robots, size) each."""
 {fields}
 
+
 class Views(NamedTuple):
     """A robot's arrays."""
 {fields}
 
-@inlined
+
+@part
 def views(arrays, i):
     return Views({values})
 '''
+AS_COUNTS: Final = """
+
+@part
+def on_message(s, a, m, sender, t_s, d, p, w):
+    on_counts(s, m.bit, 1 - m.bit, p, w)
+"""
 
 
 def draws(strategy: Strategy) -> bool:
     """Whether an own sample asks for a number, as far as can be seen: it may then be given beforehand."""
     function = strategy.on_sample
-    return any(function.__globals__.get(name) is u for name in function.__code__.co_names)
+    return any(value is u for value in globals_of(function).values())
 
 
-def key_of(strategy: Strategy) -> str:
-    """12 hexadecimal digits of all that a strategy's kernels are made from."""
-    text = strategy.source or inspect.getsource(inspect.getmodule(strategy.on_sample) or hooks)
-    whole = "\0".join((source_hash(), strategy.name, text))  # the kernels' sources are of our own
+def key_of(*declared: Strategy | Network) -> str:
+    """12 hexadecimal digits of all that a strategy's and a network's kernels are made from."""
+    texts = [one.source or _text_of(one) for one in declared]
+    whole = "\0".join((source_hash(), *texts))  # the kernels' sources are of our own
     return hashlib.sha256(whole.encode()).hexdigest()[:12]
 
 
-def arrays_for(strategy: Strategy, robots: int, sizes: Mapping[str, int]) -> Any:
+def _text_of(declared: Strategy | Network) -> str:
+    """The source of the module that functions come from; of what was typed in, the functions themselves."""
+    functions = _functions_of(declared)
+    try:
+        return inspect.getsource(inspect.getmodule(functions[0]) or hooks) if functions else ""
+    except OSError:
+        return "\0".join(_described(function) for function in functions)
+
+
+def _described(function: Callable[..., Any]) -> str:
+    code = function.__code__
+    plain = {
+        name: value
+        for name, value in globals_of(function).items()
+        if isinstance(value, int | float | str | bool)
+    }
+    return repr((code.co_code, code.co_consts, code.co_names, plain))
+
+
+def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
+    return [value for value in vars(declared).values() if isinstance(value, FunctionType)]
+
+
+def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping[str, int]) -> Any:
     """The arrays of so many robots, all zeros; 0 where a strategy has none.
 
     Args:
@@ -69,23 +107,24 @@ def arrays_for(strategy: Strategy, robots: int, sizes: Mapping[str, int]) -> Any
     if not declared:
         return 0
     arrays = {name: np.zeros((robots, one.size(sizes)), one.kind) for name, one in declared.items()}
-    return vars(hooks_of(strategy))["Arrays"](**arrays)
+    return vars(hooks_of(strategy, network))["Arrays"](**arrays)
 
 
 @cache
-def hooks_of(strategy: Strategy) -> ModuleType:
+def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
     """The module that takes the place of ``hooks``."""
-    return _hooks_module(f"{PACKAGE}.{strategy.name}_{key_of(strategy)}.hooks", strategy)
+    name = f"{PACKAGE}.{strategy.name}_{network.name}_{key_of(strategy, network)}.hooks"
+    return _hooks_module(name, strategy, network)
 
 
 @cache
-def kernels(strategy: Strategy, template: str) -> ModuleType:
-    """The module of a kernel's source for this strategy.
+def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
+    """The module of a kernel's source for this strategy and network.
 
     Args:
         template: name of a module of this folder: ``replay_counts``, ...
     """
-    made_hooks = hooks_of(strategy).__name__
+    made_hooks = hooks_of(strategy, network).__name__
     text = (FOLDER / f"{template}.py").read_text()
     if IMPORT not in text:
         raise ValueError(f"{template} takes no hooks")
@@ -93,56 +132,80 @@ def kernels(strategy: Strategy, template: str) -> ModuleType:
     return _made(f"{package}.{template}", text.replace(IMPORT, f"from {made_hooks} import"))
 
 
-def _hooks_module(name: str, strategy: Strategy) -> ModuleType:
-    """The strategy's functions, compiled, and for those that it leaves out what stands for them."""
+OF_STRATEGY: Final = (
+    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer",
+)  # fmt: skip
+OF_NETWORK: Final = ("lost", "send")
+
+
+def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType:
+    """The strategy's and the network's functions, compiled, and for those left out what stands for them."""
     fields = tuple(arrays_of(strategy.arrays))
-    text = "from typing import Any, NamedTuple\n\nfrom vibroswarm.compiled import inlined\n"
+    text = HEAD
     if fields:
         text += VIEWS.format(
             fields="\n".join(f"    {field}: Any" for field in fields),
             values=", ".join(f"arrays.{field}[i]" for field in fields),
         )
     else:
-        text += "\n\n@inlined\ndef views(arrays, i):\n    return 0\n"
-    names = strategy.message_type.names or ()
-    bit = "m.bit" if "bit" in names else "0"
-    text += f"\n\n@inlined\ndef bit_of(m):\n    return {bit}\n"
-    if strategy.on_timer is not None:
-        text += "\n\n@inlined\ndef next_s(s):\n    return s.next_s\n"
-    module = _made(name, text)
-    found: dict[str, Callable[..., Any]] = {
-        one: getattr(strategy, one) or getattr(hooks, one)
-        for one in (
-            "begin",
-            "on_counts",
-            "on_message",
-            "on_sample",
-            "on_timer",
-            "decision",
-            "belief",
-            "steer",
-        )
-    }
-    for one, function in found.items():
-        setattr(module, one, inlined(function))
-    if strategy.on_timer is None:
-        vars(module)["next_s"] = inlined(hooks.next_s)
+        text += "\n\n@part\ndef views(arrays, i):\n    return 0\n"
+    bit = "m.bit" if "bit" in (strategy.message_type.names or ()) else "0"
+    text += f"\n\n@part\ndef bit_of(m):\n    return {bit}\n"
+    text += f"\n\n@part\ndef next_s(s):\n    return {'s.next_s' if strategy.on_timer else '0.0'}\n"
     if strategy.on_message is None and strategy.on_counts is not None:
-        on_counts = vars(module)["on_counts"]
-        namespace: dict[str, Any] = {"on_counts": on_counts}
-        text = "def on_message(s, a, m, sender, t_s, d, p, w):\n    on_counts(s, m.bit, 1 - m.bit, p, w)\n"
-        vars(module)["on_message"] = inlined(_function("on_message", text, f"{name}.on_message", namespace))
-    vars(module)["HAS_TIMER"] = strategy.on_timer is not None
-    vars(module)["HAS_STEER"] = strategy.steer is not None
-    vars(module)["IS_OPINION"] = strategy.decides == "opinion"
+        text += AS_COUNTS
+    module = _made(name, text)
+    space = vars(module)
+    made_parts: dict[Callable[..., Any], Any] = {}
+    for declared, names in ((strategy, OF_STRATEGY), (network, OF_NETWORK)):
+        for one in names:
+            if one == "on_message" and one in space:
+                continue
+            space[one] = compiled_part(getattr(declared, one) or getattr(hooks, one), made_parts)
+    space["HAS_TIMER"] = strategy.on_timer is not None
+    space["HAS_STEER"] = strategy.steer is not None
+    space["IS_OPINION"] = strategy.decides == "opinion"
+    space["HAS_SEND"] = network.send is not None
     return module
 
 
-def _function(function: str, text: str, name: str, namespace: dict[str, Any]) -> Callable[..., Any]:
-    module = _made(name, text)
-    vars(module).update(namespace)
-    found: Callable[..., Any] = getattr(module, function)
-    return found
+def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
+    """The globals that a function reads, by name."""
+    names = {
+        one.argval for one in dis.get_instructions(function) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+    }
+    return {name: function.__globals__[name] for name in sorted(names) if name in function.__globals__}
+
+
+def compiled_part(function: Callable[..., Any], made_parts: dict[Callable[..., Any], Any]) -> Any:
+    """A function as a part of a kernel, and with it the plain functions of its module that it calls.
+
+    Raises:
+        InputError: functions that call each other in a circle.
+    """
+    if function in made_parts:
+        if made_parts[function] is None:
+            raise InputError(
+                f"{function.__name__} calls itself; a robot's program does not", field="strategy"
+            )
+        return made_parts[function]
+    if not isinstance(function, FunctionType):
+        return function  # compiled already
+    made_parts[function] = None
+    called = {
+        name: compiled_part(value, made_parts)
+        for name, value in globals_of(function).items()
+        if isinstance(value, FunctionType) and value.__module__ == function.__module__
+    }
+    whole = function
+    if called:
+        space = {**function.__globals__, **called}
+        whole = FunctionType(
+            function.__code__, space, function.__name__, function.__defaults__, function.__closure__
+        )
+        whole.__module__, whole.__qualname__ = function.__module__, function.__qualname__
+    made_parts[function] = part(whole)
+    return made_parts[function]
 
 
 def _made(name: str, text: str) -> ModuleType:

@@ -16,6 +16,7 @@ Row = Any
 HAS_TIMER: Final = False
 HAS_STEER: Final = False
 IS_OPINION: Final = False
+HAS_SEND: Final = False
 
 
 def begin(s: Row, a: Any, d: Draws, p: Row, w: World) -> None:
@@ -68,3 +69,15 @@ def views(arrays: Any, i: int) -> Any:
 def bit_of(m: Row) -> int:
     """The bit of a message of one bit."""
     return 0
+
+
+def lost(sender: int, receiver: int, d: Draws, p: Row, w: World) -> bool:
+    """Whether a message never reaches a receiver."""
+    return False
+
+
+def send(
+    n: Row, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any, arrival_tick: Any, d: Draws,
+    p: Row, w: World,
+) -> None:  # fmt: skip
+    """From which tick on each robot can read a message; never: -1."""

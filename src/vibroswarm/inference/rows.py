@@ -16,6 +16,9 @@ NO_ROOM: Final = 2
 """More messages were sent than there is room for."""
 NO_KIND: Final = 3
 """A decision is none of -1, 0, 1."""
+AGREED_SINCE: Final = 0
+SETTLED: Final = 1
+"""Places in ``Mail.agreement``."""
 WHY: Final = {
     DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
     "give it on_message in place of on_counts",
@@ -50,6 +53,47 @@ class Readings(NamedTuple):
     """The uniform number 0 of each sample."""
 
 
+class Stops(NamedTuple):
+    """When robots stand, and so neither hear nor send, in ticks."""
+
+    tick: NDArray[np.int64]
+    """(rows,): of the sample, at the end of its stop."""
+    stop_tick: NDArray[np.int64]
+    """(rows,): the first at which it stands."""
+    following: NDArray[np.int32]
+    """(rows,): the robot's next row, from the run's first; -1: none, or not known yet."""
+    first: NDArray[np.int32]
+    """(runs * robots,): the robot's first row, likewise."""
+    walked_tick: NDArray[np.int64]
+    """(runs * robots,): the last at which it walks, as far as motion is known."""
+    known_tick: NDArray[np.int64]
+    """(runs,): up to here, this one not included, motion is known."""
+
+
+class Mail(NamedTuple):
+    """What has been sent in the run under way, in the order of tick and sender; (room,) each but where it is said."""
+
+    messages: NDArray[np.void]
+    sender: NDArray[np.int64]
+    tick: NDArray[np.int64]
+    number: NDArray[np.int64]
+    """Of the sender's messages, from 0."""
+    arrival: NDArray[np.int64]
+    """(room, robots): the tick from which on it can be read; -1: never, or it was read. Of no rows where all are there
+    at the next tick, or never."""
+    filled: NDArray[np.int64]
+    """(1,): how many there are."""
+    agreement: NDArray[np.int64]
+    """(2,): since which tick all opinions agree (-1: they do not), and whether for long enough."""
+    empty: NDArray[np.void]
+    """(1,): a message of zeros."""
+    blank: NDArray[np.void]
+    """(1,): a robot's state of zeros."""
+    silent: NDArray[np.void]
+    """(1,): a network's state of zeros."""
+    nowhere: NDArray[np.float64]
+
+
 class Log(NamedTuple):
     """What robots believed and had decided after each row, (rows,) each; of no rows where nobody asks."""
 
@@ -57,6 +101,7 @@ class Log(NamedTuple):
     received: NDArray[np.uint32]
     belief: NDArray[np.float64]
     decision: NDArray[np.int8]
+    sends: NDArray[np.uint8]
 
 
 def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
@@ -66,6 +111,7 @@ def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
         np.empty(rows, dtype=np.uint32),
         np.empty(rows),
         np.empty(rows, dtype=np.int8),
+        np.ones(rows, dtype=np.uint8),
     )
 
 

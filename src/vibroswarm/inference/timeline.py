@@ -9,7 +9,8 @@ what is said.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import allocating_kernel, inner, read_only, signed, unsigned
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.inference.agents import loss_number
+from vibroswarm.inference.rows import Stops
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
@@ -43,6 +45,13 @@ class Reach(NamedTuple):
 
 NO_REACH = Reach(np.empty((0, 0), np.uint64), np.empty(0, np.int32), np.empty(0, np.int32))
 
+NO_STOPS: Final = Stops(
+    *(
+        read_only(np.empty(0, dtype=kind))
+        for kind in (np.int64, np.int64, np.int32, np.int32, np.int64, np.int64)
+    )
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
@@ -59,7 +68,9 @@ class Timeline:
     """(runs,)."""
     bounds: NDArray[np.int64]
     """(runs + 1,): the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``."""
+    tick_ms: int
     time_s: NDArray[np.float64]
+    stop_start_s: NDArray[np.float64]
     robot: NDArray[np.uint16]
     sample: NDArray[np.uint32]
     x_m: NDArray[np.float64]
@@ -73,6 +84,29 @@ class Timeline:
     """(runs * robots, 3): the same at the end of the run."""
     _message_numbers: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     _reach: dict[tuple[int, float], Reach] = field(default_factory=dict, repr=False)
+
+    def stops_if(self, needed: bool) -> Stops:
+        """``stops``, or none at all."""
+        return self.stops if needed else NO_STOPS
+
+    @cached_property
+    def stops(self) -> Stops:
+        """When robots stand."""
+        per_s = 1000.0 / self.tick_ms
+        tick, stop_tick = (np.rint(one * per_s).astype(np.int64) for one in (self.time_s, self.stop_start_s))
+        run = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
+        whose = run * self.robots + self.robot
+        order = np.argsort(whose, kind="stable")
+        following = np.full(tick.size, -1, dtype=np.int32)
+        first = np.full(self.runs.size * self.robots, -1, dtype=np.int32)
+        begins = np.flatnonzero(np.append(True, np.diff(whose[order]) != 0)[: order.size])
+        goes_on = np.setdiff1d(np.arange(order.size), begins)
+        following[order[goes_on - 1]] = order[goes_on] - self.bounds[run[order[goes_on]]]
+        first[whose[order[begins]]] = order[begins] - self.bounds[run[order[begins]]]
+        end_tick = np.rint(self.ends["end_s"].to_numpy() * per_s).astype(np.int64)
+        known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
+        walked = heard_at_end(self.ends, self.tick_ms) + 1
+        return Stops(*(read_only(one) for one in (tick, stop_tick, following, first, walked, known)))
 
     @property
     def longest(self) -> int:
@@ -134,7 +168,9 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         robots=robots,
         runs=runs.astype(np.int64),
         bounds=bounds,
+        tick_ms=tick_ms,
         time_s=column["time_s"],
+        stop_start_s=column["stop_start_s"],
         robot=column["robot"],
         sample=column["sample"],
         x_m=column["x_m"],

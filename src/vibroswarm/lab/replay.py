@@ -26,6 +26,7 @@ from vibroswarm.inference.rows import Session, empty_log
 from vibroswarm.lab.recording import Recording, inside
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.pose import pose
+from vibroswarm.networks import network as network_of
 from vibroswarm.observation.model import vibrating_at
 from vibroswarm.outcome import fill_ratios, outcome_tables, robot_table, run_table, truth_of
 from vibroswarm.result import ROBOTS, RUNS, Result
@@ -123,9 +124,12 @@ def _one(
         energy = _drawn(rows, run, seed)
     session = rows.session._replace(observation=(energy > scenario.sensor.rms_threshold).astype(np.uint8))
     count, strategy = energy.size, strategy_of(scenario.strategy.name)
-    swarm, log = empty_swarm(strategy, scenario, 1), empty_log(count, strategy.state_type)
+    swarm, log = (
+        empty_swarm(strategy, network_of("ideal"), scenario, 1),
+        empty_log(count, strategy.state_type),
+    )
     messages = np.zeros(count, strategy.message_type)
-    missing = kernels(strategy, "replay_from_counts").replay_from_counts(
+    missing = kernels(strategy, network_of("ideal"), "replay_from_counts").replay_from_counts(
         session, swarm, messages, log, world_of(scenario, count), SLACK_S, seed, run
     )
     ends = recording.ends.filter(pl.col("run") == run)

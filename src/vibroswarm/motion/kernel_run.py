@@ -25,6 +25,7 @@ from vibroswarm.motion.record import (
     with_samples,
     write_segments,
 )
+from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
 
 BUFFER_TICKS = 2048
@@ -56,6 +57,11 @@ class KernelRun(ABC):
         self.record.latest[:], self.record.filled[:] = -1.0, 0
         begin(self.swarm, self.setup, self.speeds, seed, run)
         give_each(self.swarm, self.scenario)
+
+    @property
+    def stop_ticks(self) -> NDArray[np.int64]:
+        """Since which tick each robot stands, (robots,); -1: it walks."""
+        return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     @property
     def time_s(self) -> float:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibroswarm.inference.closed_loop import ClosedLoop, move_on
 from vibroswarm.motion.contract import MotionState, source
@@ -49,6 +48,7 @@ def outcomes_of(
 def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str) -> list[Outcomes]:
     """The outcomes of these runs of scenarios that move alike."""
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
+    loops = [course.loop for course in courses]
     state: MotionState | None = None
     for r, run in enumerate(runs):
         if isinstance(state, KernelRun):
@@ -58,13 +58,9 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
         for course in courses:
             course.loop.begin(run, course.grounds[r])
 
-        def take(rows: NDArray[np.void]) -> None:
-            for course in courses:
-                course.loop.take(rows)
-
         until_s = min(course.first_s for course in courses)
         while until_s > state.time_s:
-            move_on(state, scenarios[0].run.control_period_ms, until_s, take)
+            move_on(state, loops, until_s)
             until_s = max(course.until_s(state.time_s) for course in courses)
         for course in courses:
             course.finish(r)

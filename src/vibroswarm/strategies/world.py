@@ -20,6 +20,7 @@ class World(NamedTuple):
     robots: int
     t_end_s: float
     tick_s: float
+    tick_ms: int
     width_m: float
     height_m: float
     rows: int
@@ -44,6 +45,8 @@ class World(NamedTuple):
     false_positive: float
     """Share of samples at still places that robots expect to read 1; of readings taken at their word: 0."""
     false_negative: float
+    hold_s: float
+    """For how long opinions have to agree."""
     beliefs: Beliefs
 
 

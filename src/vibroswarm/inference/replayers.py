@@ -1,0 +1,239 @@
+"""The robots of some runs, and the kernel that runs their strategy from sample to sample."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import read_only, zero_rows
+from vibroswarm.errors import RunError
+from vibroswarm.inference.agents import empty_swarm, world_of
+from vibroswarm.inference.generate import kernels
+from vibroswarm.inference.rows import DONE, NO_ROOM, WHY, Counts, Log, Mail, Readings, Rows, Stops, empty_log
+from vibroswarm.inference.timeline import NO_REACH, Timeline
+from vibroswarm.networks import Network
+from vibroswarm.networks import network as network_of
+from vibroswarm.scenario import Scenario
+from vibroswarm.strategies import Strategy
+from vibroswarm.strategies import strategy as strategy_of
+
+NOWHERE: Final = read_only(np.empty(0))
+NO_ENERGY: Final = read_only(np.empty(0, dtype=np.float32))
+
+
+class Replayer(ABC):
+    """Goes on with some runs from where they stopped.
+
+    Args:
+        runs: how many. longest: most samples of one. rows: of all. messages, log: (rows,), written; without nothing is
+            put down.
+    """
+
+    template: str
+    needs_stops: bool
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        network: Network,
+    ) -> None:
+        self.strategy = strategy_of(scenario.strategy.name)
+        self.module = kernels(self.strategy, network, self.template)
+        self.seed, self.world = seed, world_of(scenario, longest)
+        self.swarm = empty_swarm(self.strategy, network, scenario, runs)
+        self.taken = np.zeros(runs, dtype=np.int64)
+        self.log = empty_log(0, self.strategy.state_type) if log is None else log
+        self.messages = np.zeros(0, self.strategy.message_type) if messages is None else messages
+        self.course = np.empty((rows if self.strategy.steer is not None else 0, 2))
+
+    @abstractmethod
+    def go_on(
+        self,
+        rows: Rows,
+        readings: Readings,
+        stops: Stops,
+        *,
+        begins: bool = False,
+        ends: bool = False,
+        limit_s: float = np.inf,
+    ) -> None:
+        """Replay what is new.
+
+        Args:
+            stops: of no rows, where this replay does not need them. begins: from time 0. ends: also hear what is
+                heard after the last sample. limit_s: no further.
+        Raises:
+            RunError: the strategy did what none may.
+        """
+
+    def check(self, came: int) -> None:
+        """Refuse what a strategy may not do."""
+        if came != DONE:
+            raise RunError(f"strategy '{self.strategy.name}': {WHY[came]}")
+
+
+class CountsReplayer(Replayer):
+    """For strategies that count bits, over networks in which a message is there at the next tick, or never."""
+
+    template = "replay_counts"
+    needs_stops = False
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        timeline: Timeline | None,
+    ) -> None:
+        # What is lost is a number here: the kernel is the same for both networks.
+        super().__init__(scenario, seed, runs, longest, rows, messages, log, network_of("ideal"))
+        self.loss = scenario.network.loss
+        self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
+        if messages is None:
+            self.messages = np.zeros(rows, self.strategy.message_type)
+        self.counts = Counts(
+            np.empty(longest + 1, dtype=np.int32),
+            np.empty(longest, dtype=np.int32),
+            np.empty((longest + 1, self.reach.words.shape[1]), dtype=np.uint64),
+        )
+
+    def go_on(
+        self,
+        rows: Rows,
+        readings: Readings,
+        stops: Stops,
+        *,
+        begins: bool = False,
+        ends: bool = False,
+        limit_s: float = np.inf,
+    ) -> None:
+        """``Replayer.go_on``."""
+        self.check(
+            self.module.replay(
+                rows, readings, self.taken, self.swarm, self.messages, self.counts, self.log, self.course, self.world,
+                self.seed, self.loss, self.reach, begins, ends, limit_s,
+            )
+        )  # fmt: skip
+
+
+class MessagesReplayer(Replayer):
+    """For every strategy and network, message by message."""
+
+    template = "replay_messages"
+    needs_stops = True
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        network: Network,
+    ) -> None:
+        super().__init__(scenario, seed, runs, longest, rows, messages, log, network)
+        self.network, self.robots = network, scenario.swarm.robots
+        self.links, self.radio = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
+        self.links[0] = network.params_row(network_params(scenario))
+        self.mail = self._mail(longest + 64)
+
+    def _mail(self, room: int) -> Mail:
+        strategy, network = self.strategy, self.network
+        return Mail(
+            messages=zero_rows(room, strategy.message_type),
+            sender=np.empty(room, dtype=np.int64),
+            tick=np.empty(room, dtype=np.int64),
+            number=np.empty(room, dtype=np.int64),
+            arrival=np.empty((room if network.send is not None else 0, self.robots), dtype=np.int64),
+            filled=np.zeros(1, dtype=np.int64),
+            agreement=np.zeros(2, dtype=np.int64),
+            empty=zero_rows(1, strategy.message_type),
+            blank=zero_rows(1, strategy.state_type),
+            silent=zero_rows(1, network.state_type),
+            nowhere=np.empty(0),
+        )
+
+    def go_on(
+        self,
+        rows: Rows,
+        readings: Readings,
+        stops: Stops,
+        *,
+        begins: bool = False,
+        ends: bool = False,
+        limit_s: float = np.inf,
+    ) -> None:
+        """``Replayer.go_on``."""
+        came = self._go_on(rows, readings, stops, begins, ends, limit_s)
+        while came == NO_ROOM:  # from the beginning, with more of it: nothing that was done so far is lost
+            self.mail = self._mail(2 * self.mail.sender.size)
+            came = self._go_on(rows, readings, stops, True, ends, limit_s)
+        self.check(came)
+
+    def _go_on(
+        self, rows: Rows, readings: Readings, stops: Stops, begins: bool, ends: bool, limit_s: float
+    ) -> int:
+        came: int = self.module.replay(
+            rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course, self.world,
+            self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
+        )  # fmt: skip
+        return came
+
+
+def counts_only(strategy: Strategy, network: Network) -> bool:
+    """Whether ``CountsReplayer`` does for this strategy over this network."""
+    plain = network.name in ("ideal", "loss")
+    return (
+        plain and strategy.on_counts is not None and strategy.on_timer is None and strategy.decides == "once"
+    )
+
+
+def network_for(scenario: Scenario) -> Network:
+    """The network of a scenario."""
+    return network_of("loss")
+
+
+def network_params(scenario: Scenario) -> object:
+    """The parameters of a scenario's network."""
+
+    class Params:
+        share = scenario.network.loss
+
+    return Params
+
+
+def replayer_of(
+    scenario: Scenario,
+    seed: int,
+    *,
+    runs: int,
+    longest: int,
+    rows: int,
+    messages: NDArray[np.void] | None = None,
+    log: Log | None = None,
+    timeline: Timeline | None = None,
+) -> Replayer:
+    """What replays the strategy of a scenario over its network; the faster where there are two.
+
+    Args:
+        as of ``Replayer``; timeline: where whole runs are replayed.
+    """
+    network = network_for(scenario)
+    if counts_only(strategy_of(scenario.strategy.name), network):
+        return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)
+    return MessagesReplayer(scenario, seed, runs, longest, rows, messages, log, network)

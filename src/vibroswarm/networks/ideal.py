@@ -1,0 +1,7 @@
+"""Everybody hears everybody."""
+
+from __future__ import annotations
+
+from vibroswarm.networks.base import Network, register
+
+ideal = register(Network(name="ideal", about="everybody hears everybody"))
