@@ -6,6 +6,7 @@ it to a kernel's source in place of this one. What stands here says the types, a
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from vibroswarm.strategies.world import Draws, Reading, World
@@ -52,8 +53,8 @@ def decision(s: Row, a: Any, p: Row, w: World) -> int:
 
 
 def belief(s: Row, a: Any, p: Row, w: World) -> float:
-    """That the share of ones lies below the boundary; nan: none."""
-    return 0.5
+    """That the share of ones lies below the boundary; nan: it has none."""
+    return math.nan
 
 
 def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:

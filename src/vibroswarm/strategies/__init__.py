@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these make themselves known)
-from vibroswarm.strategies.base import Strategy, known, names, register, strategy
+from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
+from vibroswarm.strategies.world import belief_below, u
 
-__all__ = ["Strategy", "known", "names", "register", "strategy"]
+__all__ = ["Strategy", "array", "belief_below", "known", "names", "register", "strategy", "strategy_in", "u"]

@@ -7,7 +7,7 @@ The functions change rows in place and are compiled by Numba; they allocate noth
         patience: Annotated[int, Field(ge=1)] = 3
     class State:                           # what a robot remembers: int, float, bool
         opinion: int
-    class Message:                         # what it sends
+    class Message:                         # what it sends; without: one ``bit``
         bit: int
 
     def begin(s, a, d, p, w): ...                     # the state at time 0; it is all zeros before
@@ -16,7 +16,7 @@ The functions change rows in place and are compiled by Numba; they allocate noth
     def on_sample(s, a, x, out, d, p, w): ...         # an own sample: True sends ``out``
     def on_timer(s, a, t_s, out, d, p, w): ...        # optional, due at s.next_s: True sends ``out``
     def decision(s, a, p, w): ...                     # 0, 1; -1 undecided
-    def belief(s, a, p, w): ...                       # that the fill ratio lies below the boundary; nan: has none
+    def belief(s, a, p, w): ...                       # optional: that the share of ones lies below w.boundary
     def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: turn_deg, drive_ms
 
 ``s`` is the robot's State, ``a`` its arrays, ``m`` and ``out`` Messages, ``p`` the Params, ``w`` a ``World``, ``x`` a
@@ -26,8 +26,10 @@ The functions change rows in place and are compiled by Numba; they allocate noth
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import FunctionType
 from typing import Any, Final, Literal, get_type_hints
 
 import numpy as np
@@ -62,13 +64,19 @@ class NoArrays:
     """A strategy whose state is scalars alone."""
 
 
+class Bit:
+    """A message of one bit."""
+
+    bit: int
+
+
 @dataclass(frozen=True)
 class Strategy:
     """A strategy, see the head of this module.
 
     Args:
         name: as scenarios call it: small letters, digits and underscores. about: one line.
-        state, message, params, arrays: classes of annotated fields. hooks: the functions.
+        state, message, params, arrays: classes of fields. begin to steer: the functions.
         decides: "once", or "opinion": it may change, and the swarm has decided when all have agreed for
             ``decision.hold_s``.
         bytes_on_air: of one message, at most 144.
@@ -78,11 +86,11 @@ class Strategy:
 
     name: str
     state: type
-    message: type
     begin: Hook
     on_sample: Hook
     decision: Hook
-    belief: Hook
+    message: type = Bit
+    belief: Hook | None = None
     params: type = NoParams
     arrays: type = NoArrays
     on_counts: Hook | None = None
@@ -172,6 +180,34 @@ def array(kind: str, of: str) -> Array:
 def arrays_of(declared: type) -> dict[str, Array]:
     """The arrays of a class whose attributes are ``array(...)``."""
     return {name: one for name, one in vars(declared).items() if isinstance(one, Array)}
+
+
+HOOKS: Final = (
+    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer",
+)  # fmt: skip
+CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
+
+
+def strategy_in(module: str, name: str, **more: Any) -> Strategy:
+    """The strategy that a module's classes and functions make, by the names in the head of this module.
+
+    Args:
+        module: ``__name__``. name, more: as of ``Strategy``.
+    Raises:
+        InputError: a class or a function that every strategy has is missing.
+    """
+    space = vars(sys.modules[module])
+    found = {CLASSES[one]: space[one] for one in CLASSES if one in space}
+    found |= {one: space[one] for one in HOOKS if isinstance(space.get(one), FunctionType)}
+    for one, word in (
+        ("state", "State"),
+        ("begin", "begin"),
+        ("on_sample", "on_sample"),
+        ("decision", "decision"),
+    ):
+        if one not in found:
+            raise InputError(f"has no {word}; every strategy has one", field=f"strategy '{name}'")
+    return Strategy(name=name, **{**found, **more})
 
 
 KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_}

@@ -32,12 +32,6 @@ class State:
     own: int
 
 
-class Message:
-    """One bit."""
-
-    bit: int
-
-
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """The prior, undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1

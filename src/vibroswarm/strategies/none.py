@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from vibroswarm.strategies.base import Strategy, register
 from vibroswarm.strategies.bayes import (
-    Message,
     Row,
     State,
     begin,
@@ -29,7 +28,6 @@ none = register(
     Strategy(
         name="none",
         state=State,
-        message=Message,
         begin=begin,
         on_counts=on_counts,
         on_sample=on_sample,

@@ -19,7 +19,6 @@ from vibroswarm.compiled import inner
 from vibroswarm.robot.believe import variance
 from vibroswarm.strategies.base import Strategy, register
 from vibroswarm.strategies.bayes import (
-    Message,
     Row,
     State,
     begin,
@@ -90,7 +89,6 @@ soft = register(
         name="soft",
         params=Params,
         state=State,
-        message=Message,
         begin=begin,
         on_counts=on_counts,
         on_sample=on_sample,
