@@ -14,6 +14,7 @@ from vibroswarm.inference.agents import empty_swarm, world_of
 from vibroswarm.inference.generate import kernels
 from vibroswarm.inference.rows import DONE, NO_ROOM, WHY, Counts, Log, Mail, Readings, Rows, Stops, empty_log
 from vibroswarm.inference.timeline import NO_REACH, Timeline
+from vibroswarm.inference.told_errors import told
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario import Scenario
@@ -46,7 +47,7 @@ class Replayer(ABC):
         log: Log | None,
         network: Network,
     ) -> None:
-        self.strategy = strategy_of(scenario.strategy.name)
+        self.strategy, self.network = strategy_of(scenario.strategy.name), network
         self.module = kernels(self.strategy, network, self.template)
         self.seed, self.world = seed, world_of(scenario, longest)
         self.swarm = empty_swarm(self.strategy, network, scenario, runs)
@@ -121,12 +122,12 @@ class CountsReplayer(Replayer):
         limit_s: float = np.inf,
     ) -> None:
         """``Replayer.go_on``."""
-        self.check(
-            self.module.replay(
+        with told(self.strategy, self.network):
+            came = self.module.replay(
                 rows, readings, self.taken, self.swarm, self.messages, self.counts, self.log, self.course, self.world,
                 self.seed, self.loss, self.reach, begins, ends, limit_s,
-            )
-        )  # fmt: skip
+            )  # fmt: skip
+        self.check(came)
 
 
 class MessagesReplayer(Replayer):
@@ -147,7 +148,7 @@ class MessagesReplayer(Replayer):
         network: Network,
     ) -> None:
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network)
-        self.network, self.robots = network, scenario.swarm.robots
+        self.robots = scenario.swarm.robots
         self.links, self.radio = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
         self.links[0] = network.params_row(network_params(scenario))
         self.mail = self._mail(longest + 64)
@@ -188,10 +189,11 @@ class MessagesReplayer(Replayer):
     def _go_on(
         self, rows: Rows, readings: Readings, stops: Stops, begins: bool, ends: bool, limit_s: float
     ) -> int:
-        came: int = self.module.replay(
-            rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course, self.world,
-            self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
-        )  # fmt: skip
+        with told(self.strategy, self.network):
+            came: int = self.module.replay(
+                rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course,
+                self.world, self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
+            )  # fmt: skip
         return came
 
 

@@ -23,6 +23,8 @@ import numpy as np
 
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.strategies.base import NAME, NoParams, as_params, row_type
+from vibroswarm.strategies.world import World
+from vibroswarm.strategies.written import check_function
 
 Hook = Callable[..., Any]
 
@@ -58,7 +60,10 @@ class Network:
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; one of them", field=self.name)
         object.__setattr__(self, "params", as_params(self.params, self.name))
-        row_type(self.state, "state")
+        rows = {"n": self.state_type.names, "p": self.params_type.names, "w": World._fields}
+        for one in ("lost", "send"):
+            if getattr(self, one) is not None:
+                check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
 
     @property
     def state_type(self) -> np.dtype[np.void]:

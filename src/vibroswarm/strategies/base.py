@@ -36,6 +36,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, create_model, field_validator
 
 from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.strategies.world import Reading, World
+from vibroswarm.strategies.written import check_function
 
 Hook = Callable[..., Any]
 
@@ -62,6 +64,10 @@ class NoParams:
 
 class NoArrays:
     """A strategy whose state is scalars alone."""
+
+
+def _deaf(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
+    """For a strategy that does not listen."""
 
 
 class Bit:
@@ -113,8 +119,24 @@ class Strategy:
         if not 0 <= self.bytes_on_air <= MOST_BYTES:
             raise InputError(f"{self.bytes_on_air} is wrong; 0 to {MOST_BYTES}", field="bytes_on_air")
         object.__setattr__(self, "params", as_params(self.params, self.name))
-        for kind in ("state", "message"):
-            row_type(getattr(self, kind), kind)
+        rows = {
+            "s": self.state_type.names,
+            "out": self.message_type.names,
+            "m": self.message_type.names,
+            "p": self.params_type.names,
+            "w": World._fields,
+            "x": Reading._fields,
+            "a": tuple(arrays_of(self.arrays)),
+        }
+        for one in HOOKS:
+            if getattr(self, one) is not None:
+                check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
+        if self.on_timer is not None and "next_s" not in (rows["s"] or ()):
+            raise InputError(
+                "has on_timer, but its State has no next_s: float", field=f"strategy '{self.name}'"
+            )
+        if self.on_counts is None and self.on_message is None:
+            object.__setattr__(self, "on_message", _deaf)
 
     @property
     def state_type(self) -> np.dtype[np.void]:

@@ -1,0 +1,88 @@
+"""What goes wrong in a strategy or a network, in words, with the file and the line."""
+
+from __future__ import annotations
+
+import re
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.networks import Network
+from vibroswarm.strategies import Strategy
+
+ALLOCATES = "NRT required"
+
+
+@contextmanager
+def told(strategy: Strategy, network: Network) -> Iterator[None]:
+    """Errors of the functions of a strategy and a network as one sentence each.
+
+    Raises:
+        InputError: a function cannot be compiled. RunError: it has raised.
+    """
+    try:
+        yield
+    except (InputError, RunError, KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:
+        files = files_of(strategy) | files_of(network)
+        if not files:
+            raise
+        if _is_numbas(error):
+            raise InputError(_of_compiling(error, files), field=_field(strategy, network)) from None
+        place = _place(error, files)
+        if place is None:
+            raise
+        raise RunError(f"{place}: {type(error).__name__}: {error}") from None
+
+
+def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
+    """Files of functions that are not of this package."""
+    functions = [one for one in vars(declared).values() if hasattr(one, "__code__")]
+    return {
+        one.__code__.co_filename: one for one in functions if not one.__module__.startswith("vibroswarm.")
+    }
+
+
+def _is_numbas(error: Exception) -> bool:
+    kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
+    return "numba" in kinds or any(
+        frame.name in ("_compile_for_args", "compile") and "numba" in frame.filename
+        for frame in traceback.extract_tb(error.__traceback__)
+    )
+
+
+def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str:
+    text = str(error)
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    noise = (
+        "Failed in",
+        "During:",
+        "- Resolution",
+        "- Of which",
+        "There are",
+        "File ",
+        "raised from",
+        "<source",
+    )
+    said = next((line for line in lines if not line.startswith(noise)), lines[0] if lines else repr(error))
+    if ALLOCATES in text:
+        said = "makes an array; a robot's memory is fixed: loop over what there is, and keep arrays in Arrays"
+    for file in files:
+        found = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
+        if found:
+            return f"cannot be compiled: {file}, line {found[0]}: {said}"
+    return f"cannot be compiled: {', '.join(files)}: {said}"
+
+
+def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in files]
+    if not frames:
+        return None
+    return f"{frames[-1].filename}, line {frames[-1].lineno}, in {frames[-1].name}"
+
+
+def _field(strategy: Strategy, network: Network) -> str:
+    return f"strategy '{strategy.name}'" if files_of(strategy) else f"network '{network.name}'"
