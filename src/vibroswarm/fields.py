@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import as_tiles
+from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 
 Length = Annotated[float, Field(gt=0, le=1e4)]
@@ -106,6 +106,16 @@ class FloorField(Section):
     def drawn_by_run(self) -> bool:
         """Whether each run has a floor of its own."""
         return self.tiles is None and self.redraw == "run" and is_random(self.source)
+
+    def laid(self, arena: Arena, seed: int, run: int) -> Floor:
+        """The floor of ``run`` in an arena: always the same, or a random one of (seed, run)."""
+        tiles, name = self.tiles_for(seed, run if self.redraw == "run" else 0)
+        rows, columns = tiles.shape
+        width_m, height_m = (
+            self.tile_width_m or arena.width_m / columns,
+            self.tile_height_m or arena.height_m / rows,
+        )
+        return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
         """The tiles of ``run``, (rows, columns), and their name."""

@@ -174,16 +174,7 @@ class Scenario(Section):
 
     def floor_for(self, seed: int, run: int) -> Floor:
         """The floor of ``run``: the scenario's own, or a random one of (seed, run)."""
-        tiles, name = self.floor.tiles_for(seed, run if self.floor.redraw == "run" else 0)
-        rows, columns = tiles.shape
-        return Floor(
-            tiles,
-            self.floor.tile_width_m or self.arena.width_m / columns,
-            self.floor.tile_height_m or self.arena.height_m / rows,
-            self.floor.left_m,
-            self.floor.bottom_m,
-            name,
-        )
+        return self.floor.laid(self.arena, seed, run)
 
     @property
     def hash(self) -> str:

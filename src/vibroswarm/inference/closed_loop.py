@@ -152,7 +152,7 @@ class ClosedLoop:
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
         self.notes.latest[:], self.notes.own[:], self.notes.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
-        self.replayer.go_on(self.rows, self.readings, self.stops, begins=True)
+        self.is_new = True
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Put down the samples that came next (``motion.record.SAMPLE_ROW``)."""
@@ -169,10 +169,14 @@ class ClosedLoop:
         """
         self.known_tick[0] = known_tick
         self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        self.replayer.go_on(self.rows, self.readings, self.stops)
+        self.replayer.go_on(self.rows, self.readings, self.stops, begins=self.is_new)
+        self.is_new = False
 
     def go_back_to(self, time_s: float) -> None:
         """The swarm as it was at ``time_s``, the samples taken then included."""
+        last = int(self.bounds[1]) - 1
+        if not self.replayer.needs_stops and (last < 0 or self.notes.time_s[last] <= time_s):
+            return  # nothing was done since
         self.replayer.go_on(self.rows, self.readings, self.stops, begins=True, limit_s=time_s)
 
     @property

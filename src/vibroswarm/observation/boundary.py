@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.compiled import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
-from vibroswarm.fields import Sensor
+from vibroswarm.fields import Arena, FloorField, Sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.felt import FAR, Place, felt_share, place_of, share_past
 from vibroswarm.observation.reading import error_rates
@@ -178,7 +178,12 @@ def _mean_felt_cached(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio
 
 def geometry_of(scenario: Scenario) -> Geometry:
     """Rows, columns, tile size and place of a scenario's grid of tiles, m."""
-    return scenario.floor_for(0, 0).geometry
+    return _geometry(scenario.floor, scenario.arena)
+
+
+@lru_cache(maxsize=64)
+def _geometry(floor: FloorField, arena: Arena) -> Geometry:
+    return floor.laid(arena, 0, 0).geometry
 
 
 def _size(scenario: Scenario) -> Size:

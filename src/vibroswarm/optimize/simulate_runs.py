@@ -5,6 +5,7 @@ What an evaluation needs is known once all robots have decided. Scenarios that m
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -19,10 +20,10 @@ from vibroswarm.outcome import fill_ratios
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of
 
-PIECE_S: Final = 60.0
-"""So far runs move between two looks whether all have decided: a look costs as much as moving for some 20 s."""
-LIKELY: Final = 0.95
-"""Of the shortest run so far: how long the first piece of the next one is. No result depends on it."""
+PIECE_S: Final = 100.0
+"""So far runs move between two looks whether all have decided, as long as little is known of how long they take."""
+MARGIN_S: Final = 20.0
+"""A look costs as much as moving for so long."""
 
 
 def outcomes_of(
@@ -58,7 +59,7 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
         for course in courses:
             course.loop.begin(run, course.grounds[r])
 
-        until_s = min(course.first_s for course in courses)
+        until_s = max(course.until_s(0.0) for course in courses)
         while until_s > state.time_s:
             move_on(state, loops, until_s)
             until_s = max(course.until_s(state.time_s) for course in courses)
@@ -67,12 +68,30 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
     return [course.outcomes() for course in courses]
 
 
+_kept = threading.local()
+KEPT: Final = 4
+"""Loops that a thread keeps: a search asks for the same scenario again and again, a few runs at a time."""
+
+
+def _loop_of(scenario: Scenario, seed: int) -> ClosedLoop:
+    """What follows runs of this scenario, made once for a thread."""
+    loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
+    found = next((one for one in loops if one.scenario is scenario and one.seed == seed), None)
+    if found is None:
+        found = ClosedLoop(scenario, seed)
+        del loops[: len(loops) + 1 - KEPT]
+    else:
+        loops.remove(found)
+    loops.append(found)
+    return found
+
+
 class _Course:
     """The runs of one scenario while they are followed."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
         floors = floors_of(scenario, seed, runs)
-        self.scenario, self.loop = scenario, ClosedLoop(scenario, seed)
+        self.scenario, self.loop = scenario, _loop_of(scenario, seed)
         self.runs, self.grounds = runs, grounds_of(scenario, seed, runs, floors)
         arena = scenario.arena
         self.fills = np.array(fill_ratios(floors, list(runs), arena.width_m, arena.height_m))
@@ -81,20 +100,23 @@ class _Course:
         self.decision = np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s = np.empty(len(runs))
-        self.shortest_s = np.inf
-
-    @property
-    def first_s(self) -> float:
-        """Where to look first."""
-        t_end_s = self.scenario.run.t_end_s
-        return min(LIKELY * self.shortest_s if np.isfinite(self.shortest_s) else PIECE_S, t_end_s)
+        self.ends_s: list[float] = []
 
     def until_s(self, now_s: float) -> float:
         """Until when the run has to move; no further if that is not later than now."""
-        t_end_s, decided_s = self.scenario.run.t_end_s, self.loop.all_decided_s
-        if decided_s is None or self.loop.may_change:
-            return min(now_s + PIECE_S, t_end_s)
-        return min(end_s(decided_s, t_end_s) + self.scenario.tick_s, t_end_s)
+        t_end_s = self.scenario.run.t_end_s
+        if now_s > 0.0 and not self.loop.may_change:
+            decided_s = self.loop.all_decided_s
+            if decided_s is not None:
+                return min(end_s(decided_s, t_end_s) + self.scenario.tick_s, t_end_s)
+        return min(self.next_look_s(now_s), t_end_s)
+
+    def next_look_s(self, now_s: float) -> float:
+        """When to look next: where half of the runs that took longer than this were over. No result depends on it."""
+        longer = sorted(one for one in self.ends_s if one > now_s + MARGIN_S)
+        if not longer:
+            return now_s + PIECE_S
+        return max(end_s(longer[len(longer) // 2], np.inf) + self.scenario.tick_s, now_s + MARGIN_S)
 
     def finish(self, r: int) -> None:
         """Put down all that became of run ``r``."""
@@ -103,8 +125,7 @@ class _Course:
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.go_back_to(float(self.end_s[r]))
         self.estimate[r] = loop.estimate
-        if decided_s is not None:
-            self.shortest_s = min(self.shortest_s, decided_s)
+        self.ends_s.append(float(self.end_s[r]))
 
     def outcomes(self) -> Outcomes:
         """Of all runs, once they are finished."""

@@ -29,6 +29,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from types import FunctionType
 from typing import Any, Final, Literal, get_type_hints
 
@@ -250,6 +251,7 @@ def fields_of(declared: type) -> dict[str, type]:
     return hints
 
 
+@cache
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
     """The row of a class's fields.
 
