@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.followed_events import can_follow, follow_until_decided
+from vibroswarm.inference.cost_outcomes import Outcomes, end_s, from_result
 from vibroswarm.inference.follow import Follower, may_revise
+from vibroswarm.inference.outcomes import fill_ratios, truths
 from vibroswarm.motion.contract import source
 from vibroswarm.motion.event import EventRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.neighbours import SMALL_SWARM
 from vibroswarm.observation.ground import grounds_of
-from vibroswarm.optimize.outcomes import Outcomes, end_s, from_result, truths
-from vibroswarm.outcome import fill_ratios
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of, simulate
 
