@@ -29,7 +29,7 @@ POLL_S: Final = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Outcomes of some runs of one scenario as arrays; times in s.
+    """Outcomes of some runs of one scenario as arrays; times in s, ``t_end_s`` is the end of the runs.
 
     The study's search ended a run when all had decided, which it checked every 20 s, or at T_end, and took the
     estimate then. A run that goes on to T_end has the same decisions, so ``end_s`` is that moment, whatever
@@ -54,6 +54,7 @@ class Outcomes:
     tiles: int
     """How many tiles the floor has."""
     t_end_s: float
+    """End of a run that does not stop early."""
     strategy: str = ""
     """Its name, for messages."""
 
