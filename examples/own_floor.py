@@ -10,8 +10,8 @@ import sys
 import numpy as np
 
 from vibroswarm import Floor, make_floor, measure, preset, simulate
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.decidability import decidability
-from vibroswarm.analysis.swarm import summary
 
 
 def main(runs: int) -> None:

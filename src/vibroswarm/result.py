@@ -21,6 +21,7 @@ from vibroswarm.errors import InputError, RunError
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
 from vibroswarm.forked import check_threads
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS
 from vibroswarm.observation.model import OBSERVATIONS
@@ -33,42 +34,6 @@ SCHEMA_VERSION: Final = 1
 
 RECORDED: Final = "recording"
 """The source of what was not simulated begins with this; it has no seed."""
-
-CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "agreed")
-"""Outcome of a run. ``agreed``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
-so that neither decision is right."""
-
-ROBOTS: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "robot": pl.UInt16,
-    "decision": pl.Int8,
-    "decision_time_s": pl.Float64,
-    "belief_at_decision": pl.Float64,
-    "belief": pl.Float64,
-    "belief_in_truth": pl.Float64,
-    "alpha": pl.UInt32,
-    "beta": pl.UInt32,
-    "samples": pl.UInt32,
-    "sent": pl.UInt32,
-    "received": pl.UInt32,
-}
-"""``belief`` is at the moment of decision, or at the last sample of a robot that never decided;
-``belief_in_truth`` the share of it that is in what is so. alpha, beta and received are at the end."""
-
-RUNS: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "consensus": pl.Enum(list(CONSENSUS)),
-    "consensus_time_s": pl.Float64,
-    "fill_ratio": pl.Float64,
-    "truth": pl.Int8,
-    "right": pl.UInt16,
-    "wrong": pl.UInt16,
-    "undecided": pl.UInt16,
-    "end_s": pl.Float64,
-    "stopped_early": pl.Boolean,
-}
-"""``truth`` is 1 above the boundary, 0 below, null on it. A run that stopped early has biased motion
-statistics: it is marked by ``stopped_early``."""
 
 FLOORS: Final[dict[str, Any]] = {
     "run": pl.UInt32,

@@ -16,12 +16,12 @@ from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.early_stop import until_all_decided
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline
 from vibroswarm.motion.contract import Motion, join, source
 from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.observation.model import observe
-from vibroswarm.outcome import outcome_tables
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import Scenario
 

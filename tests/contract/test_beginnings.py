@@ -6,8 +6,8 @@ import pytest
 
 from vibroswarm import preset
 from vibroswarm.motion.contract import source
-from vibroswarm.study.came import beginning
 from vibroswarm.study.plan import plan_of
+from vibroswarm.study.simulate_batch import beginning
 from vibroswarm.study.spec import Study
 
 RUNS = list(range(5))

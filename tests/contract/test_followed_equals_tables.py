@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
+from vibroswarm.inference.cost_outcomes import Outcomes, from_result
 from vibroswarm.motion import contract
 from vibroswarm.motion.contract import Source
 from vibroswarm.motion.event import EVENT, EventRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.optimize import followed
 from vibroswarm.optimize.followed import LOOK_S, PIECE_S, outcomes_of
-from vibroswarm.optimize.outcomes import Outcomes, from_result
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate

@@ -12,14 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm.analysis.cell_summary import icc, icc_of_counts, summary
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.analysis.intervals import generator, mean_interval, wilson
 from vibroswarm.analysis.per_run import run_figures
-from vibroswarm.analysis.swarm import icc, icc_of_counts, summary
 from vibroswarm.errors import InputError
-from vibroswarm.outcome import truth_of
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, truth_of
 from vibroswarm.presets import preset
-from vibroswarm.result import ROBOTS, RUNS
 from vibroswarm.simulation import simulate
 
 T_END = 100.0

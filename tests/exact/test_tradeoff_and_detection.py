@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.detection import detection_curve, needed
 from vibroswarm.analysis.intervals import generator, wilson
-from vibroswarm.analysis.swarm import summary
 from vibroswarm.analysis.tradeoff import pareto_front, time_error_curve
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.presets import preset
-from vibroswarm.result import ROBOTS, RUNS
 from vibroswarm.simulation import simulate
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})

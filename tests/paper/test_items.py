@@ -10,13 +10,12 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import walk_figures
-from vibroswarm.paper.cells import Came, Cell, CellCame, summed_up
+from vibroswarm.paper.cells import READ, Came, Cell, CellCame, summed_up
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiments_cells, search
 from vibroswarm.paper.published import published
-from vibroswarm.paper.sums import READ
 from vibroswarm.simulation import simulate
 
 RUNS = 4

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.inference.cost_outcomes import Outcomes
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective, Rows
-from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.report import as_dict, candidate_table, history_table, write_report
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.truth import truth_of

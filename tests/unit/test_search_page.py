@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.inference.cost_outcomes import Outcomes
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.fronts import Front, front_of
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.page import search_page
 from vibroswarm.optimize.page_grid import grid_page
 from vibroswarm.optimize.page_tables import bound_of

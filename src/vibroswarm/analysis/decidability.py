@@ -40,9 +40,9 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.outcomes import truth_of
 from vibroswarm.observation.boundary import felt_on, readings_boundary, tiled_share
 from vibroswarm.observation.reading import error_rates
-from vibroswarm.outcome import truth_of
 from vibroswarm.scenario import Scenario
 
 Word = Literal["decidable", "wrong side", "on the boundary", "cannot be told from the boundary"]

@@ -185,12 +185,10 @@ def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: in
     over runs allows: n' = p(1-p) / Var of the share, never more than there are robots, and as many as runs when
     all agree, since the robots of a run are nearly alike.
     """
-    pairs, counts = np.unique(
-        np.column_stack([np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)]),
-        axis=0,
-        return_counts=True,
-    )
-    return cluster_share_of_distinct(pairs[:, 0], pairs[:, 1], counts, level, seed)
+    numerator, denominator = np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)
+    width = int(denominator.max(initial=0)) + 1
+    pairs, counts = np.unique(numerator * width + denominator, return_counts=True)  # faster than by rows
+    return cluster_share_of_distinct(pairs // width, pairs % width, counts, level, seed)
 
 
 def cluster_share_of_distinct(

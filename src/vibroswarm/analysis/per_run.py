@@ -15,11 +15,30 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import (
+    RUNS,
+    Array,
+    capped_time_s,
+    mean_by_run,
+    numbers,
+    of_swarms,
+    sum_by_run,
+)
+
+COUNTS: Final = ("right", "wrong", "undecided")
+FIGURES: Final = (
+    *COUNTS,
+    *("decision_time_s", "belief_in_truth", "consensus_time_s"),
+    *("right_share", "wrong_share", "undecided_share", "swarm_right", "swarm_wrong", "swarm_time_s"),
+)
+"""Columns that are computed, in order."""
 
 
 class ByRun:
@@ -36,22 +55,17 @@ class ByRun:
         self.runs = run[self.first]
         self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
 
-    def sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sum(self, values: Array) -> Array:
         """Sums of a value of each robot, shape (runs,)."""
-        sums: NDArray[np.float64] = np.add.reduceat(values, self.first) if self.first.size else np.zeros(0)
-        return sums
+        return sum_by_run(values, self.first)
 
-    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean(self, values: Array) -> Array:
         """Means over the robots that have the value; not a number where none has."""
-        there = ~np.isnan(values)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.sum(np.where(there, values, 0.0)) / self.sum(there.astype(np.float64))
+        return mean_by_run(values, self.first)
 
-
-def capped_time_s(robots: pl.DataFrame, t_end_s: float) -> NDArray[np.float64]:
-    """min(decision time, t_end) of each robot; t_end where there is no decision."""
-    times_s: NDArray[np.float64] = robots["decision_time_s"].fill_null(t_end_s).to_numpy()
-    return np.minimum(times_s, t_end_s)
+    def capped_time_s(self, t_end_s: float) -> Array:
+        """min(decision time, t_end) of each robot; t_end where there is no decision."""
+        return capped_time_s(numbers(self.robots["decision_time_s"]), t_end_s)
 
 
 def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
@@ -65,33 +79,17 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
     if not t_end_s > 0:
         raise InputError(f"{t_end_s!r} is no end of a run; give a time above 0, s", field="t_end_s")
     by_run = ByRun(robots)
-    of_robots = pl.DataFrame(
-        {
-            "run": by_run.runs,
-            "robots": by_run.count,
-            "decision_time_s": by_run.mean(capped_time_s(by_run.robots, t_end_s)),
-            "belief_in_truth": by_run.mean(by_run.robots["belief_in_truth"].to_numpy()),
-        }
-    ).with_columns(pl.col("belief_in_truth").fill_nan(None))
+    means = {
+        "decision_time_s": by_run.mean(by_run.capped_time_s(t_end_s)),
+        "belief_in_truth": by_run.mean(numbers(by_run.robots["belief_in_truth"])),
+    }
+    of_robots = pl.DataFrame({"run": by_run.runs, "robots": by_run.count})
     joined = runs.join(of_robots, on="run", how="inner").sort("run")
     if joined.height != runs.height or of_robots.height != runs.height:
         raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
-    known = pl.col("truth").is_not_null()
-    count = pl.col("robots")
-    table = joined.with_columns(
-        right=pl.when(known).then(pl.col("right").cast(pl.Int64)),
-        wrong=pl.when(known).then(pl.col("wrong").cast(pl.Int64)),
-        undecided=pl.col("undecided").cast(pl.Int64),
-        swarm_right=pl.when(known).then((pl.col("consensus") == "right").cast(pl.Float64)),
-        swarm_wrong=pl.when(known).then((pl.col("consensus") == "wrong").cast(pl.Float64)),
-        swarm_time_s=pl.min_horizontal(pl.col("consensus_time_s").fill_null(t_end_s), pl.lit(t_end_s)),
-    )
-    return table.with_columns(
-        right_share=pl.col("right") / count,
-        wrong_share=pl.col("wrong") / count,
-        undecided_share=pl.col("undecided") / count,
-    ).select(
-        *("run", "truth", "consensus", "robots", "right", "wrong", "undecided"),
-        *("decision_time_s", "belief_in_truth", "consensus_time_s"),
-        *("right_share", "wrong_share", "undecided_share", "swarm_right", "swarm_wrong", "swarm_time_s"),
-    )
+    columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
+    columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()
+    found = means | of_swarms(columns, by_run.count, t_end_s)
+    figures = [pl.Series(name, found[name], nan_to_null=True) for name in FIGURES]
+    counts = [one.cast(pl.Int64) if one.name in COUNTS else one for one in figures]
+    return joined.select("run", "truth", "consensus", "robots").with_columns(counts)

@@ -25,9 +25,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
 from vibroswarm.analysis.per_run import run_figures
-from vibroswarm.analysis.swarm import summary
 from vibroswarm.errors import InputError
 from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import source

@@ -209,34 +209,32 @@ def loss_number(seed: int, run: int, receiver: int, sender: int, number: int) ->
 
 
 def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """The columns of ``FINALS`` but run and robot, (runs * robots,) each; not a number where there is none.
-
-    alpha and beta are not there where the strategy keeps none.
-    """
+    """The columns of ``FINALS`` but run and robot, and ``sent``, (runs * robots,) each; nan where there is none."""
     agents, states = swarm.agents, swarm.states
     decided = agents["decision"] != -1
-    found = {
+    kept = states.dtype.names or ()
+    counts = {
+        name: states[name].astype(np.float64) if name in kept else np.full(agents.size, np.nan)
+        for name in ("alpha", "beta")
+    }
+    return {
         "decision": agents["decision"].astype(np.int8),
         "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
         "belief_at_decision": agents["belief_at_decision"].copy(),
         "belief": np.where(decided, agents["belief_at_decision"], agents["belief"]),
+        **counts,
         "samples": agents["samples"].astype(np.uint32),
+        "sent": agents["sent"].astype(np.uint32),
         "received": agents["received"].astype(np.uint32),
     }
-    for name in ("alpha", "beta"):
-        if name in (states.dtype.names or ()):
-            found[name] = states[name].astype(np.uint32)
-    return found
 
 
 def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     """What became of each robot, in the order of the ends."""
-    columns = final_columns(swarm)
+    kinds = {**FINALS, "sent": pl.UInt32}
+    columns = final_columns(swarm).items()
     found = [
-        pl.Series(name, columns[name], nan_to_null=columns[name].dtype == np.float64, dtype=kind)
-        if name in columns
-        else pl.Series(name, [None] * ends.height, dtype=kind)
-        for name, kind in FINALS.items()
-        if name not in ("run", "robot")
+        pl.Series(name, column, nan_to_null=column.dtype == np.float64).cast(kinds[name])
+        for name, column in columns
     ]
     return pl.DataFrame([ends["run"], ends["robot"], *found])

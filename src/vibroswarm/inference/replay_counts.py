@@ -178,6 +178,7 @@ def take(
     first = readings.numbers[k] if readings.numbers.size > 0 else -1.0
     sends = on_sample(s, a, x, messages[k], of_sample(seed, run, i, number, first), p, w)
     row.samples += 1
+    row.sent += 1
     new = decision(s, a, p, w)
     if new != row.decision:
         if row.decision == -1:

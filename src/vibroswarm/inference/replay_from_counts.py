@@ -112,6 +112,7 @@ def replay_from_counts(
         x = Reading(bit, np.nan, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0)
         on_sample(s, a, x, messages[k], of_sample(seed, run, i, index, -1.0), p, w)
         row.samples += 1
+        row.sent += 1
         row.belief = belief(s, a, p, w)
         new = decision(s, a, p, w)
         if new != row.decision:

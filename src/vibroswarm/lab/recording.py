@@ -25,6 +25,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import FINALS
+from vibroswarm.inference.outcomes import fills_and_truth, robot_table, run_table
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.lab.floor_fit import check_floor
 from vibroswarm.lab.inferred import Inferred, infer_settings
@@ -33,7 +34,6 @@ from vibroswarm.lab.order import in_order
 from vibroswarm.lab.paths import gaps_of, knots_of, segments_of
 from vibroswarm.motion.contract import ENDS, MOTION
 from vibroswarm.observation.model import OBSERVATIONS
-from vibroswarm.outcome import fill_ratios, robot_table, run_table, truth_of
 from vibroswarm.plain_files import entry, number, read_json, words
 from vibroswarm.result import RECORDED, Result, floor_frame
 from vibroswarm.scenario import Scenario
@@ -447,9 +447,7 @@ def _outcomes(
     """The tables of robots and of runs; null where decisions are not logged."""
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]
-    fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
-    boundary = scenario.decision.decision_boundary
-    truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)
+    fills, truth = fills_and_truth(scenario, floors, runs)
     end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
     known = finals.with_columns(pl.col("decision").fill_null(-1))
     # A session that was ended by hand was not cut short by a decision.

@@ -21,6 +21,14 @@ from vibroswarm.draws import Purpose, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
 from vibroswarm.inference.generate import kernels
+from vibroswarm.inference.outcomes import (
+    ROBOTS,
+    RUNS,
+    fills_and_truth,
+    outcome_tables,
+    robot_table,
+    run_table,
+)
 from vibroswarm.inference.replay import infer, inference_columns
 from vibroswarm.inference.rows import Session, empty_log
 from vibroswarm.lab.recording import Recording, inside
@@ -28,8 +36,7 @@ from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.model import vibrating_at
-from vibroswarm.outcome import fill_ratios, outcome_tables, robot_table, run_table, truth_of
-from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -46,9 +53,9 @@ class Replayed:
     scenario: Scenario
     draws: int
     robots: pl.DataFrame
-    """``result.ROBOTS``, and ``draw``."""
+    """``outcomes.ROBOTS``, and ``draw``."""
     runs: pl.DataFrame
-    """``result.RUNS``, and ``draw``."""
+    """``outcomes.RUNS``, and ``draw``."""
     unsent: float
     """Messages received that nobody can have sent at that time, mean a draw: they are left out."""
     put_back: int
@@ -222,9 +229,7 @@ def _outcome(
     """The tables of robots and runs of one draw."""
     runs = recording.runs["run"].to_list()
     floors = {run: recording.floor(run) for run in runs}
-    arena, boundary = scenario.arena, scenario.decision.decision_boundary
-    fills = np.array(fill_ratios(floors, runs, arena.width_m, arena.height_m))
-    truth = np.array([truth_of(fill, boundary) for fill in fills.tolist()], dtype=np.float64)
+    fills, truth = fills_and_truth(scenario, floors, runs)
     end_s = recording.runs["end_s"].to_numpy()
     robots = robot_table(finals.select(list(FINALS)), truth)
     of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)

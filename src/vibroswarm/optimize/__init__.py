@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Final
 from vibroswarm.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from vibroswarm.inference.cost_outcomes import Outcomes
     from vibroswarm.optimize.check import compare_scenarios
     from vibroswarm.optimize.fronts import Front, front_of
     from vibroswarm.optimize.grid import Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
     from vibroswarm.optimize.objective import Objective
-    from vibroswarm.optimize.outcomes import Outcomes
     from vibroswarm.optimize.pso import PsoSettings
     from vibroswarm.optimize.report import best_scenario, write_report
     from vibroswarm.optimize.sensitivity import sobol_indices
@@ -54,7 +54,7 @@ _HOME: Final = {
     "Front": "fronts",
     "Grid": "grid",
     "Objective": "objective",
-    "Outcomes": "outcomes",
+    "Outcomes": "evaluate",
     "PsoSettings": "pso",
     "Search": "spec",
     "SearchSettings": "spec",

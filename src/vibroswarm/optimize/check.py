@@ -18,9 +18,10 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
 from vibroswarm.errors import InputError
+from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.outcomes import Array, Outcomes
 from vibroswarm.optimize.truth import Scored, after, paired_score, scored_of
 from vibroswarm.presets import preset, preset_names
 from vibroswarm.scenario import Scenario

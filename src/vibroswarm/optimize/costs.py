@@ -21,7 +21,8 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.outcomes import Array, Outcomes
+from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcomes import Array
 
 WRONG: Final = 5.0
 UNDECIDED: Final = 1.0
@@ -35,17 +36,17 @@ Figures = Callable[..., Array]
 
 def intended(outcomes: Outcomes) -> Array:
     """The paper's cost as its words say: the error of the estimate in tiles."""
-    return _paper(outcomes, 1.0 + _error(outcomes) * outcomes.tiles, UNDECIDED)
+    return _paper(outcomes, 1.0 + _error(outcomes, "intended") * outcomes.tiles, UNDECIDED)
 
 
 def printed(outcomes: Outcomes) -> Array:
     """The paper's cost as its equation has it: the error of the estimate all but vanishes."""
-    return _paper(outcomes, 1.0 + _error(outcomes) / outcomes.tiles, UNDECIDED)
+    return _paper(outcomes, 1.0 + _error(outcomes, "printed") / outcomes.tiles, UNDECIDED)
 
 
 def authors_code(outcomes: Outcomes) -> Array:
     """The cost that the paper's search minimised: nothing is paid for time where the estimate is right."""
-    return _paper(outcomes, _error(outcomes) / TILE_IN_CODE, UNDECIDED_IN_CODE)
+    return _paper(outcomes, _error(outcomes, "authors_code") / TILE_IN_CODE, UNDECIDED_IN_CODE)
 
 
 def decision_time(outcomes: Outcomes) -> Array:
@@ -126,7 +127,19 @@ def check_figures(values: Any, runs: int, name: str) -> Array:
     return array
 
 
-def _error(outcomes: Outcomes) -> Array:
+def _error(outcomes: Outcomes, cost: str) -> Array:
+    """Return the absolute error of each robot's estimate, (runs, robots).
+
+    Raises:
+        InputError: a robot has no estimate.
+    """
+    if np.isnan(outcomes.estimate).any():
+        strategy = f"strategy '{outcomes.strategy}'" if outcomes.strategy else "the strategy"
+        raise InputError(
+            f"'{cost}' needs each robot's estimate of the fill ratio, and {strategy} keeps none; "
+            "choose decision_time, errors, expected_time_to_right or time_at_error",
+            field="objective.cost",
+        )
     return np.abs(outcomes.estimate - outcomes.fill_ratio[:, None])
 
 

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.inference.cost_outcomes import Outcomes
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.objective import Objective, Rows
-from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.simulate_runs import outcomes_of
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.executors import Workers

@@ -25,9 +25,9 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.errors import InputError
+from vibroswarm.inference.cost_outcomes import Outcomes, from_tables
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.objective import Objective, several
-from vibroswarm.optimize.outcomes import Outcomes, from_tables
 from vibroswarm.optimize.spec import KEYS
 from vibroswarm.optimize.truth import Scored, Truth, paired_score, scored_of
 from vibroswarm.plain_files import read_text

@@ -31,8 +31,9 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
 )
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
-from vibroswarm.optimize.outcomes import Array, Outcomes
 
 AIMS: Final = ("expected_time_to_right", "time_at_error")
 NAMES: Final = (*costs.COSTS, *AIMS)

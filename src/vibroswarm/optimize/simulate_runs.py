@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.inference.closed_loop import ClosedLoop, move_on
+from vibroswarm.inference.cost_outcomes import Outcomes, end_s
+from vibroswarm.inference.outcomes import fill_ratios, truth_at
 from vibroswarm.motion.contract import MotionState, source
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.observation.ground import grounds_of
-from vibroswarm.optimize.outcomes import Outcomes, end_s, truths
-from vibroswarm.outcome import fill_ratios
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of
 
@@ -136,7 +136,8 @@ class _Course:
             estimate=self.estimate,
             end_s=self.end_s,
             fill_ratio=self.fills,
-            truth=truths(self.scenario, self.fills),
+            truth=truth_at(self.fills, self.scenario.decision.decision_boundary),
             tiles=self.tiles,
             t_end_s=self.scenario.run.t_end_s,
+            strategy=self.scenario.strategy.name,
         )

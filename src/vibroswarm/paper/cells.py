@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -19,16 +20,17 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.cell_summary import interval
+from vibroswarm.analysis.intervals import Interval, mean_interval, plain
 from vibroswarm.floors.source import is_random
-from vibroswarm.outcome import as_series
+from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s, run_figures
 from vibroswarm.paper.columns import COLUMNS
-from vibroswarm.paper.sums import READ, Figures, as_arrays, digest_of, figures_of, row_of
 from vibroswarm.presets import preset
-from vibroswarm.result import ROBOTS
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.compare import second_seed
 from vibroswarm.study.executors import processors
 from vibroswarm.study.result import StudyResult, run
+from vibroswarm.study.rows import arrays_of
 from vibroswarm.study.runner import Told
 from vibroswarm.study.spec import Study
 from vibroswarm.study.varied import LABEL
@@ -37,6 +39,12 @@ FIRST_RUNS: Final = 10
 """Runs of a cell whose robots an archive holds one by one."""
 ROWS_AT_A_TIME: Final = 400_000
 Tell = Callable[[float], None]
+Figures = Mapping[str, NDArray[np.float64]]
+
+WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
+OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
+READ: Final = ("cell", *ROBOTS, *OF_RUN)
+"""Columns of a study's rows that are summed up."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +110,9 @@ class CellCame:
     """What came of one cell."""
 
     row: dict[str, Any]
-    """Summed up, see ``sums.row_of``."""
+    """Summed up, see ``row_of``."""
     figures: Figures
-    """Of each run, (runs,) each: see ``sums.figures_of``."""
+    """Of each run, (runs,) each: ``outcomes.run_figures`` and ``WALKED``."""
     digest: str
     """Of the table of robots, all runs, bit by bit."""
     first: pl.DataFrame
@@ -187,12 +195,12 @@ def summed_up(
     """Cells with swarms of one size summed up.
 
     Args:
-        rows: of a study, the columns ``sums.READ``. numbers: of the cells there, ascending. runs: of each cell.
+        rows: of a study, the columns ``READ``. numbers: of the cells there, ascending. runs: of each cell.
         map_: by which cells are gone through.
     """
-    of_robots, of_runs = as_arrays(rows, numbers, runs, robots)
+    of_robots, of_runs = arrays_of(rows.select(READ), numbers, runs, robots)
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
-    figures = figures_of(of_robots, of_runs, t_end_s)
+    figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
 
     def one(k: int) -> CellCame:
         mine = {name: column[k] for name, column in of_robots.items()}
@@ -202,6 +210,49 @@ def summed_up(
         return CellCame(row_of(mine, each, float(t_end_s[k])), each, digest_of(mine), table)
 
     return list(map_(one, range(len(cells))))
+
+
+def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
+    """One cell in the two forms.
+
+    The paper's: means of time and belief, with the standard deviation over robots over the root of the runs as
+    bar. As they should be: intervals over runs, and what became of the robots and of the swarms.
+
+    Args:
+        robots: the table of robots, (runs, robots) each. figures: (runs,) each.
+    """
+    runs, count = robots["decision"].shape
+    figures = {**figures, "robots": np.full(runs, count)}
+    row: dict[str, Any] = {"runs": runs}
+    for name in ("decision_time_s", "belief_in_truth"):
+        row |= _ends(name, interval(name, figures))
+    row["decision_time_s_bar"] = float(capped_time_s(robots["decision_time_s"], t_end_s).std()) / math.sqrt(
+        runs
+    )
+    belief = robots["belief_in_truth"].ravel()
+    belief = belief[~np.isnan(belief)]
+    row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
+    for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
+        row |= _ends(name, interval(name, figures))
+    for name in WALKED[:2]:
+        row |= _ends(name, mean_interval(figures[name]))
+    return row
+
+
+def _ends(name: str, found: Interval) -> dict[str, Any]:
+    return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found[:3], strict=True)}
+
+
+def digest_of(robots: Columns) -> str:
+    """SHA-256 of the values of a table of robots, (runs, robots) each, bit by bit; a missing value counts as one."""
+    found = hashlib.sha256()
+    for name, kind in ROBOTS.items():
+        values = robots[name]
+        missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, dtype=np.bool_)
+        found.update(name.encode() + b"\0" + missing.tobytes())
+        filled = np.where(missing, 0, values).astype("<f8" if kind.is_float() else "<i8")
+        found.update(filled.tobytes())
+    return found.hexdigest()
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:

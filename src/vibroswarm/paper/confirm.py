@@ -18,6 +18,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.csv_text import unescaped
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import ROBOTS
 from vibroswarm.leftovers import tag
 from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD
 from vibroswarm.paper.cells import FIRST_RUNS, Came, Cell, run_cells
@@ -25,7 +26,7 @@ from vibroswarm.paper.claims import MEASURED, UNKNOWN, decide
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.report import claims_table
 from vibroswarm.paper.zipped import Zipped
-from vibroswarm.result import ROBOTS, UNTOLD
+from vibroswarm.result import UNTOLD
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import plan_of

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.analysis.swarm import CellSummary, summary
 from vibroswarm.csv_text import csv_bytes
 from vibroswarm.files import whole_file
 from vibroswarm.study.compare import Compared, comparison_table, comparisons

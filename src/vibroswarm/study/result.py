@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.leftovers import remove_leftovers_once, tag
-from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
-from vibroswarm.study.came import SAMPLES
 from vibroswarm.study.looks import Settled, runs_that_count, settled
 from vibroswarm.study.plan import Group, Plan, plan_of
 from vibroswarm.study.runner import Share, Tell, run_study
+from vibroswarm.study.simulate_batch import SAMPLES
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.store import Store
 

@@ -5,6 +5,7 @@ A table for each cell, and one made of them all, takes many times as long.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -13,8 +14,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.sampling import WALK as OF_WALK
-from vibroswarm.outcome import as_series
-from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
+from vibroswarm.result import Result
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -29,8 +30,9 @@ ROWS: Final[dict[str, Any]] = {"cell": pl.UInt32, **ROBOTS, **OF_RUNS}
 _KEPT_AS: Final = {
     pl.Float64: np.float64, pl.UInt32: np.uint32, pl.UInt16: np.uint16, pl.Int8: np.int8, pl.Boolean: np.bool_,
 }  # fmt: skip
-_UNKNOWN: Final = {"truth": np.float64}
-"""A column of whole numbers in which one may be missing, which only a float can say."""
+_UNKNOWN: Final = dict.fromkeys(("truth", "alpha", "beta"), np.float64)
+"""Columns of whole numbers in which one may be missing, which only a float can hold; a strategy may keep no
+posterior."""
 
 
 class BatchRows:
@@ -95,6 +97,34 @@ def values_of(column: pl.Series) -> NDArray[Any]:
     if isinstance(column.dtype, pl.Enum):
         return column.to_physical().to_numpy()
     return column.cast(pl.Float64).to_numpy() if column.null_count() else column.to_numpy()
+
+
+def arrays_of(
+    rows: pl.DataFrame, cells: Sequence[int], runs: int, robots: int
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """Columns of ``ROWS`` in the order of cell, run, robot, whatever that of the rows.
+
+    Args:
+        rows: of all runs of these cells, each once; cell, run, robot and any others. cells: by number, ascending.
+    Returns: those of robots, (cells, runs, robots) each, and those of runs, (cells, runs) each; nan in place of null,
+        the consensus by its index in ``outcomes.CONSENSUS``.
+    """
+    shape = (len(cells), runs, robots)
+    cell, run, robot = (rows[name].to_numpy().astype(np.int64) for name in ("cell", "run", "robot"))
+    place = (np.searchsorted(np.array(cells), cell) * runs + run) * robots + robot
+    if rows.height != math.prod(shape):
+        raise ValueError(f"{rows.height} rows of {shape} cells, runs and robots")
+    of_robots: dict[str, NDArray[Any]] = {}
+    of_runs: dict[str, NDArray[Any]] = {}
+    for column in rows.drop("cell"):
+        values = values_of(column)
+        sorted_ = np.empty(rows.height, dtype=values.dtype)
+        sorted_[place] = values
+        if column.name in ROBOTS:
+            of_robots[column.name] = sorted_.reshape(shape)
+        else:
+            of_runs[column.name] = sorted_.reshape(shape)[:, :, 0].copy()
+    return of_robots, of_runs
 
 
 def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:

@@ -10,9 +10,9 @@ import polars as pl
 
 from vibroswarm.errors import InputError
 from vibroswarm.result import UNTOLD
-from vibroswarm.study.came import SAMPLES
 from vibroswarm.study.plan import Group
 from vibroswarm.study.rows import ROWS, WALK
+from vibroswarm.study.simulate_batch import SAMPLES
 from vibroswarm.study.spec import Study
 from vibroswarm.tables import Schema, check_table, read_frame
 

@@ -15,9 +15,9 @@ import polars as pl
 
 from vibroswarm.forked import check_threads
 from vibroswarm.simulation import versions
-from vibroswarm.study.came import Asked, Cancelled, came_of
 from vibroswarm.study.plan import Group, Texts
 from vibroswarm.study.rows import BatchRows
+from vibroswarm.study.simulate_batch import Asked, Cancelled, simulate_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.texts import scenario_of
 
@@ -84,7 +84,7 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
     for low in range(work.first, work.last, step):
         some = range(low, min(low + step, work.last))
         asked = Asked(some, work.seed, work.motion, "samples" in work.keep, cancelled)
-        for came in came_of(work.observed, asked):
+        for came in simulate_batch(work.observed, asked):
             rows.put(came.cells, low, came.robots, came.runs)
             samples += came.samples
     tables = {"robots": rows.table()}

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.page.report import Column
+from vibroswarm.paper.cells import Figures
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
 from vibroswarm.paper.measure import Row, exact, frame, mean
-from vibroswarm.paper.sums import Figures
 from vibroswarm.plots import draw_error_bars
 
 STEPPED_RUNS: Final = 100

@@ -6,11 +6,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.analysis.sampling import walk_figures
-from vibroswarm.analysis.swarm import summary
-from vibroswarm.paper.cells import FIRST_RUNS, Cell, CellCame, summed_up
-from vibroswarm.paper.sums import READ, WALKED, digest_of
+from vibroswarm.paper.cells import FIRST_RUNS, READ, WALKED, Cell, CellCame, digest_of, summed_up
 from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from vibroswarm.inference.minds import FINALS
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table, truth_of
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline, timeline_of
 from vibroswarm.motion.contract import Motion, source
 from vibroswarm.observation.model import observe
-from vibroswarm.outcome import run_table, truth_of
-from vibroswarm.result import ROBOTS, RUNS, Result
+from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import floors_of, replay, simulate, summarise
 

@@ -1,8 +1,8 @@
-"""What came of some runs of a group: motion once, each floor and sensor once, then strategy by strategy."""
+"""Simulate a batch of runs: motion once, each floor and sensor once, then strategy by strategy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
+from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truth_at
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
 from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
-from vibroswarm.outcome import belief_in_truth, consensus_columns, end_columns, fills_and_truth
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import floors_of, simulate
 from vibroswarm.study.plan import Texts
@@ -36,8 +36,8 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
     """The study was stopped while a batch was under way."""
 
 
-class CameOf(NamedTuple):
-    """What came of some runs of some cells: as ``BatchRows.put`` takes it, and the samples if they are kept."""
+class BatchOutcomes(NamedTuple):
+    """Outcomes of some runs of some cells: as ``BatchRows.put`` takes it, and the samples if they are kept."""
 
     cells: Sequence[Sequence[int]]
     robots: Columns
@@ -60,8 +60,8 @@ class Asked(NamedTuple):
             raise Cancelled
 
 
-def came_of(observed: Texts, asked: Asked) -> Iterator[CameOf]:
-    """What came of the runs, floor by floor and sensor by sensor.
+def simulate_batch(observed: Texts, asked: Asked) -> Iterator[BatchOutcomes]:
+    """Simulate the runs, floor by floor and sensor by sensor.
 
     Args:
         observed: see ``work.Work``.
@@ -75,16 +75,18 @@ def came_of(observed: Texts, asked: Asked) -> Iterator[CameOf]:
         return
     asked.check()
     whole = source(asked.motion).batch(first, asked.seed, asked.runs, False)
-    moved, end_s = _Moved(first, whole, asked), first.run.t_end_s
+    moved, end_s = _SharedMotion(first, whole, asked), first.run.t_end_s
     for inferences in observed:
         seen = scenario_of(inferences[0][0])
         if seen.run.t_end_s != end_s:
-            moved, end_s = _Moved(seen, beginning(whole, seen), asked), seen.run.t_end_s
+            moved, end_s = _SharedMotion(seen, beginning(whole, seen), asked), seen.run.t_end_s
         asked.check()
-        yield moved.came_of([scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences])
+        yield moved.outcomes(
+            [scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences]
+        )
 
 
-def _until_all_decided(scenario: Scenario, cells: Sequence[int], asked: Asked) -> CameOf:
+def _until_all_decided(scenario: Scenario, cells: Sequence[int], asked: Asked) -> BatchOutcomes:
     """Runs that end when all have decided: of one cell, or several that are equal."""
     result = simulate(scenario, asked.seed, asked.runs, motion=asked.motion, energies=asked.samples)
     tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
@@ -92,10 +94,10 @@ def _until_all_decided(scenario: Scenario, cells: Sequence[int], asked: Asked) -
     robots, of_runs = columns_of(result)
     tables = (result.motion, result.observations, result.inference)
     samples = samples_of(*tables, cells) if asked.samples else []
-    return CameOf([cells], robots, {**of_runs, **walked(walk, asked.runs)}, samples)
+    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, asked.runs)}, samples)
 
 
-class _Moved:
+class _SharedMotion:
     """Some runs of a motion, and what floors, sensors and strategies share of them."""
 
     def __init__(self, scenario: Scenario, motion: Motion, asked: Asked) -> None:
@@ -103,11 +105,11 @@ class _Moved:
         self.timeline = timeline_of(scenario, motion)
         self.places, self.walk = Places(asked.seed, motion.samples), Walk(motion.samples)
         ends = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots)
-        self.of_ends = end_columns(ends.max(axis=1), scenario.run.t_end_s)
+        self.end_s = ends.max(axis=1)
         self._floors: dict[Any, dict[int, Floor]] = {}
 
-    def came_of(self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]]) -> CameOf:
-        """What came of scenarios that differ in how robots decide and speak only."""
+    def outcomes(self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]]) -> BatchOutcomes:
+        """Outcomes of scenarios that differ in how robots decide and speak only."""
         seen, runs, seed = scenarios[0], self.asked.runs, self.asked.seed
         floors = self._floors_of(seen)
         read = self.places.read(seen, floors, self.asked.samples)
@@ -117,22 +119,16 @@ class _Moved:
             each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation)))
         shape = (len(runs), self.timeline.robots)
         finals = {name: np.stack([one[name].reshape(shape) for one in each]) for name in each[0]}
-        fills, truth = _of_floors(scenarios, floors, runs)
-        robots = {
-            **finals,
-            "belief_in_truth": belief_in_truth(finals["belief"], truth[..., None]),
-            "sent": finals["samples"],
-        }
+        fills = np.array(fill_ratios(floors, list(runs), seen.arena.width_m, seen.arena.height_m))
+        truth = truth_at(fills, [[scenario.decision.decision_boundary] for scenario in scenarios])
+        decided = finals["decision"], finals["decision_time_s"]
         walk = self.walk.figures(read.tile, read.observation, floors[runs[0]].tiles.size)
         of_runs = {
-            "fill_ratio": fills,
-            "truth": truth,
-            **consensus_columns(finals["decision"], finals["decision_time_s"], truth),
-            **self.of_ends,
+            **run_columns(*decided, fills, truth, self.end_s, seen.run.t_end_s),
             **walked(walk, runs),
         }
         samples = self._samples(scenarios, cells, read) if self.asked.samples else []
-        return CameOf(cells, robots, of_runs, samples)
+        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """The floor of each run, laid once for all sensors."""
@@ -150,19 +146,6 @@ class _Moved:
             inference, _ = infer(scenario, self.asked.seed, self.timeline, observations)
             found += samples_of(motion, observations, inference, same)
         return found
-
-
-def _of_floors(
-    scenarios: Sequence[Scenario], floors: Mapping[int, Floor], runs: Sequence[int]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The fill ratio of each run, (runs,), and what is true of it by each scenario's boundary, (scenarios, runs)."""
-    known: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    for scenario in scenarios:
-        boundary = scenario.decision.decision_boundary
-        if boundary not in known:
-            known[boundary] = fills_and_truth(scenario, floors, list(runs))
-    truths = [known[scenario.decision.decision_boundary][1] for scenario in scenarios]
-    return next(iter(known.values()))[0], np.stack(truths)
 
 
 def samples_of(

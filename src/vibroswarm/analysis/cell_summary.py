@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -35,7 +35,8 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
     wilson,
 )
-from vibroswarm.analysis.per_run import ByRun, capped_time_s, run_figures
+from vibroswarm.analysis.per_run import ByRun, run_figures
+from vibroswarm.inference.outcomes import Columns, numbers
 
 
 @dataclass(frozen=True)
@@ -109,13 +110,15 @@ def summary(
     known = table.filter(pl.col("truth").is_not_null())
     right, wrong, of_known = (known[name].to_numpy() for name in ("right", "wrong", "robots"))
     undecided = table["undecided"].to_numpy()
+    figures = {name: numbers(table[name]) for name in ("robots", *OF_RUNS)}
     iccs = {
         "decision_time": icc_of_times(robots, t_end_s),
         "right": icc_of_counts(right, of_known),
         "undecided": icc_of_counts(undecided, of),
     }
     named: dict[str, Any] = {
-        **swarm_shares(table, level),
+        **{name: interval(name, figures, level, seed) for name in INTERVALS},
+        **consensus_shares(table, level),
         **{f"icc_{name}": value for name, value in iccs.items()},
         **{f"design_effect_{name}": design_effect(value, of) for name, value in iccs.items()},
     }
@@ -125,25 +128,49 @@ def summary(
         robots=int(of.sum()),
         t_end_s=t_end_s,
         level=level,
-        consensus_time_s=mean_interval(table["swarm_time_s"].to_numpy(), level),
         consensus_median_s=quantile_interval(reached, 0.5, level),
-        robots_right=cluster_share(right, of_known, level, seed),
-        robots_wrong=cluster_share(wrong, of_known, level, seed),
-        robots_undecided=cluster_share(undecided, of, level, seed),
         robot_error=cluster_share(wrong, right + wrong, level, seed),
-        decision_time_s=mean_interval(table["decision_time_s"].to_numpy(), level),
-        belief_in_truth=mean_interval(table["belief_in_truth"].drop_nulls().to_numpy(), level),
         **named,
     )
 
 
-def swarm_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
-    """Shares of runs by consensus, from ``run_figures``, by name with ``swarm_`` before it."""
+MEANS: Final = {
+    "decision_time_s": "decision_time_s",
+    "belief_in_truth": "belief_in_truth",
+    "consensus_time_s": "swarm_time_s",
+}
+"""Means over runs, and the figure of a run each is of."""
+SHARES_OF_ROBOTS: Final = {f"robots_{name}": name for name in ("right", "wrong", "undecided")}
+"""Shares of robots, and how many of each run they are of."""
+SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong")
+"""Shares of runs."""
+INTERVALS: Final = (*MEANS, *SHARES_OF_ROBOTS, *SHARES_OF_RUNS)
+"""What ``interval`` knows by name."""
+OF_RUNS: Final = (*MEANS.values(), *SHARES_OF_ROBOTS.values(), *SHARES_OF_RUNS)
+
+
+def interval(name: str, figures: Columns, level: float = 0.95, seed: int = 0) -> Interval:
+    """Return a figure of a cell with its limits, from those of its runs.
+
+    Args:
+        name: of ``INTERVALS``. figures: of each run (``inference.outcomes.run_figures``) and ``robots``, how many it
+            has; (runs,) each, nan where a run has none. level: of confidence. seed: of the bootstrap.
+    """
+    if name in MEANS:
+        return mean_interval(figures[MEANS[name]], level)
+    if name in SHARES_OF_ROBOTS:
+        count = figures[SHARES_OF_ROBOTS[name]]
+        known = ~np.isnan(count)
+        return cluster_share(count[known], figures["robots"][known], level, seed)
+    known = ~np.isnan(figures[name])
+    return wilson(int(figures[name][known].sum()), int(known.sum()), level)
+
+
+def consensus_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
+    """Return the other shares of runs by consensus, from ``per_run.run_figures``."""
     counts = dict(table.group_by("consensus").len().iter_rows())
-    known = table["truth"].count()
-    of = {"right": known, "wrong": known, "split": table.height, "incomplete": table.height}
-    of["agreed"] = table.height
-    shares = {f"swarm_{name}": wilson(counts.get(name, 0), n, level) for name, n in of.items()}
+    others = ("split", "incomplete", "agreed")
+    shares = {f"swarm_{name}": wilson(counts.get(name, 0), table.height, level) for name in others}
     right, wrong = counts.get("right", 0), counts.get("wrong", 0)
     return shares | {"swarm_error": wilson(wrong, right + wrong, level)}
 
@@ -151,7 +178,7 @@ def swarm_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval
 def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
     """Intra-run correlation of min(decision time, t_end)."""
     by_run = ByRun(robots)
-    time_s = capped_time_s(by_run.robots, t_end_s)
+    time_s = by_run.capped_time_s(t_end_s)
     means = by_run.mean(time_s)
     within = by_run.sum((time_s - np.repeat(means, by_run.count)) ** 2)
     return icc(means, within, by_run.count.astype(np.float64))

@@ -1,0 +1,249 @@
+"""Outcomes of robots and runs against plain loops, robot by robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.errors import InputError
+from vibroswarm.inference.cost_outcomes import from_result, from_tables
+from vibroswarm.inference.outcomes import (
+    CONSENSUS,
+    ROBOTS,
+    as_series,
+    estimate_of,
+    robot_columns,
+    run_columns,
+    run_figures,
+    truth_at,
+    truth_of,
+)
+from vibroswarm.optimize.objective import NAMES, Objective
+from vibroswarm.presets import preset
+from vibroswarm.simulation import simulate
+from vibroswarm.study.rows import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
+
+T_END = 100.0
+CELLS, RUNS, SWARM = 3, 40, 3
+FILLS = np.tile([0.2, 0.48, 0.5, 0.8], RUNS // 4)
+BOUNDARIES = [0.5, 0.48, 0.3]
+Arrays = dict[str, NDArray[Any]]
+
+
+def made_up(seed: int = 1) -> Arrays:
+    """Finals of robots that decide, differ, or never do; some have no belief, some decide after T_end."""
+    random, shape = generator(seed, "outcomes"), (CELLS, RUNS, SWARM)
+    together = random.integers(-1, 2, shape[:2])[..., None]
+    decision = np.where(random.random(shape) < 0.8, together, random.integers(-1, 2, shape)).astype(np.int8)
+    belief = np.where(random.random(shape) < 0.1, np.nan, random.random(shape))
+    return {
+        "decision": decision,
+        "decision_time_s": np.where(decision == -1, np.nan, random.uniform(1.0, 110.0, shape)),
+        "belief_at_decision": np.where(decision == -1, np.nan, belief),
+        "belief": belief,
+        "alpha": random.integers(1, 99, shape).astype(np.uint32),
+        "beta": random.integers(1, 99, shape).astype(np.uint32),
+        "samples": random.integers(0, 9, shape).astype(np.uint32),
+        "received": random.integers(0, 9, shape).astype(np.uint32),
+    }
+
+
+def tables_of(finals: Arrays) -> tuple[Arrays, Arrays]:
+    truth = truth_at(FILLS, [[boundary] for boundary in BOUNDARIES])
+    ends = np.full(RUNS, T_END)
+    runs = run_columns(finals["decision"], finals["decision_time_s"], FILLS, truth, ends, T_END)
+    return robot_columns(finals, truth), runs
+
+
+def mean_of(values: list[float]) -> float:
+    there = [value for value in values if not math.isnan(value)]
+    return sum(there) / len(there) if there else math.nan
+
+
+def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
+    """One run in plain Python."""
+    fill, boundary = float(FILLS[run]), BOUNDARIES[cell]
+    truth = None if abs(fill - boundary) < 1e-12 else int(fill > boundary)
+    own = [{name: column[cell, run, k].item() for name, column in finals.items()} for k in range(SWARM)]
+    right = wrong = undecided = 0
+    times, beliefs, estimates = [], [], []
+    for robot in own:
+        if robot["decision"] == -1:
+            undecided += 1
+        elif truth is not None and robot["decision"] == truth:
+            right += 1
+        elif truth is not None:
+            wrong += 1
+        times.append(T_END if robot["decision"] == -1 else min(robot["decision_time_s"], T_END))
+        sure = {None: math.nan, 0: robot["belief"], 1: 1.0 - robot["belief"]}
+        beliefs.append(sure[truth])
+        estimates.append(robot["alpha"] / (robot["alpha"] + robot["beta"]))
+    if undecided:
+        consensus = "incomplete"
+    elif len({robot["decision"] for robot in own}) > 1:
+        consensus = "split"
+    elif truth is None:
+        consensus = "agreed"
+    else:
+        consensus = "right" if own[0]["decision"] == truth else "wrong"
+    last = (
+        max(robot["decision_time_s"] for robot in own) if consensus in ("right", "wrong", "agreed") else None
+    )
+    known = truth is not None
+    return {
+        "truth": math.nan if truth is None else float(truth),
+        "consensus": consensus,
+        "counts": (right, wrong, undecided),
+        "consensus_time_s": math.nan if last is None else last,
+        "decision_time_s": mean_of(times),
+        "belief_in_truth": mean_of(beliefs),
+        "estimate": mean_of(estimates),
+        "right": right if known else math.nan,
+        "wrong": wrong if known else math.nan,
+        "undecided": undecided,
+        "right_share": right / SWARM if known else math.nan,
+        "wrong_share": wrong / SWARM if known else math.nan,
+        "undecided_share": undecided / SWARM,
+        "swarm_right": float(consensus == "right") if known else math.nan,
+        "swarm_wrong": float(consensus == "wrong") if known else math.nan,
+        "swarm_time_s": T_END if last is None else min(last, T_END),
+    }
+
+
+def differing(finals: Arrays, figures: Arrays, runs: Arrays) -> set[str]:
+    """Names of figures that differ from those by hand in any run."""
+    found = set()
+    for cell in range(CELLS):
+        for run in range(RUNS):
+            hand = by_hand(finals, cell, run)
+            if CONSENSUS[runs["consensus"][cell, run]] != hand.pop("consensus"):
+                found.add("consensus")
+            if hand.pop("counts") != tuple(int(runs[n][cell, run]) for n in ("right", "wrong", "undecided")):
+                found.add("counts")
+            assert set(hand) == set(figures)
+            for name, value in hand.items():
+                if not np.isclose(figures[name][cell, run], value, rtol=1e-13, atol=0.0, equal_nan=True):
+                    found.add(name)
+    return found
+
+
+def test_every_figure_is_that_by_hand() -> None:
+    finals = made_up()
+    robots, runs = tables_of(finals)
+    figures = run_figures(robots, runs, np.full(CELLS, T_END))
+    assert differing(finals, figures, runs) == set()
+    seen = {CONSENSUS[k] for k in np.unique(runs["consensus"])}
+    assert seen == set(CONSENSUS)  # the example has every outcome
+    for cell in range(CELLS):
+        alone = run_figures(
+            {n: v[cell] for n, v in robots.items()}, {n: v[cell] if v.ndim > 1 else v for n, v in runs.items()}, T_END
+        )  # fmt: skip
+        for name, values in alone.items():
+            np.testing.assert_array_equal(values, figures[name][cell])
+
+
+@pytest.mark.parametrize(
+    ("column", "changed", "told"),
+    [
+        ("decision", 1, {"consensus", "counts"}),
+        ("belief", 0.123, {"belief_in_truth"}),
+        ("alpha", 1000, {"estimate"}),
+        ("decision_time_s", 3.0, {"decision_time_s"}),
+    ],
+)
+def test_a_robot_that_is_changed_is_seen(column: str, changed: float, told: set[str]) -> None:
+    """Negative control: the loops see a robot that differs."""
+    finals = made_up()
+    robots, runs = tables_of(finals)
+    figures = run_figures(robots, runs, np.full(CELLS, T_END))
+    cell, run, k = (int(i[0]) for i in np.nonzero((finals["decision"] == 0) & ~np.isnan(finals["belief"])))
+    other = finals[column].copy()
+    other[cell, run, k] = changed
+    assert told <= differing({**finals, column: other}, figures, runs)
+
+
+def test_undecided_robots_are_never_averaged_away() -> None:
+    finals = made_up()
+    none = {**finals, "decision": np.full_like(finals["decision"], -1)}
+    none["decision_time_s"] = np.full((CELLS, RUNS, SWARM), np.nan)
+    robots, runs = tables_of(none)
+    figures = run_figures(robots, runs, T_END)
+    assert (figures["decision_time_s"] == T_END).all()
+    assert (figures["swarm_time_s"] == T_END).all()
+    assert (figures["undecided_share"] == 1.0).all()
+    assert (runs["consensus"] == CONSENSUS.index("incomplete")).all()
+
+
+def test_truth_is_none_on_the_boundary_only() -> None:
+    for fill, boundary, truth in ((0.5, 0.5, None), (0.5 + 1e-13, 0.5, None), (0.1 + 0.2, 0.3, None),
+                                  (0.500001, 0.5, 1), (0.48, 0.5, 0)):  # fmt: skip
+        assert truth_of(fill, boundary) == truth
+    assert np.isnan(truth_at([0.5, 0.6], 0.5)).tolist() == [True, False]
+
+
+def test_who_keeps_no_posterior_has_no_estimate() -> None:
+    alpha, beta = np.array([1.0, np.nan, 0.0]), np.array([3.0, np.nan, 0.0])
+    np.testing.assert_array_equal(estimate_of(alpha, beta), [0.25, np.nan, np.nan])
+    whole = estimate_of(np.array([2**32 - 1], dtype=np.uint32), np.array([1], dtype=np.uint32))
+    assert whole.tolist() == [(2**32 - 1) / 2**32]  # a sum of 32 bits would be 0
+
+
+def test_no_posterior_comes_through_a_batch_as_null() -> None:
+    finals = made_up()
+    robots, runs = tables_of(finals)
+    robots |= {name: robots[name].astype(np.float64) for name in ("alpha", "beta")}
+    robots["alpha"][1], robots["beta"][1] = np.nan, np.nan
+    runs |= {name: np.zeros(RUNS) for name in OF_RUNS if name not in runs}
+    batch = BatchRows(range(CELLS), range(RUNS), SWARM)
+    batch.put([[cell] for cell in range(CELLS)], 0, {name: robots[name] for name in OF_ROBOTS}, runs)
+    table = batch.table()
+    by_cell = table.group_by("cell", maintain_order=True).agg(
+        pl.col("alpha").null_count(), pl.col("beta").count()
+    )
+    assert by_cell["alpha"].to_list() == [0, RUNS * SWARM, 0]
+    assert by_cell["beta"].to_list() == [RUNS * SWARM, 0, RUNS * SWARM]
+    again, of_runs = arrays_of(table.sample(fraction=1.0, shuffle=True, seed=2), range(CELLS), RUNS, SWARM)
+    for name in OF_ROBOTS:
+        np.testing.assert_array_equal(again[name], robots[name])
+    np.testing.assert_array_equal(of_runs["consensus"], runs["consensus"])
+    assert np.isnan(run_figures(again, of_runs, T_END)["estimate"][1]).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_cost_that_needs_an_estimate_says_so(name: str) -> None:
+    result = simulate(preset("paper"), 1, 4, energies=False)
+    found = from_result(result)
+    without = replace(found, estimate=np.full_like(found.estimate, np.nan), strategy="voter")
+    objective = Objective(name)
+    assert np.isfinite(objective.figures(found)).all()
+    if name in ("intended", "printed", "authors_code"):
+        with pytest.raises(
+            InputError, match=f"'{name}' needs .* 'voter' keeps none; choose decision_time"
+        ) as told:
+            objective.figures(without)
+        assert told.value.field == "objective.cost"
+    else:
+        np.testing.assert_array_equal(objective.figures(without), objective.figures(found))
+
+
+def test_tables_without_a_posterior_give_no_estimate() -> None:
+    result = simulate(preset("paper"), 1, 4, energies=False)
+    nulls = [as_series(name, np.full(20, np.nan), ROBOTS[name]) for name in ("alpha", "beta")]
+    found = from_tables(result.scenario, result.robots.with_columns(nulls), result.runs, 25)
+    assert np.isnan(found.estimate).all()
+    assert not np.isnan(from_tables(result.scenario, result.robots, result.runs, 25).estimate).any()
+
+
+def test_on_the_boundary_no_robot_is_right_or_wrong() -> None:
+    values = {"decision.decision_boundary": 0.48, "decision.min_observations": 5}
+    found = from_result(simulate(preset("paper").with_values(values), 1, 4, energies=False))
+    assert (found.decision != -1).any()
+    assert not found.right.any()
+    assert not found.wrong.any()
