@@ -255,6 +255,21 @@ def _compile(
     return result
 
 
+def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> Callable[P, R]:
+    """A kernel as it is compiled for arguments of these types, without Numba's look at the types of each call.
+
+    That look takes some 0.1 microseconds an array. Who calls it must give arguments of exactly these types.
+    """
+    del none
+    if not _compiles():
+        return kernel
+    dispatcher: Any = kernel
+    signature = tuple(dispatcher.typeof_pyval(one) for one in arguments)
+    dispatcher.compile(signature)
+    found: Callable[P, R] = dispatcher.overloads[signature].entry_point
+    return found
+
+
 def _call_plain(compiled: Any) -> None:
     """Let Python call the plain function: what only kernels call has no entry for Python, which takes time to make."""
     kind = type(compiled)

@@ -6,14 +6,14 @@ observation and replay give one after the other, and a test holds it to that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, read_only, signed, zero_rows
+from vibroswarm.compiled import entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
 from vibroswarm.inference.rows import Readings, Rows, Stops
 from vibroswarm.inference.timeline import write_heard
@@ -102,6 +102,9 @@ def note(
     return filled
 
 
+NONE_STANDS: Final = np.empty(0, dtype=np.int64)
+
+
 def most_samples(scenario: Scenario) -> int:
     """No run has more samples."""
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
@@ -117,6 +120,9 @@ class ClosedLoop:
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_of(scenario.strategy.name)
         self.notes = empty_notes(robots, room)
+        self.ends_s: list[float] = []
+        """When its runs were over, for who asks."""
+        self.entry: Callable[..., int] | None = None
         self.replayer = replayer_of(scenario, seed, runs=1, longest=room, rows=room)
         notes = Notes(*(read_only(column) for column in self.notes))
         self.readings = Readings(
@@ -156,9 +162,18 @@ class ClosedLoop:
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Put down the samples that came next (``motion.record.SAMPLE_ROW``)."""
-        self.bounds[1] = note(
-            rows, self.ground, self.notes, int(self.bounds[1]), self.seed, int(self.runs[0]), self.tick_ms
+        arguments = (
+            rows,
+            self.ground,
+            self.notes,
+            int(self.bounds[1]),
+            self.seed,
+            int(self.runs[0]),
+            self.tick_ms,
         )
+        if self.entry is None:
+            self.entry = entry_for(note, *arguments)
+        self.bounds[1] = self.entry(*arguments)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
         """Let the robots live through what was put down.
@@ -167,8 +182,9 @@ class ClosedLoop:
             known_tick: up to here, this tick not included, motion is known. stop_tick: (robots,): since when each robot
                 stands then; -1: it walks.
         """
-        self.known_tick[0] = known_tick
-        self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
+        if self.replayer.needs_stops:
+            self.known_tick[0] = known_tick
+            self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
         self.replayer.go_on(self.rows, self.readings, self.stops, begins=self.is_new)
         self.is_new = False
 
@@ -241,7 +257,8 @@ def move_on(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> M
                 one.take(rows)
 
         state.go_on(until_s, take)
-        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks
+        needed = any(one.replayer.needs_stops for one in loop)
+        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NONE_STANDS
     else:
         piece = state.advance(until_s)
         known_tick, stop_tick = taken_from(piece, loop, tick_ms)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import read_only, zero_rows
+from vibroswarm.compiled import entry_for, read_only, zero_rows
 from vibroswarm.errors import RunError
 from vibroswarm.inference.agents import empty_swarm, world_of
 from vibroswarm.inference.generate import kernels
@@ -54,6 +55,8 @@ class Replayer(ABC):
         self.taken = np.zeros(runs, dtype=np.int64)
         self.log = empty_log(0, self.strategy.state_type) if log is None else log
         self.messages = np.zeros(0, self.strategy.message_type) if messages is None else messages
+        self.entry: Callable[..., int] | None = None
+        self.calls = 0
         self.course = np.empty((rows if self.strategy.steer is not None else 0, 2))
 
     @abstractmethod
@@ -75,6 +78,21 @@ class Replayer(ABC):
         Raises:
             RunError: the strategy did what none may.
         """
+
+    def call(self, arguments: tuple[Any, ...]) -> int:
+        """What the kernel gives for these arguments, which are of the same types at each call."""
+        if self.entry is None:
+            with told(self.strategy, self.network):
+                came: int = self.module.replay(*arguments)
+            self.calls += 1
+            if self.calls == 2:
+                self.entry = entry_for(self.module.replay, *arguments)
+            return came
+        try:
+            return self.entry(*arguments)
+        except Exception:
+            with told(self.strategy, self.network):
+                raise
 
     def check(self, came: int) -> None:
         """Refuse what a strategy may not do."""
@@ -122,12 +140,11 @@ class CountsReplayer(Replayer):
         limit_s: float = np.inf,
     ) -> None:
         """``Replayer.go_on``."""
-        with told(self.strategy, self.network):
-            came = self.module.replay(
-                rows, readings, self.taken, self.swarm, self.messages, self.counts, self.log, self.course, self.world,
-                self.seed, self.loss, self.reach, begins, ends, limit_s,
-            )  # fmt: skip
-        self.check(came)
+        arguments = (
+            rows, readings, self.taken, self.swarm, self.messages, self.counts, self.log, self.course, self.world,
+            self.seed, self.loss, self.reach, begins, ends, limit_s,
+        )  # fmt: skip
+        self.check(self.call(arguments))
 
 
 class MessagesReplayer(Replayer):
@@ -189,12 +206,11 @@ class MessagesReplayer(Replayer):
     def _go_on(
         self, rows: Rows, readings: Readings, stops: Stops, begins: bool, ends: bool, limit_s: float
     ) -> int:
-        with told(self.strategy, self.network):
-            came: int = self.module.replay(
-                rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course,
-                self.world, self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
-            )  # fmt: skip
-        return came
+        arguments = (
+            rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course, self.world,
+            self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
+        )  # fmt: skip
+        return self.call(arguments)
 
 
 def counts_only(strategy: Strategy, network: Network) -> bool:

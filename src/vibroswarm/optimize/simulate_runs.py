@@ -69,6 +69,8 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
 
 
 _kept = threading.local()
+MANY: Final = 30
+"""Runs from which it is guessed how long the next one takes."""
 KEPT: Final = 4
 """Loops that a thread keeps: a search asks for the same scenario again and again, a few runs at a time."""
 
@@ -100,7 +102,7 @@ class _Course:
         self.decision = np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s = np.empty(len(runs))
-        self.ends_s: list[float] = []
+        self.ends_s = self.loop.ends_s[-MANY:]
 
     def until_s(self, now_s: float) -> float:
         """Until when the run has to move; no further if that is not later than now."""
@@ -112,11 +114,11 @@ class _Course:
         return min(self.next_look_s(now_s), t_end_s)
 
     def next_look_s(self, now_s: float) -> float:
-        """When to look next: where half of the runs that took longer than this were over. No result depends on it."""
+        """When to look next: where a few of the runs that took longer than this were over. No result depends on it."""
         longer = sorted(one for one in self.ends_s if one > now_s + MARGIN_S)
         if not longer:
             return now_s + PIECE_S
-        return max(end_s(longer[len(longer) // 2], np.inf) + self.scenario.tick_s, now_s + MARGIN_S)
+        return max(end_s(longer[len(longer) // 6], np.inf) + self.scenario.tick_s, now_s + MARGIN_S)
 
     def finish(self, r: int) -> None:
         """Put down all that became of run ``r``."""
@@ -126,6 +128,7 @@ class _Course:
         loop.go_back_to(float(self.end_s[r]))
         self.estimate[r] = loop.estimate
         self.ends_s.append(float(self.end_s[r]))
+        self.loop.ends_s.append(float(self.end_s[r]))
 
     def outcomes(self) -> Outcomes:
         """Of all runs, once they are finished."""
