@@ -101,8 +101,8 @@ robots = 2
 [scenario.strategy]
 name = "soft"
 [space]
-"strategy.eta" = [750.0, 1000.0]
-"strategy.kappa" = [1.0, 2.0]
+"strategy.soft.eta" = [750.0, 1000.0]
+"strategy.soft.kappa" = [1.0, 2.0]
 """
 COLUMNS = """
 [columns]

@@ -234,7 +234,11 @@ def cases_of(column: str, threshold: float, runs: int, seed: int) -> list[Case]:
     """Swarms of all sizes on the real floor."""
     found = []
     for robots in sizes():
-        values: dict[str, Any] = {"run.t_end_s": T_END_S, "swarm.robots": robots, "network.loss": 0.0}
+        values: dict[str, Any] = {
+            "run.t_end_s": T_END_S,
+            "swarm.robots": robots,
+            "network.name": "ideal",
+        }
         scenario = preset(column).with_values(
             {**real_floor(), **values, "sensor.rms_threshold": threshold, "decision.min_observations": 381}
         )

@@ -28,7 +28,8 @@ def make(folder: Path) -> None:
             "sensor.rms_threshold": 1.55,
             "decision.gate": "own",
             "decision.min_observations": 12,
-            "network.loss": 0.02,
+            "network.name": "loss",
+            "network.loss.share": 0.02,
             "run.t_end_s": 120.0,
         }
     )

@@ -243,7 +243,11 @@ def stages_of(scenario: Scenario, runs: int) -> tuple[list[Figure], float]:
 def strategies(scenario: Scenario) -> list[Scenario]:
     """No feedback, positive feedback, and soft feedback with 8 eta x 4 kappa."""
     soft: list[dict[str, Any]] = [
-        {"strategy.name": "soft", "strategy.eta": 250.0 * (1 + eta), "strategy.kappa": 0.5 * (1 + kappa)}
+        {
+            "strategy.name": "soft",
+            "strategy.soft.eta": 250.0 * (1 + eta),
+            "strategy.soft.kappa": 0.5 * (1 + kappa),
+        }
         for eta in range(8)
         for kappa in range(4)
     ]

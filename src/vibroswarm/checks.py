@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vibroswarm import strategies
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
 
@@ -134,13 +135,19 @@ def _check_sensor(s: Scenario) -> None:
                 )
 
 
+def is_neutral_at_half_only(s: Scenario) -> bool:
+    """Whether a scenario's strategy asks which of two kinds is more, and nothing else."""
+    known = strategies.known().get(s.strategy.name)
+    return known is not None and known.boundary_half
+
+
 def _check_boundary(s: Scenario) -> None:
     decision = s.decision
     positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
     taken_at_word = decision.boundary_of == "readings"
-    if s.strategy.name == "soft" and taken_at_word and decision.decision_boundary != 0.5:
+    if is_neutral_at_half_only(s) and taken_at_word and decision.decision_boundary != 0.5:
         raise InputError(
-            f"soft feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
+            f"{s.strategy.name} feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
             f"{decision.decision_boundary:g}; choose another strategy",
             field="strategy.name",
         )

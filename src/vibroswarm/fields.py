@@ -12,7 +12,7 @@ Field to paper:
 | decision.credible_threshold, decision.min_observations | p_c, O_c | - |
 | decision.decision_boundary | 0.5 in the paper | - |
 | decision.boundary_of, decision.assumed_false_positive, decision.assumed_false_negative | not in the paper | - |
-| strategy.eta, strategy.kappa | eta, kappa | - |
+| strategy.soft.eta, strategy.soft.kappa | eta, kappa | - |
 | robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
 | robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
 | sensor.edge_reach_m, sensor.edge_blur_m, sensor.tile_spread, sensor.robot_spread | not in the paper | m, m, -, - |
@@ -21,15 +21,26 @@ Field to paper:
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
+from vibroswarm.networks import known as known_networks
+from vibroswarm.strategies import known as known_strategies
 
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -271,16 +282,119 @@ class Sensor(Section):
     """Robots' sensors differ likewise; drawn for each robot and run."""
 
 
-class Strategy(Section):
-    """What a robot says: u- ``none``, u+ ``positive``, u^s ``soft``."""
+class Choice(Section):
+    """A part that is chosen by its name, with a table of parameters of its own: ``[strategy.soft]``.
 
-    name: Literal["none", "positive", "soft"] = "none"
+    Tables of others than the chosen one may be given, and are kept; they mean nothing, and are in no hash.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="allow", strict=True, allow_inf_nan=False)
+    kind: ClassVar[str]
+    known: ClassVar[Callable[[], Mapping[str, Any]]]
+
+    name: str
+    code: str | None = None
+    """The file that it comes from, and its SHA-256: it is none of vibroswarm's own."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_in(cls, values: Any) -> Any:
+        if not isinstance(values, Mapping):
+            return values
+        given = dict(values)
+        name = given.get("name", cls.model_fields["name"].default)
+        there = cls.known()
+        if isinstance(name, str) and name not in there and given.get("code") is None:
+            raise InputError(
+                f"there is no {cls.kind} {shown(name)}{nearest(name, there)} (there are {', '.join(there)})",
+                field=f"{cls.kind}.name",
+            )
+        for key in set(given) - {"name", "code"}:
+            given[key] = cls._table(key, given[key], is_chosen=key == name)
+        if isinstance(name, str) and name in there and name not in given and there[name].params.model_fields:
+            given[name] = there[name].params()
+        return given
+
+    @classmethod
+    def _table(cls, name: str, table: Any, is_chosen: bool) -> Any:
+        """The parameters of one; as they stand where its code is not loaded."""
+        there, where = cls.known(), f"{cls.kind}.{name}"
+        if name not in there:
+            if is_chosen and isinstance(table, Mapping):
+                return dict(table)
+            fields = [f"{one}.{field}" for one, known in there.items() for field in known.params.model_fields]
+            same = [field for field in fields if field.rpartition(".")[2] == name]
+            hint = f", did you mean '{cls.kind}.{same[0]}'?" if same else nearest(name, [*there, "name"])
+            raise InputError(f"there is no such field{hint}", field=where)
+        params = there[name].params
+        if isinstance(table, params):
+            return table
+        if not isinstance(table, Mapping):
+            raise InputError(
+                f"{shown(table)} is wrong; give a table of {', '.join(params.model_fields)}", field=where
+            )
+        try:
+            return params.model_validate(dict(table))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            field = ".".join(str(part) for part in first["loc"])
+            if first["type"] == "extra_forbidden":
+                message = f"there is no such field{nearest(field, params.model_fields)}"
+            else:
+                said = first["msg"][0].lower() + first["msg"][1:]
+                message = f"{shown(first.get('input'))} is wrong: {said}"
+            raise InputError(message, field=f"{where}.{field}") from None
+
+    @property
+    def params(self) -> Any:
+        """The parameters of the chosen one."""
+        return self.table(self.name)
+
+    def table(self, name: str) -> Any:
+        """The parameters of any of them: those given, or its own defaults."""
+        given = (self.__pydantic_extra__ or {}).get(name)
+        if given is not None:
+            return given
+        there = type(self).known()
+        return there[name].params() if name in there else {}
+
+    @model_serializer(mode="plain")
+    def _as_tables(self) -> dict[str, Any]:
+        """Name, code, and the tables in the order of their names."""
+        found: dict[str, Any] = {"name": self.name, "code": self.code}
+        for name, table in sorted((self.__pydantic_extra__ or {}).items()):
+            found[name] = table.model_dump() if isinstance(table, BaseModel) else dict(table)
+        return {key: value for key, value in found.items() if value is not None}
+
+    @property
+    def in_force(self) -> dict[str, Any]:
+        """What has an effect: the name, the code and the chosen one's parameters."""
+        whole: dict[str, Any] = self._as_tables()
+        return {key: value for key, value in whole.items() if key in ("name", "code", self.name)}
+
+    @classmethod
+    def field_names(cls) -> list[str]:
+        """All fields by their dotted names, without that of the section."""
+        tables = [f"{name}.{field}" for name, one in cls.known().items() for field in one.params.model_fields]
+        return ["name", "code", *tables]
+
+    @classmethod
+    def kind_of(cls, name: str) -> Any:
+        """The type of a field, by its dotted name without that of the section."""
+        table, separator, field = name.partition(".")
+        if not separator:
+            return str
+        return cls.known()[table].params.model_fields[field].annotation
+
+
+class StrategyChoice(Choice):
+    """What a robot says and when it decides; by name: ``none``, ``positive``, ``soft``."""
+
+    kind = "strategy"
+    known = staticmethod(known_strategies)
+    name: str = "none"
     """A robot says its reading (none), its decision once it has one (positive), or a bit drawn between
     its reading and its belief (soft)."""
-    eta: Annotated[float, Field(ge=0, le=1e12)] = 1500.0
-    """Soft feedback: how fast its weight grows as the posterior narrows."""
-    kappa: Annotated[float, Field(ge=0, le=1e6)] = 2.0
-    """Soft feedback: how little it weighs while the belief is near 1/2."""
 
 
 class Decision(Section):
@@ -311,13 +425,17 @@ class Decision(Section):
     """The prior is Beta(prior_alpha, prior_beta)."""
     prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
     """Its second parameter."""
+    hold_s: Annotated[float, Field(ge=0, le=1e7)] = 30.0
+    """For strategies whose opinion may change: the swarm has decided when all have agreed for so long, s."""
 
 
-class Network(Section):
-    """Who hears what: all hear all; each message and receiver is lost with probability ``loss``."""
+class NetworkChoice(Choice):
+    """Who hears what; by name: ``ideal``: all hear all, ``loss``: each message and receiver may be lost."""
 
-    loss: Share = 0.0
-    """Probability that a message does not reach a receiver."""
+    kind = "network"
+    known = staticmethod(known_networks)
+    name: str = "ideal"
+    """All hear all (ideal), or each message and receiver is lost with a probability (loss)."""
 
 
 class Run(Section):

@@ -14,21 +14,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.fields import (
     Arena,
+    Choice,
     Decision,
     FloorField,
-    Network,
+    NetworkChoice,
     Rays,
     Robot,
     Run,
     Sample,
     Section,
     Sensor,
-    Strategy,
+    StrategyChoice,
     Swarm,
     Walk,
 )
@@ -55,9 +56,9 @@ class Scenario(Section):
     walk: Walk = Walk()
     sample: Sample = Sample()
     sensor: Sensor = Sensor()
-    strategy: Strategy = Strategy()
+    strategy: StrategyChoice = StrategyChoice()
     decision: Decision = Decision()
-    network: Network = Network()
+    network: NetworkChoice = NetworkChoice()
     run: Run = Run()
 
     @model_validator(mode="after")
@@ -121,7 +122,7 @@ class Scenario(Section):
             if isinstance(fields, dict) and isinstance(merged.get(section), dict):
                 if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
                     merged[section].pop("source")  # the floor of that name is replaced
-                merged[section] |= fields
+                merged[section] = _merged(merged[section], fields)
             else:
                 merged[section] = fields
         return cls.from_values(merged)
@@ -160,10 +161,16 @@ class Scenario(Section):
                 )
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+            *tables, last = field.split(".")
+            place = data[section]
+            for table in tables:
+                place = place.setdefault(table, {})
+                if not isinstance(place, dict):
+                    raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
-                data[section].pop(field, None)
+                place.pop(last, None)
             else:
-                data[section][field] = value
+                place[last] = value
         if (
             values.get("floor.tiles") is not None
             and "floor.source" not in values
@@ -180,6 +187,7 @@ class Scenario(Section):
     def hash(self) -> str:
         """16 hexadecimal digits that change with any field, and with nothing else."""
         data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
+        data |= {"strategy": self.strategy.in_force, "network": self.network.in_force}
         text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -196,11 +204,49 @@ class Scenario(Section):
 
 def field_names() -> list[str]:
     """All fields by their dotted names."""
-    return [
-        f"{section}.{name}"
-        for section, info in Scenario.model_fields.items()
-        for name in info.annotation.model_fields  # type: ignore[union-attr]
-    ]
+    found = []
+    for section, info in Scenario.model_fields.items():
+        kind: Any = info.annotation
+        names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
+        found += [f"{section}.{name}" for name in names]
+    return found
+
+
+def value_of(scenario: Scenario, name: str) -> Any:
+    """What a scenario has in a field, by its dotted name.
+
+    Raises:
+        InputError: there is no such field.
+    """
+    section, _, field = name.partition(".")
+    found = getattr(scenario, section, None)
+    table, separator, last = field.partition(".")
+    if isinstance(found, Choice) and separator:
+        found, field = found.table(table), last
+    if isinstance(found, Mapping):
+        return found.get(field)
+    if not isinstance(found, BaseModel) or not hasattr(found, field):
+        raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+    return getattr(found, field)
+
+
+def kind_of(name: str) -> Any:
+    """The type of a field, by its dotted name; None where there is none."""
+    section, _, field = name.partition(".")
+    if name not in field_names():
+        return None
+    kind: Any = Scenario.model_fields[section].annotation
+    return kind.kind_of(field) if issubclass(kind, Choice) else kind.model_fields[field].annotation
+
+
+def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """One table over another, and so are the tables in them."""
+    found = dict(base)
+    for key, value in more.items():
+        inner = found.get(key)
+        both = isinstance(inner, Mapping) and isinstance(value, Mapping)
+        found[key] = _merged(inner, value) if both else value  # type: ignore[arg-type]
+    return found
 
 
 def parse_setting(text: str) -> tuple[str, Any]:

@@ -484,8 +484,8 @@ FOREIGN: dict[str, Any] = {
     "sensor.rms_threshold": 1.55,
     "sensor.still_shape": 3.0,
     "strategy.name": "soft",
-    "strategy.eta": 10.0,
-    "strategy.kappa": 0.5,
+    "strategy.soft.eta": 10.0,
+    "strategy.soft.kappa": 0.5,
     "decision.decision_boundary": 0.4,
     "decision.credible_threshold": 0.6,
     "decision.min_observations": 3,
@@ -493,7 +493,8 @@ FOREIGN: dict[str, Any] = {
     "decision.gate_counts_current": True,
     "decision.revise": True,
     "decision.prior_alpha": 9,
-    "network.loss": 0.4,
+    "network.name": "loss",
+    "network.loss.share": 0.4,
     "run.stop": "all_decided",
 }
 """Nothing of floor, sensor, messages and decisions; a source moves to the end of the run, whatever is decided."""

@@ -43,8 +43,8 @@ QUICK: dict[str, Any] = {
     "run.t_end_s": 150.0,
     "decision.min_observations": 12,
     "decision.credible_threshold": 0.8,
-    "strategy.eta": 20.0,
-    "strategy.kappa": 0.5,
+    "strategy.soft.eta": 20.0,
+    "strategy.soft.kappa": 0.5,
 }
 """Short, with decisions early enough that every branch is taken."""
 
@@ -74,7 +74,8 @@ class Draw:
     def scenario(self, **more: Any) -> Scenario:
         values = {
             "strategy.name": self.strategy,
-            "network.loss": self.loss,
+            "network.name": "loss",
+            "network.loss.share": self.loss,
             "run.stop": self.stop,
             "decision.gate": self.gate,
             "decision.gate_counts_current": self.current,

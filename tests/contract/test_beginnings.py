@@ -34,7 +34,9 @@ def test_the_beginning_of_a_longer_motion_is_the_shorter_one(name: str, motion: 
 
 def test_cells_of_several_ends_share_motion_and_come_out_as_alone() -> None:
     varied = {"grid": {"run.t_end_s": [150.0, 333.33, 400.0], "strategy.name": ["none", "soft"]}}
-    base = preset("paper").with_values({"decision.min_observations": 50, "network.loss": 0.05})
+    base = preset("paper").with_values(
+        {"decision.min_observations": 50, "network.name": "loss", "network.loss.share": 0.05}
+    )
     study = Study(base, varied, runs=6)
     plan = plan_of(study)
     assert len(plan.groups) == 1

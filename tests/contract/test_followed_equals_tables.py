@@ -11,6 +11,7 @@ from drawn_scenarios import Draw, draws
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
+from vibroswarm.optimize.followed import LOOK_S, PIECE_S, outcomes_of
 
 from vibroswarm.inference.cost_outcomes import Outcomes, from_result
 from vibroswarm.motion import contract
@@ -18,7 +19,6 @@ from vibroswarm.motion.contract import Source
 from vibroswarm.motion.event import EVENT, EventRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.optimize import followed
-from vibroswarm.optimize.followed import LOOK_S, PIECE_S, outcomes_of
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -62,7 +62,7 @@ def test_whole_runs_of_the_presets(name: str, strategy: str) -> None:
         preset(name).with_values(values | more)
         for more in (
             {},
-            {"network.loss": 0.2},
+            {"network.name": "loss", "network.loss.share": 0.2},
             {"floor.source": "random:0.32"},
             {"decision.min_observations": 400},
         )

@@ -20,8 +20,8 @@ def moved() -> Result:
     "values",
     [
         {"strategy.name": "positive"},
-        {"strategy.name": "soft", "strategy.eta": 750.0, "strategy.kappa": 1.0},
-        {"strategy.name": "soft", "network.loss": 0.2},
+        {"strategy.name": "soft", "strategy.soft.eta": 750.0, "strategy.soft.kappa": 1.0},
+        {"strategy.name": "soft", "network.name": "loss", "network.loss.share": 0.2},
         {"decision.credible_threshold": 0.8, "decision.gate": "own", "decision.min_observations": 3},
         {"decision.decision_boundary": 0.03},
         {"floor.source": "diagonal:0.46"},

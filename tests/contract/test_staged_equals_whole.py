@@ -11,13 +11,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from scipy.special import betainc
+from vibroswarm.inference.minds import FINALS
+from vibroswarm.whole import whole_run
 
 from vibroswarm.draws import Purpose, uniform
-from vibroswarm.inference.minds import FINALS
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.whole import whole_run
 
 TABLES = ("motion", "ends", "observations", "inference", "finals")
 Tables = dict[str, pl.DataFrame]
@@ -176,9 +176,9 @@ def test_inboxes_tell_the_same_story(draw: Draw) -> None:
 BASE = Draw(strategy="soft", loss=0.1, robots=5)
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("another run", {}),
-    ("no loss", {"network.loss": 0.0}),
-    ("a little more loss", {"network.loss": 0.13}),
-    ("another eta", {"strategy.eta": 30.0}),
+    ("no loss", {"network.name": "loss", "network.loss.share": 0.0}),
+    ("a little more loss", {"network.name": "loss", "network.loss.share": 0.13}),
+    ("another eta", {"strategy.soft.eta": 30.0}),
     ("another gate", {"decision.gate": "own"}),
     ("one observation more", {"decision.min_observations": 14}),
     ("another prior", {"decision.prior_alpha": 2}),

@@ -260,7 +260,12 @@ def test_near_samples_are_alike_and_far_ones_are_not() -> None:
 
 @pytest.mark.parametrize("loss", [0.0, 0.09])
 def test_packet_loss(loss: float) -> None:
-    result = simulate(preset("paper").with_values({"network.loss": loss}), 4, 20, energies=False)
+    result = simulate(
+        preset("paper").with_values({"network.name": "loss", "network.loss.share": loss}),
+        4,
+        20,
+        energies=False,
+    )
     table = packet_loss(result)
     addressed, heard = (float(table[name].sum()) for name in ("addressed", "heard"))
     assert addressed > 0.97 * 4 * result.motion.height  # little is unclear

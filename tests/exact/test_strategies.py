@@ -12,11 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
-
-from vibroswarm.robot.believe import belief_below
-from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import simulate
-from vibroswarm.strategies import none, positive, soft
 from vibroswarm.strategies.program import (
     GATE_OWN,
     GATE_RECEIVED,
@@ -35,6 +30,11 @@ from vibroswarm.strategies.program import (
     receive,
     sample,
 )
+
+from vibroswarm.robot.believe import belief_below
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate
+from vibroswarm.strategies import none, positive, soft
 
 PROGRAM = MindProgram(
     strategy=NONE,
@@ -237,7 +237,7 @@ def test_begin_is_the_prior() -> None:
     assert (first.decision, first.own, first.received) == (-1, 0, 0)
 
 
-SHORT: dict[str, Any] = {"run.t_end_s": 400.0, "decision.min_observations": 40, "strategy.kappa": 1.0}
+SHORT: dict[str, Any] = {"run.t_end_s": 400.0, "decision.min_observations": 40, "strategy.soft.kappa": 1.0}
 
 
 def replayed(**changes: Any) -> pl.DataFrame:
@@ -247,9 +247,9 @@ def replayed(**changes: Any) -> pl.DataFrame:
 
 def test_soft_feedback_without_weight_is_no_feedback_bit_for_bit() -> None:
     without = replayed(strategy__name="none")
-    assert replayed(strategy__name="soft", strategy__eta=1e12).equals(without)
+    assert replayed(strategy__name="soft", strategy__soft__eta=1e12).equals(without)
     # Negative control: with a weight the tables differ.
-    assert not replayed(strategy__name="soft", strategy__eta=10.0).equals(without)
+    assert not replayed(strategy__name="soft", strategy__soft__eta=10.0).equals(without)
 
 
 def test_positive_feedback_in_a_run() -> None:
@@ -268,7 +268,10 @@ def test_a_decision_stands() -> None:
     changed = table.filter((before != -1) & (table["decision"] != before))
     assert changed.height == 0
     revising = replayed(
-        strategy__name="soft", strategy__eta=1e12, decision__revise=True, decision__credible_threshold=0.6
+        strategy__name="soft",
+        strategy__soft__eta=1e12,
+        decision__revise=True,
+        decision__credible_threshold=0.6,
     )
     before = revising.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
     assert revising.filter((before != -1) & (revising["decision"] != before)).height > 0

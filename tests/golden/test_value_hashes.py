@@ -30,7 +30,7 @@ SIZES = (1, 5, 10, 30)
 STRATEGIES = ("none", "positive", "soft")
 VARIANTS: dict[str, dict[str, Any]] = {
     "as it is": {},
-    "loss": {"network.loss": 0.1},
+    "loss": {"network.name": "loss", "network.loss.share": 0.1},
     "early": {"run.stop": "all_decided", "decision.min_observations": 40},
 }
 SEED, RUNS = 11, (0, 5)

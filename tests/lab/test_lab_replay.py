@@ -131,7 +131,9 @@ def test_another_strategy_decides_as_its_simulation_does(
 
 
 def test_as_many_are_heard_as_the_log_counts(told: Scenario, ground: Floor, tmp_path: Path) -> None:
-    result = simulate(told.with_values({"network.loss": 0.2}), 5, 1, segments=True)
+    result = simulate(
+        told.with_values({"network.name": "loss", "network.loss.share": 0.2}), 5, 1, segments=True
+    )
     write_rugbot(result, tmp_path / "lossy.csv")
     found = recording_of([read_log(tmp_path / "lossy.csv")], ground, described(told), RULES)
     one, _ = replayed_table(found, scenario_of(found, told), seed=1)
@@ -168,6 +170,8 @@ def test_what_is_told(recording: Recording) -> None:
 
 def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:
     with pytest.raises(InputError, match="is what happened"):
-        lab_replay(recording, recording.scenario.with_values({"network.loss": 0.5}))
+        lab_replay(
+            recording, recording.scenario.with_values({"network.name": "loss", "network.loss.share": 0.5})
+        )
     with pytest.raises(InputError, match="was recorded: what its robots read cannot be drawn anew"):
         replay(recording, recording.scenario)

@@ -141,7 +141,7 @@ def test_what_the_controls_change() -> None:
     turning = [one.robot.full_speed_m_s / one.robot.turn_track_m for one in (free, still)]
     assert turning[0] == pytest.approx(turning[1])
     assert still.robot.full_speed_m_s == pytest.approx(0.05 * free.robot.full_speed_m_s)
-    lossy = scenario_of("paper", {"network.loss": 0.1}, control="no-messages")
+    lossy = scenario_of("paper", {"network.name": "loss", "network.loss.share": 0.1}, control="no-messages")
     assert lossy.network.loss == 1.0
 
 

@@ -126,7 +126,7 @@ def test_loss_changes_nothing_but_the_network() -> None:
     cells = experiments_cells.cells(Settings(columns=("paper",)))
     with_loss = cells["paper", "with loss", 1.55, "own", 8, "none"].scenario
     without = cells["paper", "without loss", 1.55, "own", 8, "none"].scenario
-    assert with_loss.with_values({"network.loss": 0.0}) == without
+    assert with_loss.with_values({"network.name": "loss", "network.loss.share": 0.0}) == without
     assert with_loss.decision.min_observations == 76
     assert with_loss.floor.tiles is not None
 

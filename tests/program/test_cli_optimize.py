@@ -30,8 +30,8 @@ name = "soft"
 [scenario.decision]
 min_observations = 20
 [space]
-"strategy.eta" = { from = 10, to = 1000, steps = 3 }
-"strategy.kappa" = [1.0, 2.0]
+"strategy.soft.eta" = { from = 10, to = 1000, steps = 3 }
+"strategy.soft.kappa" = [1.0, 2.0]
 [objective]
 cost = "decision_time"
 statistic = "mean"

@@ -211,7 +211,7 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("tradeoff --workers 0", "workers: 0 is too few"),
         ("evaluate --style poster", "--style: there is no style 'poster'"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
-        ("evaluate --vary strategy.eta", "is not of the form section.field=value,value"),
+        ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
         ("evaluate --runs 5 --until 2%", "--until: say --runs or --until, not both"),
         ("evaluate --figure right", "--figure: goes with --until"),
     ],

@@ -111,9 +111,11 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    assert main(["evaluate", *SHORT, "--runs", "10", "--vary", "strategy.eta=1,2", "--json", *QUIET]) == 0
+    assert (
+        main(["evaluate", *SHORT, "--runs", "10", "--vary", "strategy.soft.eta=1,2", "--json", *QUIET]) == 0
+    )
     told = json.loads(capsys.readouterr().out)
-    assert [cell["varied"] for cell in told["cells"]] == [{"strategy.eta": 1}, {"strategy.eta": 2}]
+    assert [cell["varied"] for cell in told["cells"]] == [{"strategy.soft.eta": 1}, {"strategy.soft.eta": 2}]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -38,7 +38,8 @@ MADE: dict[str, Any] = {
     "sensor.edge_reach_m": 0.01,
     "sensor.edge_blur_m": 0.015,
     "sensor.tile_spread": 0.2,
-    "network.loss": 0.05,
+    "network.name": "loss",
+    "network.loss.share": 0.05,
     "sample.interrupts_avoidance": False,
 }
 BASE = on_floor(preset("paper-empirical"), FLOOR)

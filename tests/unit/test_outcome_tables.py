@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-
 from vibroswarm.inference.minds import FINALS
+
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table, truth_of
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline, timeline_of
@@ -151,15 +151,15 @@ scenarios = st.builds(
     ),  # at 4.8 s a few have sampled and the others have not
     run__stop=st.sampled_from(["t_end", "t_end", "all_decided"]),
     strategy__name=st.sampled_from(["none", "positive", "soft", "soft"]),
-    strategy__eta=st.sampled_from([0.0, 20.0, 1500.0]),
-    strategy__kappa=st.sampled_from([0.0, 0.5, 2.0]),
+    strategy__soft__eta=st.sampled_from([0.0, 20.0, 1500.0]),
+    strategy__soft__kappa=st.sampled_from([0.0, 0.5, 2.0]),
     decision__min_observations=st.sampled_from([0, 5, 30, 1000]),
     decision__credible_threshold=st.sampled_from([0.5, 0.75, 0.95]),
     decision__gate=st.sampled_from(["total", "received", "own"]),
     decision__gate_counts_current=st.booleans(),
     decision__revise=st.booleans(),
     decision__prior_alpha=st.sampled_from([1, 4]),
-    network__loss=st.sampled_from([0.0, 0.3, 1.0]),
+    network__loss__share=st.sampled_from([0.0, 0.3, 1.0]),
 )
 
 
@@ -250,8 +250,8 @@ def seen() -> tuple[Scenario, Motion, pl.DataFrame]:
 VARIANTS: list[dict[str, Any]] = [
     {"strategy.name": "none"},
     {"strategy.name": "positive", "decision.credible_threshold": 0.7},
-    {"strategy.name": "soft", "strategy.kappa": 0.5, "strategy.eta": 10.0},
-    {"strategy.name": "soft", "network.loss": 0.2},
+    {"strategy.name": "soft", "strategy.soft.kappa": 0.5, "strategy.soft.eta": 10.0},
+    {"strategy.name": "soft", "network.name": "loss", "network.loss.share": 0.2},
     {"decision.decision_boundary": 0.03},
 ]
 

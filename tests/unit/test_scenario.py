@@ -106,9 +106,9 @@ def test_units_stand_in_the_names() -> None:
     plain = {
         "swarm.robots", "floor.rows", "floor.columns", "robot.misalignment_min", "robot.misalignment_max",
         "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
-        "robot.speed_factor_min", "robot.speed_factor_max", "strategy.eta", "strategy.kappa",
+        "robot.speed_factor_min", "robot.speed_factor_max", "strategy.soft.eta", "strategy.soft.kappa",
         "decision.decision_boundary", "decision.credible_threshold", "decision.min_observations",
-        "decision.prior_alpha", "decision.prior_beta", "network.loss",
+        "decision.prior_alpha", "decision.prior_beta", "network.loss.share",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -142,10 +142,11 @@ odd_values = st.fixed_dictionaries(
         "sensor.rms_threshold": finite(0, 1e9),
         "sensor.still_energies": st.lists(finite(0, 100), min_size=1, max_size=20).map(tuple),
         "strategy.name": st.sampled_from(["none", "positive", "soft"]),
-        "strategy.eta": st.one_of(finite(0, 1e12), st.integers(0, 10**12)),
+        "strategy.soft.eta": st.one_of(finite(0, 1e12), st.integers(0, 10**12)),
         "decision.min_observations": st.integers(0, 10**9),
         "decision.revise": st.booleans(),
-        "network.loss": finite(0, 1),
+        "network.name": "loss",
+        "network.loss.share": finite(0, 1),
         "run.t_end_s": finite(1e-3, 8000),
     },
 )
@@ -314,9 +315,9 @@ def test_settings_are_applied_in_their_order() -> None:
         ("walk.leg_mim_ms", "walk.leg_min_ms"),
         ("walk.avoidance_threshold", "walk.avoidance_threshold_mm"),
         ("wlak.leg_min_ms", "walk.leg_min_ms"),
-        ("strategy.etta", "strategy.eta"),
-        ("run.loss", "network.loss"),
-        ("loss", "network.loss"),
+        ("strategy.etta", "strategy.soft.eta"),
+        ("run.loss", "network.loss.share"),
+        ("loss", "network.loss.share"),
         ("swarm.robot", "swarm.robots"),
     ],
 )
@@ -369,7 +370,8 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "swarm.start_margin_m", "rays.forward_m", "rays.disc_radius_m", "walk.walk_duration_location_ms",
     "walk.walk_duration_scale_ms", "walk.leg_min_ms", "walk.avoidance_threshold_mm",
     "walk.turn_integral_gain_percent_per_deg_s", "sample.sample_interval_ms", "sample.stop_ms",
-    "sensor.rms_threshold", "strategy.eta", "strategy.kappa", "decision.min_observations", "network.loss",
+    "sensor.rms_threshold", "strategy.soft.eta", "strategy.soft.kappa", "decision.min_observations",
+    "network.loss.share",
 }  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def truth(found: Found) -> Truth:
 @pytest.fixture(scope="module")
 def nodes() -> Nodes:
     base = {"preset": "paper", "run": {"t_end_s": 100.0}, "strategy": {"name": "soft"}}
-    vary = {"strategy.eta": [10.0, 500.0, 1000.0], "strategy.kappa": [1.0, 2.0]}
+    vary = {"strategy.soft.eta": [10.0, 500.0, 1000.0], "strategy.soft.kappa": [1.0, 2.0]}
     grid = Grid(Study(base, {"grid": vary}, 20, seed=1), Objective())
     return scores_of(grid, run_study(grid.study))
 
@@ -361,7 +361,7 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     assert (truth.words in report.warnings) == (truth.luck != "none to be seen")
     others = standing.count("not told apart")
     assert warned(report, f"Beside the lowest cell, {others} of 5 are not told apart") == (others > 0)
-    eta = nodes.best.cell.point["strategy.eta"]
+    eta = nodes.best.cell.point["strategy.soft.eta"]
     assert warned(report, "edge of the grid", "`eta`") == (eta in (10.0, 1000.0))
     assert not warned(report, "`kappa`")  # two values have no middle
     write_grid(nodes, tmp_path, None, truth)

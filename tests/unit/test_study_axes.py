@@ -13,7 +13,7 @@ PAPER = preset("paper")
 
 def test_the_numeric_field_with_most_values_lies_along_x() -> None:
     study = Study.of(
-        PAPER, 1, swarm__robots=[5, 6, 7], strategy__name=["none", "soft"], strategy__eta=[0.0, 1.0]
+        PAPER, 1, swarm__robots=[5, 6, 7], strategy__name=["none", "soft"], strategy__soft__eta=[0.0, 1.0]
     )
     layout = layout_of(study.cells)
     assert (layout.field, layout.label) == ("swarm.robots", "robots")
@@ -42,8 +42,8 @@ def test_words_alone_have_no_x() -> None:
 
 
 def test_two_numbers_with_three_values_each_make_a_plane() -> None:
-    grid = {"strategy__eta": [0.0, 1.0, 2.0], "strategy__kappa": [1.0, 2.0, 3.0]}
-    assert plane_of(Study.of(PAPER, 1, **grid).cells) == ("strategy.eta", "strategy.kappa")
+    grid = {"strategy__soft__eta": [0.0, 1.0, 2.0], "strategy__soft__kappa": [1.0, 2.0, 3.0]}
+    assert plane_of(Study.of(PAPER, 1, **grid).cells) == ("strategy.soft.eta", "strategy.soft.kappa")
     assert plane_of(Study.of(PAPER, 1, **grid, swarm__robots=[1, 2, 3]).cells) is None
     assert plane_of(Study.of(PAPER, 1, swarm__robots=[1, 2, 3]).cells) is None
 
@@ -54,7 +54,7 @@ def test_two_numbers_with_three_values_each_make_a_plane() -> None:
         ("walk.avoidance_threshold_mm", "avoidance threshold (mm)"),
         ("robot.full_speed_m_s", "full speed (m/s)"),
         ("sample.sample_interval_ms", "sample interval (ms)"),
-        ("strategy.eta", "eta"),
+        ("strategy.soft.eta", "eta"),
     ],
 )
 def test_labels_have_units(field: str, words: str) -> None:

@@ -33,7 +33,7 @@ def test_strategies_are_compared_with_the_first_on_the_same_floor() -> None:
 
 def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
     assert names(Study.of(SHORT, 1, swarm__robots=[5, 6])) == ["robots 6 | robots 5 | swarm.robots"]
-    assert names(Study.of(SHORT, 1, swarm__robots=[5, 6], strategy__eta=[0.0, 1.0])) == []
+    assert names(Study.of(SHORT, 1, swarm__robots=[5, 6], strategy__soft__eta=[0.0, 1.0])) == []
     assert names(Study.of(SHORT, 1, swarm__robots=list(range(1, 11)))) == []
 
 

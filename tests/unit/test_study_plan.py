@@ -73,7 +73,7 @@ def test_cells_share_motion_and_observations():
         "swarm.robots": [5, 6],
         "floor.source": ["random:0.44", "random:0.48"],
         "strategy.name": ["none", "soft"],
-        "strategy.eta": [1.0, 2.0],
+        "strategy.soft.eta": [1.0, 2.0],
     }
     plan = plan_of(Study(vary={"grid": grid}))
     assert len(plan.groups) == 2

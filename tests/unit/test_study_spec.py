@@ -56,7 +56,7 @@ def test_the_hash_is_of_what_changes_a_run():
 FIELDS: dict[str, st.SearchStrategy[Any]] = {
     "swarm.robots": st.integers(1, 20),
     "strategy.name": st.sampled_from(["none", "positive", "soft"]),
-    "strategy.eta": st.floats(0.5, 10.0),
+    "strategy.soft.eta": st.floats(0.5, 10.0),
     "floor.source": st.sampled_from(["random:0.44", "diagonal:0.46", "mine", "yours"]),
     "decision.gate": st.sampled_from(["total", "own"]),
     "preset": st.sampled_from(["paper", "text"]),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from vibroswarm.errors import InputError
 from vibroswarm.study.varied import points_of
 
-ROBOTS, ETA = "swarm.robots", "strategy.eta"
+ROBOTS, ETA = "swarm.robots", "strategy.soft.eta"
 
 
 def test_a_grid_is_every_combination_the_last_varying_fastest():
@@ -98,7 +98,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "empty values": ({"grid": {ROBOTS: []}}, "grid.swarm.robots: is empty"),
     "no list": ({"grid": {ROBOTS: 5}}, r"is no list; write \[5\]"),
     "a text": ({"grid": {"strategy.name": "soft"}}, "is no list"),
-    "unequal": ({"zip": {ROBOTS: [5], ETA: [1.0, 2.0]}}, "not equally long: swarm.robots has 1, strategy.eta has 2"),
+    "unequal": ({"zip": {ROBOTS: [5], ETA: [1.0, 2.0]}}, "not equally long: swarm.robots has 1, strategy.soft.eta has 2"),
     "twice": ({"grid": {ROBOTS: [5]}, "list": [{ROBOTS: 6}]}, "two blocks"),
     "no table": ({"grid": 3}, "is a table"),
     "list of no tables": ({"list": [3]}, "is a table"),

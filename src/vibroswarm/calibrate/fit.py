@@ -117,7 +117,7 @@ def fit(
     if stop_ms is not None:
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
-        changed["network.loss"] = round(loss.value, 5)
+        changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
     speed_m_s = drive.whole * drive.values["start_speed_m_s"]
     tried = {} if candidates is None else {"candidates": candidates}
     avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **tried)
@@ -186,7 +186,7 @@ def fit_loss(found: Measured) -> Fitted | None:
     weights = known["addressed"].to_numpy().astype(float)
     value = max(float(weights @ shares / weights.sum()), 0.0)
     error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
-    return Fitted("network.loss", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
+    return Fitted("network.loss.share", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
 
 def _figure(name: str, value: float, draws: Floats) -> Fitted:

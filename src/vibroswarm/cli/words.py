@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from textwrap import fill
 
+from vibroswarm import strategies
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict
 from vibroswarm.result import Result
 
 WIDTH = 100
-FEEDBACK = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
+
+
+def strategy_said(name: str) -> str:
+    """A strategy in a few words: what it says of itself before the colon, or its name."""
+    known = strategies.known().get(name)
+    return known.about.partition(":")[0] if known is not None and known.about else name
 
 
 def percent(share: float) -> str:
@@ -84,7 +90,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
     made = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
     lines = [
-        f"{robots}, {FEEDBACK[scenario.strategy.name]}, on '{floor.name}' "
+        f"{robots}, {strategy_said(scenario.strategy.name)}, on '{floor.name}' "
         f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), {made}",
         "",
         headline(found),

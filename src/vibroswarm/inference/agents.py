@@ -111,7 +111,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
         prior_beta=decision.prior_beta,
         false_positive=float(positive),
         false_negative=float(negative),
-        hold_s=getattr(decision, "hold_s", 30.0),
+        hold_s=decision.hold_s,
         beliefs=beliefs(boundary, decision.prior_alpha + decision.prior_beta + counts),
     )
 
@@ -131,7 +131,7 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
     """Rows for so many runs, to be begun."""
     robots = scenario.swarm.robots
     params = zero_rows(robots, strategy.params_type)
-    params[:] = strategy.params_row(getattr(scenario.strategy, "params", scenario.strategy))
+    params[:] = strategy.params_row(scenario.strategy.params)
     arrays = arrays_for(strategy, network, runs * robots, sizes_of(scenario))
     return Swarm(
         zero_rows(runs * robots, AGENT), zero_rows(runs * robots, strategy.state_type), arrays, params

@@ -119,7 +119,7 @@ class CountsReplayer(Replayer):
     ) -> None:
         # What is lost is a number here: the kernel is the same for both networks.
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network_of("ideal"))
-        self.loss = scenario.network.loss
+        self.loss = loss_of(scenario)
         self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
         if messages is None:
             self.messages = np.zeros(rows, self.strategy.message_type)
@@ -167,7 +167,7 @@ class MessagesReplayer(Replayer):
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network)
         self.robots = scenario.swarm.robots
         self.links, self.radio = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
-        self.links[0] = network.params_row(network_params(scenario))
+        self.links[0] = network.params_row(scenario.network.params)
         self.mail = self._mail(longest + 64)
 
     def _mail(self, room: int) -> Mail:
@@ -221,18 +221,9 @@ def counts_only(strategy: Strategy, network: Network) -> bool:
     )
 
 
-def network_for(scenario: Scenario) -> Network:
-    """The network of a scenario."""
-    return network_of("loss")
-
-
-def network_params(scenario: Scenario) -> object:
-    """The parameters of a scenario's network."""
-
-    class Params:
-        share = scenario.network.loss
-
-    return Params
+def loss_of(scenario: Scenario) -> float:
+    """The share of messages that is lost, over a network in which each is lost by itself."""
+    return float(scenario.network.params.share) if scenario.network.name == "loss" else 0.0
 
 
 def replayer_of(
@@ -251,7 +242,7 @@ def replayer_of(
     Args:
         as of ``Replayer``; timeline: where whole runs are replayed.
     """
-    network = network_for(scenario)
+    network = network_of(scenario.network.name)
     if counts_only(strategy_of(scenario.strategy.name), network):
         return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)
     return MessagesReplayer(scenario, seed, runs, longest, rows, messages, log, network)

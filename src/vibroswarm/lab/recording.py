@@ -204,8 +204,8 @@ def recording_of(
     inferred = infer_settings(
         ordered,
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
-        eta=scenario.strategy.eta,
-        kappa=scenario.strategy.kappa,
+        eta=scenario.strategy.table("soft").eta,
+        kappa=scenario.strategy.table("soft").kappa,
     )
     described, stated = _described(scenario, list(stated), ordered, inferred, floor, len(names))
     tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]

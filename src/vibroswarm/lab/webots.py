@@ -110,5 +110,5 @@ def _settings(text: str) -> dict[str, Any]:
         "walk.avoidance_threshold_mm": float(theta_c),
         "decision.min_observations": least,
         "strategy.name": _FEEDBACK[feedback],
-        "strategy.eta": float(eta),
+        "strategy.soft.eta": float(eta),
     }

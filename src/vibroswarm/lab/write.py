@@ -115,7 +115,8 @@ def _settings(result: Result) -> list[str]:
     s = result.scenario
     numbers = (
         s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, s.sample.sample_interval_ms,
-        s.walk.avoidance_threshold_mm, s.decision.min_observations, _FEEDBACK[s.strategy.name], s.strategy.eta,
+        s.walk.avoidance_threshold_mm, s.decision.min_observations, _FEEDBACK[s.strategy.name],
+        s.strategy.table("soft").eta,
         result.seed or 0,
     )  # fmt: skip
     if any(number != int(number) for number in numbers):

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.checks import is_neutral_at_half_only
 from vibroswarm.compiled import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Arena, FloorField, Sensor
@@ -64,10 +65,11 @@ def readings_boundary(scenario: Scenario) -> float:
         return x
     given = (decision.assumed_false_positive, decision.assumed_false_negative)
     tested = _expected_at(scenario, x, given)
-    if scenario.strategy.name == "soft" and tested != 0.5:
+    if is_neutral_at_half_only(scenario) and tested != 0.5:
         raise InputError(
-            f"soft feedback is neutral at a boundary of 0.5 only, and this one is tested at {tested:.4f} of the "
-            'readings; set decision.boundary_of = "readings", or another strategy',
+            f"{scenario.strategy.name} feedback is neutral at a boundary of 0.5 only, and this one is tested at "
+            f"{tested:.4f} of the readings; "
+            'set decision.boundary_of = "readings", or another strategy',
             field="strategy.name",
         )
     return tested

@@ -6,8 +6,8 @@ lowest of many scores is luck. The best is scored again on fresh runs.
 
 | name | values in the paper |
 |---|---|
-| strategy.eta | 750, 1000, ..., 2500 |
-| strategy.kappa | 1, 2, 3, 4 |
+| strategy.soft.eta | 750, 1000, ..., 2500 |
+| strategy.soft.kappa | 1, 2, 3, 4 |
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from vibroswarm.study.spec import Cell, Study, as_toml
 from vibroswarm.study.varied import flat
 
 PAPER: Final[dict[str, list[Any]]] = {
-    "strategy.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
-    "strategy.kappa": [1.0, 2.0, 3.0, 4.0],
+    "strategy.soft.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
+    "strategy.soft.kappa": [1.0, 2.0, 3.0, 4.0],
 }
 """The paper's grid."""
 RUNS: Final = 1000

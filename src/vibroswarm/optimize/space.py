@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario import Scenario, value_of
 from vibroswarm.study.varied import bounds_of, fields_in, rounded
 
 Point = NDArray[np.float64]
@@ -168,5 +168,4 @@ class Space:
 
     def values_of(self, scenario: Scenario) -> Values:
         """What a scenario has in these fields."""
-        data = scenario.model_dump()
-        return {name: data[name.partition(".")[0]][name.partition(".")[2]] for name in self.names}
+        return {name: value_of(scenario, name) for name in self.names}

@@ -69,9 +69,9 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
         case "standstill":
             return standing(scenario)
         case "no-messages":
-            return {"network.loss": 1.0}
+            return {"network.name": "loss", "network.loss.share": 1.0}
         case "losses":
-            return {"network.loss": 0.1}
+            return {"network.name": "loss", "network.loss.share": 0.1}
     raise AssertionError(control)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+from vibroswarm import strategies
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.study.spec import Cell, Study
@@ -130,9 +131,9 @@ def plan_of(study: Study) -> Plan:
         return known
     motions: dict[str, dict[str, dict[str, list[Cell]]]] = {}
     for cell in study.cells:
-        deciding = _deciding(cell.scenario)
+        deciding = cell.scenario.hash
         motion = _moving(cell.scenario)
-        if cell.scenario.run.stop == "all_decided":
+        if cell.scenario.run.stop == "all_decided" or steers(cell.scenario):
             motion = deciding
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(deciding, []).append(cell)
@@ -158,6 +159,12 @@ def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
     return [*gaps, (low, wanted[1])] if low < wanted[1] else gaps
 
 
+def steers(scenario: Scenario) -> bool:
+    """Whether a scenario's strategy has a say in how robots move."""
+    known = strategies.known().get(scenario.strategy.name)
+    return known is not None and known.steer is not None
+
+
 def _moving(scenario: Scenario) -> str:
     """Equal for scenarios that move alike for as long as they last."""
     others = _key(scenario, [section for section in OF_MOTION if section != "run"])
@@ -166,10 +173,3 @@ def _moving(scenario: Scenario) -> str:
 
 def _key(scenario: Scenario, sections: Sequence[str]) -> str:
     return "\n".join(getattr(scenario, section).model_dump_json() for section in sections)
-
-
-def _deciding(scenario: Scenario) -> str:
-    """Equal for scenarios that differ in nothing that matters: eta and kappa are of soft feedback only."""
-    if scenario.strategy.name != "soft":
-        scenario = scenario.with_values({"strategy.eta": 0.0, "strategy.kappa": 0.0})
-    return scenario.hash

@@ -225,10 +225,7 @@ def _is_whole(value: Any) -> TypeGuard[int]:
 
 def _is_whole_field(name: str) -> bool:
     """Whether the field at the end of ``name`` holds whole numbers."""
-    from vibroswarm.scenario import Scenario
+    from vibroswarm.scenario import kind_of
 
-    section, field = name.split(".")[-2:]
-    if section not in Scenario.model_fields:  # a preset
-        return False
-    info = Scenario.model_fields[section].annotation.model_fields[field]  # type: ignore[union-attr]
-    return info.annotation is int
+    parts = name.split(".")
+    return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))

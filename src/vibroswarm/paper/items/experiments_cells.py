@@ -57,7 +57,8 @@ def _values(packets: str, threshold: float, gate: str, robots: int, strategy: st
         "decision.min_observations": counted
         if gate == "total"
         else counted // published("simulation.robots"),
-        "network.loss": loss_of(robots) if packets == LOSSES[0] else 0.0,
+        "network.name": "loss",
+        "network.loss.share": loss_of(robots) if packets == LOSSES[0] else 0.0,
     }
 
 

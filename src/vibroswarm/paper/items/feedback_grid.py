@@ -33,7 +33,7 @@ def cells(settings: Settings) -> Cells:
         for eta in _etas():
             for kappa in _kappas():
                 values = {"floor.source": FILL, "strategy.name": "soft"}
-                values |= {"strategy.eta": float(eta), "strategy.kappa": float(kappa)}  # type: ignore[dict-item]
+                values |= {"strategy.soft.eta": float(eta), "strategy.soft.kappa": float(kappa)}  # type: ignore[dict-item]
                 found[column, "soft", eta, kappa] = settings.cell(column, values)
     return found
 

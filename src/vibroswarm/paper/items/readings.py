@@ -34,7 +34,7 @@ READINGS: Final[dict[str, dict[str, Any]]] = {
     "sensor without error": {
         "sensor.vibrating_location": 10.0, "sensor.still_location": -20.0, "sensor.rms_threshold": 0.0,
     },
-    "2 % of packets lost": {"network.loss": 0.02},
+    "2 % of packets lost": {"network.name": "loss", "network.loss.share": 0.02},
 }  # fmt: skip
 BASE: Final = "as the simulations ran"
 COLUMN: Final = "paper"

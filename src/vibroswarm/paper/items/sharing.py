@@ -46,13 +46,16 @@ def cells(settings: Settings) -> Cells:
         for robots, floor in _where():
             for strategy in STRATEGIES[:2]:
                 values: dict[str, Any] = {"floor.source": floor, "strategy.name": strategy}
-                values |= {"swarm.robots": robots, "network.loss": 0.0}  # preset `calibrated` loses some
+                values |= {
+                    "swarm.robots": robots,
+                    "network.name": "ideal",
+                }  # preset `calibrated` loses some
                 found[column, robots, floor, strategy] = settings.cell(column, values)
     if COLUMN in settings.columns:
         for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):
             values = {"floor.source": floor, "swarm.robots": robots, "strategy.name": "soft"}
             found[case, eta, kappa] = settings.cell(
-                COLUMN, values | {"strategy.eta": eta, "strategy.kappa": kappa}
+                COLUMN, values | {"strategy.soft.eta": eta, "strategy.soft.kappa": kappa}
             )
     return found
 
