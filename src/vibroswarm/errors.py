@@ -34,6 +34,11 @@ def nearest(word: object, known: Iterable[str]) -> str:
     return f", did you mean '{match[0]}'?" if match else ""
 
 
+def older(version: object) -> str:
+    """What is said of a file whose format is older than what is read."""
+    return f"is of an older format ({version}), which this version does not read; make it anew"
+
+
 def shown(value: object) -> str:
     """A value as it stands in a message: on one line, and not long."""
     try:

@@ -310,7 +310,11 @@ class Choice(Section):
                 field=f"{cls.kind}.name",
             )
         for key in set(given) - {"name", "code"}:
-            given[key] = cls._table(key, given[key], is_chosen=key == name)
+            table = cls._table(key, given[key], is_chosen=key == name)
+            if key != name and table == there[key].params():
+                del given[key]  # as it would be without: what is equal is written alike
+            else:
+                given[key] = table
         if isinstance(name, str) and name in there and name not in given and there[name].params.model_fields:
             given[name] = there[name].params()
         return given
@@ -376,7 +380,7 @@ class Choice(Section):
     def field_names(cls) -> list[str]:
         """All fields by their dotted names, without that of the section."""
         tables = [f"{name}.{field}" for name, one in cls.known().items() for field in one.params.model_fields]
-        return ["name", "code", *tables]
+        return ["name", *tables]
 
     @classmethod
     def kind_of(cls, name: str) -> Any:

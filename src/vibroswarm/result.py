@@ -17,7 +17,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import older, InputError, RunError
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
 from vibroswarm.forked import check_threads
@@ -30,7 +30,7 @@ from vibroswarm.result_checks import check_result
 from vibroswarm.scenario import Scenario
 from vibroswarm.tables import Schema, read_table
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 
 RECORDED: Final = "recording"
 """The source of what was not simulated begins with this; it has no seed."""
@@ -228,8 +228,8 @@ def _head(folder: Path) -> dict[str, Any]:
         raise InputError("is no result of vibroswarm (there is no result.json)", field=str(folder))
     about = read_json(path, "the head of a result")
     version = entry(about, "schema_version", int, path)
-    if version < 1:
-        raise InputError(f"is damaged: format {version}", field=str(path))
+    if version < SCHEMA_VERSION:
+        raise InputError(older(version), field=str(folder))
     if version > SCHEMA_VERSION:
         raise InputError(
             f"is of format {version}; this version reads up to {SCHEMA_VERSION}: update vibroswarm",

@@ -38,7 +38,7 @@ from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.plain_files import read_text
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 class Scenario(Section):

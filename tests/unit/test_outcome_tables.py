@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-from vibroswarm.inference.minds import FINALS
 
+from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table, truth_of
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline, timeline_of

@@ -98,7 +98,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "empty values": ({"grid": {ROBOTS: []}}, "grid.swarm.robots: is empty"),
     "no list": ({"grid": {ROBOTS: 5}}, r"is no list; write \[5\]"),
     "a text": ({"grid": {"strategy.name": "soft"}}, "is no list"),
-    "unequal": ({"zip": {ROBOTS: [5], ETA: [1.0, 2.0]}}, "not equally long: swarm.robots has 1, strategy.soft.eta has 2"),
+    "unequal": (
+        {"zip": {ROBOTS: [5], ETA: [1.0, 2.0]}},
+        "not equally long: swarm.robots has 1, strategy.soft.eta has 2",
+    ),
     "twice": ({"grid": {ROBOTS: [5]}, "list": [{ROBOTS: 6}]}, "two blocks"),
     "no table": ({"grid": 3}, "is a table"),
     "list of no tables": ({"list": [3]}, "is a table"),

@@ -63,7 +63,7 @@ _HOME: Final = {
     "best_scenario": "report",
     "compare_scenarios": "check",
     "front_of": "fronts",
-    "outcomes_of": "followed",
+    "outcomes_of": "simulate_runs",
     "ped_anova": "importance",
     "run_search": "loop",
     "scores_of": "grid",

@@ -22,7 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import InputError, RunError, shown
+from vibroswarm.errors import older, shown, InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.folder_lock import FILE as LOCK
 from vibroswarm.folder_lock import folder_lock
@@ -159,6 +159,8 @@ class Journal:
         head = read_json(path, "the head of a search")
         version, told = entry(head, "format", int, path), entry(head, "hash", str, path)
         made_by = texts(entry(head, "versions", dict, path), "versions", path)
+        if version < FORMAT:
+            raise InputError(older(version), field=str(self.folder))
         if version > FORMAT:
             raise InputError(f"is of format {version}; update vibroswarm", field=str(self.folder))
         if told != search.hash:

@@ -38,7 +38,7 @@ from vibroswarm.presets import preset, preset_names
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.spec import Cell, Study
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
 OF_OPTUNA: Final = ("tpe", "gp", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")

@@ -30,7 +30,7 @@ from vibroswarm.paper.report import cells_table, claims_table, command_of
 from vibroswarm.paper.reproduce import Reproduction
 from vibroswarm.simulation import versions
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 HEAD: Final = "archive.json"
 FIGURES: Final = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong", "robots_undecided")
 _MADE: Final = (1980, 1, 1, 0, 0, 0)

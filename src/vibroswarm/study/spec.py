@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, nearest, shown, whole_number_of
+from vibroswarm.errors import nearest, older, shown, whole_number_of, InputError
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source
@@ -40,7 +40,7 @@ from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_o
 if TYPE_CHECKING:
     from vibroswarm.study.result import StudyResult
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Version of the study's file and folder."""
 
 KEYS: Final = (
@@ -184,6 +184,8 @@ class Study:
             if key not in KEYS:
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         version = values.get("format", FORMAT)
+        if isinstance(version, int) and version < FORMAT:
+            raise InputError(older(version), field=name)
         if not isinstance(version, int) or version > FORMAT:
             raise InputError(
                 f"is of format {version!r}; this version reads up to {FORMAT}: update vibroswarm", field=name

@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.errors import InputError, RunError, shown
+from vibroswarm.errors import older, shown, InputError, RunError
 from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
 from vibroswarm.leftovers import remove_leftovers
@@ -136,6 +136,8 @@ class Store:
         about = read_json(head, "the head of a study")
         version, told = entry(about, "format", int, head), entry(about, "hash", str, head)
         made_by = texts(entry(about, "versions", dict, head), "versions", head)
+        if version < FORMAT:
+            raise InputError(older(version), field=str(folder))
         if version > FORMAT:
             raise InputError(
                 f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm",
@@ -311,7 +313,9 @@ class Store:
     def _read(self, path: Path) -> Shard:
         """A shard by its description, its files checked."""
         about = read_json(path, "the description of a shard")
-        if entry(about, "format", int, path) > FORMAT:
+        if entry(about, "format", int, path) < FORMAT:
+            raise ValueError(older(about["format"]))
+        if about["format"] > FORMAT:
             raise ValueError(f"is of format {about['format']}; update vibroswarm")
         if about.get("study") != self.hash or about.get("seed") != self.study.seed:
             raise ValueError("is of another study")
