@@ -327,9 +327,11 @@ class Choice(Section):
             if is_chosen and isinstance(table, Mapping):
                 return dict(table)
             fields = [f"{one}.{field}" for one, known in there.items() for field in known.params.model_fields]
-            same = [field for field in fields if field.rpartition(".")[2] == name]
-            hint = f", did you mean '{cls.kind}.{same[0]}'?" if same else nearest(name, [*there, "name"])
-            raise InputError(f"there is no such field{hint}", field=where)
+            whole = {field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields}
+            close = nearest(name, [*there, *whole, "name"])
+            for last, right in whole.items():
+                close = close.replace(f"'{last}'", f"'{right}'")
+            raise InputError(f"there is no such field{close}", field=where)
         params = there[name].params
         if isinstance(table, params):
             return table

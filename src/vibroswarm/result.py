@@ -17,7 +17,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import older, InputError, RunError
+from vibroswarm.errors import InputError, RunError, older
 from vibroswarm.files import MARKER, whole_folder
 from vibroswarm.floors.floor import Floor
 from vibroswarm.forked import check_threads

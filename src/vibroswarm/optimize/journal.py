@@ -22,7 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import older, shown, InputError, RunError
+from vibroswarm.errors import InputError, RunError, older, shown
 from vibroswarm.files import whole_file
 from vibroswarm.folder_lock import FILE as LOCK
 from vibroswarm.folder_lock import folder_lock

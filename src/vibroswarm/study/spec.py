@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import nearest, older, shown, whole_number_of, InputError
+from vibroswarm.errors import InputError, nearest, older, shown, whole_number_of
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.motion.contract import source

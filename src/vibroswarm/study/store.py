@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.errors import older, shown, InputError, RunError
+from vibroswarm.errors import InputError, RunError, older, shown
 from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
 from vibroswarm.leftovers import remove_leftovers
