@@ -48,8 +48,11 @@ def events_until_decided(
 
 
 def can_follow(state: object) -> TypeGuard[EventRun]:
-    """Whether ``follow_until_decided`` does with this run: its robots are few, and no segments are kept."""
-    return isinstance(state, EventRun) and state.swarm.size <= SMALL_SWARM and state.record.segments.size == 0
+    """Whether ``follow_until_decided`` does with this run: its robots are few, and only samples are kept."""
+    if not isinstance(state, EventRun):
+        return False
+    kept = state.record.segments.size + state.record.moves.size
+    return state.swarm.size <= SMALL_SWARM and kept == 0
 
 
 def follow_until_decided(

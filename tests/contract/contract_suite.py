@@ -17,7 +17,8 @@ import polars as pl
 from numpy.typing import NDArray
 from polars.testing import assert_frame_equal
 
-from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion, Source, join
+from vibroswarm.motion.contract import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
+from vibroswarm.motion.pose import place_from_moves
 from vibroswarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -121,12 +122,12 @@ CASES = (
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
     """The case's runs, made once for all checks."""
-    return source.batch(case.scenario, case.seed, case.runs, True)
+    return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
 
 
 def same(one: Motion, other: Motion) -> None:
     """Every table equal, bit by bit."""
-    for name in ("samples", "ends", "segments"):
+    for name in ("samples", "ends", "segments", "moves"):
         mine, theirs = getattr(one, name), getattr(other, name)
         assert (mine is None) == (theirs is None), f"{name} are missing from one"
         if mine is not None:
@@ -136,12 +137,8 @@ def same(one: Motion, other: Motion) -> None:
 def part_of(motion: Motion, run: int) -> Motion:
     """One run of a motion."""
     here = pl.col("run") == run
-    segments = motion.segments
-    return Motion(
-        motion.samples.filter(here),
-        motion.ends.filter(here),
-        segments.filter(here) if segments is not None else None,
-    )
+    tables = (motion.samples, motion.ends, motion.segments, motion.moves)
+    return Motion(*(table.filter(here) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 # Poses and rays, from the segment table
@@ -247,7 +244,13 @@ def check_schema(source: Source) -> None:
     for case in CASES[:3]:
         motion = motion_of(source, case)
         assert motion.segments is not None
-        for frame, schema in ((motion.samples, MOTION), (motion.segments, SEGMENTS), (motion.ends, ENDS)):
+        assert motion.moves is not None
+        for frame, schema in (
+            (motion.samples, MOTION),
+            (motion.segments, SEGMENTS),
+            (motion.moves, MOVES),
+            (motion.ends, ENDS),
+        ):
             assert dict(frame.schema) == schema
             assert frame.height > 0
             numbers = frame.select(pl.selectors.float())
@@ -255,7 +258,10 @@ def check_schema(source: Source) -> None:
         assert motion.samples.null_count().sum_horizontal().item() == 0
         assert motion.segments.null_count().sum_horizontal().item() == 0
         assert motion.ends.drop("stop_start_s").null_count().sum_horizontal().item() == 0
-        assert source.batch(case.scenario, case.seed, case.runs[:1], False).segments is None
+        assert motion.moves.drop("ray_m").null_count().sum_horizontal().item() == 0
+        plain = source.batch(case.scenario, case.seed, case.runs[:1])
+        assert plain.segments is None
+        assert plain.moves is None
 
 
 def check_order(source: Source) -> None:
@@ -263,9 +269,11 @@ def check_order(source: Source) -> None:
     for case in CASES:
         motion = motion_of(source, case)
         assert motion.segments is not None
+        assert motion.moves is not None
         for frame, by in (
             (motion.samples, ["run", "time_s", "robot"]),
             (motion.segments, ["run", "start_s", "robot"]),
+            (motion.moves, ["run", "start_s", "robot"]),
             (motion.ends, ["run", "robot"]),
         ):
             assert frame.select(by).equals(frame.select(by).sort(by)), f"{case.name}: not sorted by {by}"
@@ -439,7 +447,7 @@ def check_pieces(source: Source) -> None:
     for case in CASES:
         s = case.scenario
         for run in case.runs:
-            state = source.init(s, case.seed, run, True)
+            state = source.init(s, case.seed, run, segments=True, moves=True)
             assert state.time_s == 0.0
             parts = []
             for until_s in pieces(s.run.t_end_s):
@@ -454,7 +462,7 @@ def check_copies(source: Source) -> None:
     case = CASES[2]
     s, run = case.scenario, case.runs[0]
     whole = part_of(motion_of(source, case), run)
-    state = source.init(s, case.seed, run, True)
+    state = source.init(s, case.seed, run, segments=True, moves=True)
     first = state.advance(0.4 * s.run.t_end_s)
     branch = state.copy()
     second_branch = [branch.advance(0.5 * s.run.t_end_s), branch.advance(s.run.t_end_s)]
@@ -513,13 +521,149 @@ def check_nothing_foreign_matters(source: Source) -> None:
     assert not changed.samples.equals(base.samples), "motion does not depend on the walk"
 
 
-def check_segments_are_only_written_down(source: Source) -> None:
-    """Whether segments are wanted changes nothing else."""
+def check_segments_and_moves_are_only_written_down(source: Source) -> None:
+    """Whether they are wanted changes nothing else."""
     case = CASES[2]
-    without = source.batch(case.scenario, case.seed, case.runs, False)
-    with_segments = motion_of(source, case)
-    assert without.segments is None
-    same(without, Motion(with_segments.samples, with_segments.ends))
+    both = motion_of(source, case)
+    for segments in (False, True):
+        for moves in (False, True):
+            some = source.batch(case.scenario, case.seed, case.runs, segments=segments, moves=moves)
+            wanted = (both.segments if segments else None, both.moves if moves else None)
+            same(some, Motion(both.samples, both.ends, *wanted))
+
+
+def changes(track: Track, moves: pl.DataFrame) -> tuple[Floats, Floats]:
+    """Where a robot begins to do another thing by its segments, s, and where its moves begin.
+
+    By segments alone a turn that follows a turn at once is one with it, and so it is here.
+    """
+    still = (track.speed == 0.0) & (track.kind != "stop")
+    does = np.char.add(track.kind, np.where(still, "-", "+"))
+    begins = track.start_s[np.concatenate([[True], does[1:] != does[:-1]])]
+    kind, still = np.array(moves["kind"].to_list()), (moves["speed_m_s"] == 0.0).to_numpy()
+    does = np.char.add(kind, np.where(still & (kind != "stop"), "-", "+"))
+    return begins, moves["start_s"].to_numpy()[np.concatenate([[True], does[1:] != does[:-1]])]
+
+
+def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
+    """The moves of a robot in a run."""
+    assert moves is not None
+    return moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+
+
+def check_moves_begin_where_segments_change(source: Source) -> None:
+    """A move begins wherever a robot begins to do another thing, is blocked or is no longer; and nowhere else."""
+    followed = 0
+    for case in CASES:
+        motion = motion_of(source, case)
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                moves = of_robot(motion.moves, run, robot)
+                by_segments, by_moves = changes(track, moves)
+                where = f"{case.name}: robot {robot}"
+                assert by_segments.size == by_moves.size, (
+                    f"{where}: {by_moves.size} moves, not {by_segments.size}"
+                )
+                assert (by_segments == by_moves).all(), where
+                pose, kind = track.at(moves["start_s"].to_numpy())
+                gap = pose - moves.select("x_m", "y_m", "heading_rad").to_numpy()
+                gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
+                assert np.abs(gap).max() < NEAR_M, f"{where} begins a move elsewhere"
+                assert (kind == np.array(moves["kind"].to_list())).all(), where
+                followers = kind[~np.isin(moves["start_s"].to_numpy(), by_moves)]
+                assert np.isin(followers, ["turn", "avoid"]).all(), (
+                    f"{where} begins a move that was under way"
+                )
+                followed += followers.size
+    assert followed > 10, "no turn follows a turn at once"
+
+
+def check_moves_lead_to_the_next(source: Source) -> None:
+    """The arc of a move ends where the next begins, and turned_rad is what was turned, whole turns included."""
+    for case in CASES:
+        motion = motion_of(source, case)
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                moves = of_robot(motion.moves, run, robot)
+                here = pl.col("robot") == robot
+                (end,) = motion.ends.filter((pl.col("run") == run) & here).to_dicts()
+                start = np.append(moves["start_s"].to_numpy(), end["end_s"])
+                pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
+                last = [end["x_m"], end["y_m"], end["heading_rad"]]
+                speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
+                along = Track(start, pose, speed, rate, np.array(moves["kind"].to_list()))
+                arrived = along.after(np.arange(moves.height), np.diff(start))
+                gap = arrived - np.concatenate([pose[1:], [last]])
+                gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
+                where = f"{case.name}: robot {robot}"
+                assert np.abs(gap).max() < NEAR_M, f"{where}: a move does not lead to the next"
+                turned = moves["turned_rad"].to_numpy()
+                # By each segment's own turn rate, which the moves know nothing of.
+                sums = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
+                k = np.searchsorted(track.start_s, start, side="right") - 1
+                off = np.abs(np.diff(sums[k] + track.rate[k] * (start - track.start_s[k])) - turned)
+                assert off.max() < 1e-8, f"{where}: turned {off.max():.2g} rad otherwise"
+
+
+def check_moves_account_for_time(source: Source) -> None:
+    """The moves between two samples last as long as drive_s, turn_s, avoid_s and stop_s say."""
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        for run in case.runs:
+            for robot in range(s.swarm.robots):
+                moves = of_robot(motion.moves, run, robot)
+                rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+                start = np.append(ticks_of(moves["start_s"], s), s.ticks)
+                kinds = np.repeat(np.array(moves["kind"].to_list()), np.diff(start))
+                ends = ticks_of(rows["time_s"], s)
+                for kind in ("drive", "turn", "avoid", "stop"):
+                    till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+                    spent = ticks_of(rows[f"{kind}_s"], s)
+                    assert (np.diff(till, prepend=0) == spent).all(), f"{case.name}: {kind}_s, robot {robot}"
+
+
+def check_rays_of_avoidances(source: Source) -> None:
+    """The ray of a move is the shortest when an avoidance begins, and null else."""
+    seen = 0
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        assert motion.moves is not None
+        assert (
+            motion.moves.filter(pl.col("kind") != "avoid")["ray_m"].null_count()
+            == motion.moves.filter(pl.col("kind") != "avoid").height
+        ), case.name
+        for run in case.runs:
+            shortest = shortest_rays_m(s, at_all_ticks(motion, s, run)[0])
+            for robot in range(s.swarm.robots):
+                moves = of_robot(motion.moves, run, robot)
+                before = moves.select(pl.col("kind").shift(1)).to_series()
+                begun = (moves["kind"] == "avoid") & before.is_in(["drive", "turn"])
+                assert moves.filter(begun)["ray_m"].null_count() == 0, f"{case.name}: an avoidance of nothing"
+                onsets = moves.filter(pl.col("ray_m").is_not_null())
+                found = shortest[robot, ticks_of(onsets["start_s"], s)]
+                assert np.abs(found - onsets["ray_m"].to_numpy()).max(initial=0.0) < NEAR_M, case.name
+                assert (found < s.walk.avoidance_threshold_mm / 1000 + 1e-7).all(), case.name
+                seen += onsets.height
+    assert seen > 100, f"only {seen} avoidances"
+
+
+def check_places_from_moves(source: Source) -> None:
+    """``place_from_moves`` is exact but in turns, and there within the circle that the centre goes round."""
+    far = 0.0
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                times = np.arange(s.ticks) * s.tick_s
+                pose, kinds = track.at(times)
+                assert motion.moves is not None
+                off = np.hypot(*(place_from_moves(motion.moves, run, robot, times) - pose[:, :2]).T)
+                turns = np.isin(kinds, ["turn", "avoid"])
+                assert off[~turns].max() < NEAR_M, f"{case.name}: robot {robot}"
+                assert off.max() <= uneven * s.robot.turn_track_m + NEAR_M, f"{case.name}: robot {robot}"
+                far = max(far, off[turns].max(initial=0.0))
+    assert far > 1e-5, "turns at constant rates"
 
 
 CHECKS: tuple[Check, ...] = (
@@ -538,5 +682,10 @@ CHECKS: tuple[Check, ...] = (
     check_copies,
     check_runs_are_their_own,
     check_nothing_foreign_matters,
-    check_segments_are_only_written_down,
+    check_segments_and_moves_are_only_written_down,
+    check_moves_begin_where_segments_change,
+    check_moves_lead_to_the_next,
+    check_moves_account_for_time,
+    check_rays_of_avoidances,
+    check_places_from_moves,
 )
