@@ -57,6 +57,7 @@ from vibroswarm.motion.plans import (
     turned_by,
 )
 from vibroswarm.motion.record import END_ROW, Record, room_for, write_sample, write_segment
+from vibroswarm.motion.steering import no_sample_before_plans
 from vibroswarm.motion.wakes import (
     KEY_BITS,
     NEVER,
@@ -649,6 +650,10 @@ class EventRun(KernelRun):
             self.swarm, self.wakes, self.near, self.places, self.apart, self.awake, self.standing, self.setup,
             self.speeds, self.record, self.seed, self.run, until,
         )  # fmt: skip
+
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
+        return no_sample_before_plans(self.swarm, self.setup, self.tick)
 
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""

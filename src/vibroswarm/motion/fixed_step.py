@@ -18,6 +18,7 @@ from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.moves import note_moves
 from vibroswarm.motion.phases import ROBOT, Swarm, account, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, end_rows, room, write_sample, write_segments
+from vibroswarm.motion.steering import no_sample_before_steps
 
 
 @kernel
@@ -81,6 +82,10 @@ class FixedStepRun(KernelRun):
     def move_on(self, until: int) -> int:
         """Every control period up to the tick ``until``, or for as long as the buffers suffice."""
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
+
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
+        return no_sample_before_steps(self.swarm, self.setup, self.tick)
 
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""

@@ -28,6 +28,7 @@ from vibroswarm.motion.record import (
     with_samples,
     write_segments,
 )
+from vibroswarm.motion.steering import check_steering, steer_robot
 from vibroswarm.scenario import Scenario
 
 Take = Callable[[NDArray[np.void]], None]
@@ -122,9 +123,17 @@ class KernelRun(ABC):
             take_moves: given the moves that leave the buffer because it is full: all that come before those that are
                 under way.
         """
+        return self.go_on_to(self.until_tick(until_s), take, take_moves)
+
+    def until_tick(self, until_s: float) -> int:
+        """The first tick at or after ``until_s``.
+
+        Raises:
+            InputError: it is not a time.
+        """
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
-        return self.go_on_to(math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9), take, take_moves)
+        return math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
 
     def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
         """``go_on`` to a tick."""
@@ -151,6 +160,68 @@ class KernelRun(ABC):
                 drop_ended(record.moves, record.under_way, record.filled)
                 record = self.record = record._replace(moves=with_room(record.moves, int(record.filled[2])))
         return segments
+
+    def to_sample(
+        self,
+        until_s: float,
+        take: Take,
+        take_moves: Take | None = None,
+        take_segments: Take | None = None,
+    ) -> bool:
+        """Move on until just after the next control period at which a robot samples, or to ``until_s`` if none does.
+
+        Args:
+            until_s: as in ``advance``. take: given the samples of that period (``SAMPLE_ROW``), of all robots that
+                take one then, by robot; the rows are used again later. take_moves: given the moves that ended since
+                (``MOVE_ROW``), by start and robot. take_segments: given the segments that began since.
+        Returns: whether anyone samples at the last control period before ``time_s``.
+        """
+        until, since, sampled = self.until_tick(until_s), self.tick, False
+        ended, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
+
+        def taken(rows: NDArray[np.void]) -> None:
+            nonlocal sampled
+            sampled = True
+            take(rows)
+
+        def keep_moves(rows: NDArray[np.void]) -> None:
+            ended.append(rows[rows["until"] >= since])
+
+        while self.tick < until and not sampled:
+            segments += self.go_on_to(min(self.no_sample_before() + 1, until), taken, keep_moves)
+        if take_moves is not None and self.record.moves.size > 0:
+            keep_moves(self.record.moves[: self.record.filled[2]])
+            take_moves(joined(ended))
+        if take_segments is not None and segments:
+            take_segments(in_order(joined(segments)))
+        return sampled
+
+    def moves_under_way(self) -> NDArray[np.void]:
+        """The robots' moves under way (``MOVE_ROW``, (robots,)), as far as they have come, by robot."""
+        place = self.record.under_way["place"]
+        rows = self.record.moves[place[place >= 0]]
+        rows["turned_rad"] = self.headings()[rows["robot"]] - rows["heading_rad"]
+        rows["until"] = self.tick
+        return rows
+
+    def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
+        """Let a robot that has just sampled go on otherwise than by its own chance, as ``robot.walk.steered`` says.
+
+        Args:
+            robot: one of those that sampled in the last control period before ``time_s``. turn_deg: first turn by so
+                much, anticlockwise positive. drive_ms: the length of the leg after that. nan: as drawn.
+        Raises:
+            InputError: a robot that does not stand after a sample, an angle or a duration out of range.
+        """
+        robot = check_steering(self.swarm.size, robot, turn_deg, drive_ms)
+        if not steer_robot(self.swarm, robot, float(turn_deg), float(drive_ms)):
+            raise InputError(
+                f"robot {robot} has not just sampled; only then can it be steered", field="robot"
+            )
+
+    @abstractmethod
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
 
     @abstractmethod
     def move_on(self, until: int) -> int:

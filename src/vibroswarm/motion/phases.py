@@ -39,7 +39,7 @@ ROBOT = np.dtype(
     + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
     + [
         (name, np.float64)
-        for name in ("leg_ms", "error_deg", "integral_deg_s", "sees_from_ms", "ray_forward_m")
+        for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
     ]
 )
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
@@ -58,7 +58,7 @@ def load(swarm: Swarm, i: int) -> WalkState:
     row = swarm[i]
     return WalkState(
         row.mode, row.resume, row.sampled != 0, row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
-        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples,
+        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples, row.next_leg_ms,
     )  # fmt: skip
 
 
@@ -74,6 +74,7 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
         state.integral_deg_s,
     )
     row.legs, row.avoidances, row.samples = state.legs, state.avoidances, state.samples
+    row.next_leg_ms = state.next_leg_ms
 
 
 @inner
