@@ -1,7 +1,9 @@
 """What any source of Motion must keep, as check functions that take the source and fail by assertion.
 
-A source is held to it by ``for check in CHECKS: check(source)``. Poses and rays are worked out here from the
-segment table alone, with formulas of their own, so that no engine is its own judge.
+Every source is held to ``TABLE_CHECKS``, by ``for check in TABLE_CHECKS: check(source)``; one that gives segments also
+to ``SEGMENT_CHECKS``, and one that gives moves as well to ``MOVE_CHECKS``. ``WALK_CHECKS`` are for engines, whose
+robots walk as the scenario says. Poses and rays are worked out here from the segment table alone, with formulas of
+their own, so that no engine is its own judge.
 """
 
 from __future__ import annotations
@@ -243,22 +245,19 @@ def check_schema(source: Source) -> None:
     """Columns, types, and no null but where it means something."""
     for case in CASES[:3]:
         motion = motion_of(source, case)
-        assert motion.segments is not None
-        assert motion.moves is not None
-        for frame, schema in (
-            (motion.samples, MOTION),
-            (motion.segments, SEGMENTS),
-            (motion.moves, MOVES),
-            (motion.ends, ENDS),
+        for frame, schema, nullable in (
+            (motion.samples, MOTION, []),
+            (motion.ends, ENDS, ["stop_start_s"]),
+            (motion.segments, SEGMENTS, []),
+            (motion.moves, MOVES, ["ray_m"]),
         ):
+            if frame is None:
+                continue
             assert dict(frame.schema) == schema
             assert frame.height > 0
             numbers = frame.select(pl.selectors.float())
             assert all(numbers.select(pl.all().is_finite().fill_null(True).all()).row(0)), "not finite"
-        assert motion.samples.null_count().sum_horizontal().item() == 0
-        assert motion.segments.null_count().sum_horizontal().item() == 0
-        assert motion.ends.drop("stop_start_s").null_count().sum_horizontal().item() == 0
-        assert motion.moves.drop("ray_m").null_count().sum_horizontal().item() == 0
+            assert frame.drop(nullable).null_count().sum_horizontal().item() == 0
         plain = source.batch(case.scenario, case.seed, case.runs[:1])
         assert plain.segments is None
         assert plain.moves is None
@@ -268,14 +267,14 @@ def check_order(source: Source) -> None:
     """Sorted by run, time, robot; one row at most of a robot at a time."""
     for case in CASES:
         motion = motion_of(source, case)
-        assert motion.segments is not None
-        assert motion.moves is not None
         for frame, by in (
             (motion.samples, ["run", "time_s", "robot"]),
             (motion.segments, ["run", "start_s", "robot"]),
             (motion.moves, ["run", "start_s", "robot"]),
             (motion.ends, ["run", "robot"]),
         ):
+            if frame is None:
+                continue
             assert frame.select(by).equals(frame.select(by).sort(by)), f"{case.name}: not sorted by {by}"
             assert not frame.select(by).is_duplicated().any(), f"{case.name}: twice the same {by}"
 
@@ -298,6 +297,29 @@ def check_stops(source: Source) -> None:
         spacing = samples.select(pl.col("time_s").diff().over("run", "robot"))["time_s"].drop_nulls()
         least = (s.sample.sample_interval_ms + s.sample.stop_ms) / 1000
         assert spacing.len() == 0 or float(spacing.min()) > least, case.name  # type: ignore[arg-type]
+
+
+def check_accounts_add_up(source: Source) -> None:
+    """drive + turn + avoid + stop is all the time since the robot's last sample, or the start."""
+    for case in CASES:
+        s = case.scenario
+        for _, rows in motion_of(source, case).samples.group_by("run", "robot"):
+            spent = sum(ticks_of(rows[f"{kind}_s"], s) for kind in ("drive", "turn", "avoid", "stop"))
+            assert (spent == np.diff(ticks_of(rows["time_s"], s), prepend=0)).all(), case.name
+            assert (rows["stop_start_s"] <= rows["time_s"]).all(), case.name
+
+
+def check_whole_runs(source: Source) -> None:
+    """A row of ends for each robot, at the scenario's end; samples before it; robots numbered from 0."""
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        for run in case.runs:
+            ends = motion.ends.filter(pl.col("run") == run)
+            assert ends["robot"].to_list() == list(range(s.swarm.robots)), case.name
+            assert (ticks_of(ends["end_s"], s) == s.ticks).all(), case.name
+        assert (ticks_of(motion.samples["time_s"], s) < s.ticks).all(), case.name
+        assert (motion.samples["robot"] < s.swarm.robots).all(), case.name
+        assert motion.samples["run"].is_in(case.runs).all(), case.name
 
 
 def check_time_accounts(source: Source) -> None:
@@ -517,8 +539,13 @@ def check_nothing_foreign_matters(source: Source) -> None:
             same(moved, base)
         except AssertionError as error:
             raise AssertionError(f"motion depends on {name}: {error}") from None
-    changed = source.batch(s.with_values({"walk.walk_duration_location_ms": 100.0}), 4, [1], True)
-    assert not changed.samples.equals(base.samples), "motion does not depend on the walk"
+
+
+def check_the_walk_matters(source: Source) -> None:
+    """Robots walk as the scenario says."""
+    s = CASES[0].scenario.with_values({"run.t_end_s": 40.0})
+    other = s.with_values({"walk.walk_duration_location_ms": 100.0})
+    assert not source.batch(other, 4, [1]).samples.equals(source.batch(s, 4, [1]).samples)
 
 
 def check_segments_and_moves_are_only_written_down(source: Source) -> None:
@@ -666,26 +693,40 @@ def check_places_from_moves(source: Source) -> None:
     assert far > 1e-5, "turns at constant rates"
 
 
-CHECKS: tuple[Check, ...] = (
+TABLE_CHECKS: tuple[Check, ...] = (
     check_schema,
     check_order,
     check_sample_numbers,
-    check_stops,
-    check_time_accounts,
-    check_segments_join,
-    check_poses_at_samples,
-    check_bodies,
-    check_speeds,
-    check_rays,
-    check_ends,
+    check_accounts_add_up,
+    check_whole_runs,
     check_pieces,
     check_copies,
     check_runs_are_their_own,
     check_nothing_foreign_matters,
     check_segments_and_moves_are_only_written_down,
-    check_moves_begin_where_segments_change,
+)
+"""For every source."""
+SEGMENT_CHECKS: tuple[Check, ...] = (
+    check_time_accounts,
+    check_segments_join,
+    check_poses_at_samples,
+    check_bodies,
+    check_ends,
+)
+"""For sources that give segments."""
+MOVE_CHECKS: tuple[Check, ...] = (
     check_moves_lead_to_the_next,
     check_moves_account_for_time,
+)
+"""For sources that give segments and moves."""
+WALK_CHECKS: tuple[Check, ...] = (
+    check_stops,
+    check_speeds,
+    check_rays,
+    check_the_walk_matters,
+    check_moves_begin_where_segments_change,
     check_rays_of_avoidances,
     check_places_from_moves,
 )
+"""For engines."""
+CHECKS = TABLE_CHECKS + SEGMENT_CHECKS + MOVE_CHECKS + WALK_CHECKS

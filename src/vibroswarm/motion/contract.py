@@ -39,12 +39,14 @@ next ``advance``; ``join`` keeps the latest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Protocol
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.forked import check_threads
@@ -114,6 +116,29 @@ class MotionState(Protocol):
         """A state from which motion goes on in the same way, and that does not change with this one."""
 
 
+class SteeredState(MotionState, Protocol):
+    """A run whose robots can be steered: what a strategy that steers needs, in place of ``advance``."""
+
+    def to_sample(
+        self,
+        until_s: float,
+        take: Callable[[NDArray[np.void]], None],
+        take_moves: Callable[[NDArray[np.void]], None] | None = None,
+        take_segments: Callable[[NDArray[np.void]], None] | None = None,
+    ) -> bool:
+        """Move on until just after the next control period at which a robot samples, or to ``until_s`` if none does.
+
+        Args:
+            take: given all samples of that period at once, rows of ``record.SAMPLE_ROW`` by robot.
+            take_moves: given the moves that ended since, ``moves.MOVE_ROW``. take_segments: given the segments that
+                began since, ``record.SEGMENT_ROW``.
+        Returns: whether anyone samples at the last control period before ``time_s``.
+        """
+
+    def steer(self, robot: int, turn_deg: float, drive_ms: float) -> None:
+        """Let a robot that sampled in the last control period go on otherwise, as ``robot.walk.steered`` says."""
+
+
 class Init(Protocol):
     """Makes a run at time 0."""
 
@@ -173,8 +198,15 @@ _SOURCES: dict[str, Source] = {}
 
 
 def register(source: Source) -> None:
-    """Make a source known by its name, so that what stands below needs no import from above."""
-    _SOURCES[source.name] = source
+    """Make a source known by its name, so that what stands below needs no import from above.
+
+    Raises:
+        InputError: it is no ``Source``, or another has that name.
+    """
+    if not isinstance(source, Source) or not isinstance(source.name, str) or not callable(source.init):
+        raise InputError(f"{shown(source)} is no Source of a name and a function", field="source")
+    if _SOURCES.setdefault(source.name, source) != source:
+        raise InputError(f"another source of motion has the name {shown(source.name)}", field="source")
 
 
 def source(name: str) -> Source:
