@@ -10,6 +10,7 @@ from vibroswarm.inference.closed_loop import ClosedLoop, taken_from
 from vibroswarm.motion.contract import Motion, MotionState, join, source
 from vibroswarm.observation.ground import grounds_of
 from vibroswarm.scenario import Scenario
+from vibroswarm.steered import Wanted
 
 PIECE_S: Final = 100.0
 """Motion is advanced in pieces of this length; the last one is done again, up to the decision."""
@@ -23,19 +24,19 @@ def until_all_decided(
     runs: Sequence[int],
     floors: Mapping[int, Floor],
     motion: str,
-    segments: bool,
+    wanted: Wanted,
     progress: Callable[[float], None] | None = None,
 ) -> Motion:
     """Runs up to the tick after that at which the last robot has decided, or to their end.
 
     Args:
-        floors: of each run. motion: the source, by name. segments: also wanted. progress: told the share that is done.
+        floors: of each run. motion: the source, by name. wanted: which tables. progress: told the share that is done.
     """
     loop, found, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
     shortest_s = scenario.run.t_end_s
     for done, (run, ground) in enumerate(zip(runs, grounds_of(scenario, seed, runs, floors), strict=True)):
         loop.begin(run, ground)
-        moved = _run(source(motion).init(scenario, seed, run, segments), loop, first_s)
+        moved = _run(source(motion).init(scenario, seed, run, *wanted), loop, first_s)
         found.append(moved)
         shortest_s = min(shortest_s, float(moved.ends["end_s"].to_numpy().max()))
         first_s = max(LIKELY * shortest_s, scenario.tick_s)

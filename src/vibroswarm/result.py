@@ -23,7 +23,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.forked import check_threads
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
-from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS
+from vibroswarm.motion.contract import ENDS, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.model import OBSERVATIONS
 from vibroswarm.plain_files import entry, read_json, texts, words
 from vibroswarm.result_checks import check_result
@@ -52,6 +52,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "motion": MOTION,
     "ends": ENDS,
     "segments": SEGMENTS,
+    "moves": MOVES,
     "observations": OBSERVATIONS,
     "inference": INFERENCE,
     "robots": ROBOTS,
@@ -63,6 +64,7 @@ UNTOLD: Final[dict[str, frozenset[str]]] = {
     "motion": frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}),
     "ends": frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}),
     "segments": frozenset(),
+    "moves": frozenset({"turn_rate_rad_s", "ray_m"}),
     "observations": frozenset({"energy"}),
     "inference": frozenset({"message", "alpha", "beta", "received", "belief", "decision"}),
     "robots": frozenset(
@@ -74,10 +76,14 @@ UNTOLD: Final[dict[str, frozenset[str]]] = {
 }  # fmt: skip
 """Columns that may be null: what did not happen, and what a recording cannot know."""
 
+OPTIONAL: Final = ("segments", "moves")
+"""Tables that a result may be without."""
+
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
     "ends": ("run", "robot"),
     "segments": (),
+    "moves": (),
     "observations": ("run", "robot", "sample"),
     "inference": ("run", "robot", "sample"),
     "robots": ("run", "robot"),
@@ -93,7 +99,8 @@ class Result:
 
     Args:
         scenario, seed, source: what was simulated, from which seed, by which source of motion.
-        motion, ends: a row a sample, a row a robot. segments: the arcs of the paths, where they were kept.
+        motion, ends: a row a sample, a row a robot. segments: the arcs of the paths, moves: drives, turns
+            and stops, where they were kept.
         observations, inference: a row a sample. robots: a row a robot. runs, floors: a row a run.
         versions: of the software that made it.
     """
@@ -111,6 +118,7 @@ class Result:
     floors: pl.DataFrame
     source: str = "event"
     versions: Mapping[str, str] = field(default_factory=dict)
+    moves: pl.DataFrame | None = None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):
@@ -193,7 +201,7 @@ class Result:
         about = _head(folder)
         seed, source, names = about["seed"], about["source"], about["tables"]
         frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
-        missing = [name for name in TABLES if frames[name] is None and name != "segments"]
+        missing = [name for name in TABLES if frames[name] is None and name not in OPTIONAL]
         if missing:
             raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / MARKER)

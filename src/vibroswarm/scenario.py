@@ -282,7 +282,9 @@ def _take_in_floor(values: dict[str, Any], folder: Path) -> None:
 def _nearest_field(name: str) -> str:
     known = field_names()
     last = name.rpartition(".")[2]
-    same = [k for k in known if k.rpartition(".")[2] == last] or [k for k in known if last in k.split(".")[1:-1]]
+    same = [k for k in known if k.rpartition(".")[2] == last] or [
+        k for k in known if last in k.split(".")[1:-1]
+    ]
     return f", did you mean '{same[0]}'?" if same else nearest(name, known + list(Scenario.model_fields))
 
 

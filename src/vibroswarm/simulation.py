@@ -24,6 +24,8 @@ from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.observation.model import observe
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import Scenario
+from vibroswarm.steered import Wanted, steered_motion
+from vibroswarm.strategies import strategy
 
 PIECE_S = 100.0
 """Motion whose progress is told is advanced in pieces of this length."""
@@ -39,6 +41,7 @@ def simulate(
     *,
     motion: str = "event",
     segments: bool = False,
+    moves: bool = False,
     energies: bool = True,
     progress: Progress | None = None,
 ) -> Result:
@@ -49,7 +52,8 @@ def simulate(
         seed: a whole number in [0, 2^63). Same scenario, seed and run: the same result, bit by bit.
         runs: how many runs (0, 1, ...), or which.
         motion: the source of motion, by name.
-        segments: also keep the table from which poses at any time can be had.
+        segments: also keep the table from which poses at any time can be had. moves: also keep that of drives, turns,
+            avoidances and stops, a row each.
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:
@@ -59,10 +63,13 @@ def simulate(
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     readings_boundary(scenario)  # what cannot be asked is refused before anything moves
     floors = floors_of(scenario, seed, chosen)
-    if scenario.run.stop == "all_decided":
-        moved = until_all_decided(scenario, seed, chosen, floors, motion, segments, progress)
+    wanted = Wanted(segments, moves)
+    if steers(scenario):
+        moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
+    elif scenario.run.stop == "all_decided":
+        moved = until_all_decided(scenario, seed, chosen, floors, motion, wanted, progress)
     else:
-        moved = _to_the_end(scenario, seed, chosen, motion, segments, progress)
+        moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     inference, finals = infer(scenario, seed, moved, observations)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
@@ -96,7 +103,15 @@ def replay(result: Result, scenario: Scenario) -> Result:
             )
     if scenario.run.stop != "t_end":
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
-    runs, motion = result.runs["run"].to_list(), Motion(result.motion, result.ends, result.segments)
+    if steers(scenario):
+        raise InputError(
+            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it anew",
+            field="strategy.name",
+        )
+    runs, motion = (
+        result.runs["run"].to_list(),
+        Motion(result.motion, result.ends, result.segments, result.moves),
+    )
     observations = result.observations
     floors = {run: result.floor(run) for run in runs}
     if (scenario.floor, scenario.sensor) != (result.scenario.floor, result.scenario.sensor):
@@ -153,15 +168,20 @@ def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, F
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
 
 
+def steers(scenario: Scenario) -> bool:
+    """Whether a scenario's strategy has a say in how robots move."""
+    return strategy(scenario.strategy.name).steer is not None
+
+
 def _to_the_end(
-    scenario: Scenario, seed: int, runs: Sequence[int], motion: str, segments: bool, progress: Progress | None
+    scenario: Scenario, seed: int, runs: Sequence[int], motion: str, wanted: Wanted, progress: Progress | None
 ) -> Motion:
     engine = source(motion)
     if progress is None:
-        return engine.batch(scenario, seed, runs, segments)
+        return engine.batch(scenario, seed, runs, *wanted)
     pieces = []
     for done, run in enumerate(runs):
-        state = engine.init(scenario, seed, run, segments)
+        state = engine.init(scenario, seed, run, *wanted)
         while state.time_s < scenario.run.t_end_s:
             pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
             progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
@@ -202,6 +222,7 @@ def result_of(
         motion=motion.samples,
         ends=motion.ends,
         segments=motion.segments,
+        moves=motion.moves,
         observations=observations,
         inference=inference,
         robots=robots,

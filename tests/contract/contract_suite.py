@@ -1,7 +1,9 @@
 """What any source of Motion must keep, as check functions that take the source and fail by assertion.
 
-A source is held to it by ``for check in CHECKS: check(source)``. Poses and rays are worked out here from the
-segment table alone, with formulas of their own, so that no engine is its own judge.
+Every source is held to ``TABLE_CHECKS``, by ``for check in TABLE_CHECKS: check(source)``; one that gives segments also
+to ``SEGMENT_CHECKS``, and one that gives moves as well to ``MOVE_CHECKS``. ``WALK_CHECKS`` are for engines, whose
+robots walk as the scenario says. Poses and rays are worked out here from the segment table alone, with formulas of
+their own, so that no engine is its own judge.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ import polars as pl
 from numpy.typing import NDArray
 from polars.testing import assert_frame_equal
 
-from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion, Source, join
+from vibroswarm.motion.contract import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
+from vibroswarm.motion.pose import place_from_moves
 from vibroswarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -121,12 +124,12 @@ CASES = (
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
     """The case's runs, made once for all checks."""
-    return source.batch(case.scenario, case.seed, case.runs, True)
+    return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
 
 
 def same(one: Motion, other: Motion) -> None:
     """Every table equal, bit by bit."""
-    for name in ("samples", "ends", "segments"):
+    for name in ("samples", "ends", "segments", "moves"):
         mine, theirs = getattr(one, name), getattr(other, name)
         assert (mine is None) == (theirs is None), f"{name} are missing from one"
         if mine is not None:
@@ -136,12 +139,8 @@ def same(one: Motion, other: Motion) -> None:
 def part_of(motion: Motion, run: int) -> Motion:
     """One run of a motion."""
     here = pl.col("run") == run
-    segments = motion.segments
-    return Motion(
-        motion.samples.filter(here),
-        motion.ends.filter(here),
-        segments.filter(here) if segments is not None else None,
-    )
+    tables = (motion.samples, motion.ends, motion.segments, motion.moves)
+    return Motion(*(table.filter(here) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 # Poses and rays, from the segment table
@@ -246,28 +245,36 @@ def check_schema(source: Source) -> None:
     """Columns, types, and no null but where it means something."""
     for case in CASES[:3]:
         motion = motion_of(source, case)
-        assert motion.segments is not None
-        for frame, schema in ((motion.samples, MOTION), (motion.segments, SEGMENTS), (motion.ends, ENDS)):
+        for frame, schema, nullable in (
+            (motion.samples, MOTION, []),
+            (motion.ends, ENDS, ["stop_start_s"]),
+            (motion.segments, SEGMENTS, []),
+            (motion.moves, MOVES, ["ray_m"]),
+        ):
+            if frame is None:
+                continue
             assert dict(frame.schema) == schema
             assert frame.height > 0
             numbers = frame.select(pl.selectors.float())
             assert all(numbers.select(pl.all().is_finite().fill_null(True).all()).row(0)), "not finite"
-        assert motion.samples.null_count().sum_horizontal().item() == 0
-        assert motion.segments.null_count().sum_horizontal().item() == 0
-        assert motion.ends.drop("stop_start_s").null_count().sum_horizontal().item() == 0
-        assert source.batch(case.scenario, case.seed, case.runs[:1], False).segments is None
+            assert frame.drop(nullable).null_count().sum_horizontal().item() == 0
+        plain = source.batch(case.scenario, case.seed, case.runs[:1])
+        assert plain.segments is None
+        assert plain.moves is None
 
 
 def check_order(source: Source) -> None:
     """Sorted by run, time, robot; one row at most of a robot at a time."""
     for case in CASES:
         motion = motion_of(source, case)
-        assert motion.segments is not None
         for frame, by in (
             (motion.samples, ["run", "time_s", "robot"]),
             (motion.segments, ["run", "start_s", "robot"]),
+            (motion.moves, ["run", "start_s", "robot"]),
             (motion.ends, ["run", "robot"]),
         ):
+            if frame is None:
+                continue
             assert frame.select(by).equals(frame.select(by).sort(by)), f"{case.name}: not sorted by {by}"
             assert not frame.select(by).is_duplicated().any(), f"{case.name}: twice the same {by}"
 
@@ -290,6 +297,29 @@ def check_stops(source: Source) -> None:
         spacing = samples.select(pl.col("time_s").diff().over("run", "robot"))["time_s"].drop_nulls()
         least = (s.sample.sample_interval_ms + s.sample.stop_ms) / 1000
         assert spacing.len() == 0 or float(spacing.min()) > least, case.name  # type: ignore[arg-type]
+
+
+def check_accounts_add_up(source: Source) -> None:
+    """drive + turn + avoid + stop is all the time since the robot's last sample, or the start."""
+    for case in CASES:
+        s = case.scenario
+        for _, rows in motion_of(source, case).samples.group_by("run", "robot"):
+            spent = sum(ticks_of(rows[f"{kind}_s"], s) for kind in ("drive", "turn", "avoid", "stop"))
+            assert (spent == np.diff(ticks_of(rows["time_s"], s), prepend=0)).all(), case.name
+            assert (rows["stop_start_s"] <= rows["time_s"]).all(), case.name
+
+
+def check_whole_runs(source: Source) -> None:
+    """A row of ends for each robot, at the scenario's end; samples before it; robots numbered from 0."""
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        for run in case.runs:
+            ends = motion.ends.filter(pl.col("run") == run)
+            assert ends["robot"].to_list() == list(range(s.swarm.robots)), case.name
+            assert (ticks_of(ends["end_s"], s) == s.ticks).all(), case.name
+        assert (ticks_of(motion.samples["time_s"], s) < s.ticks).all(), case.name
+        assert (motion.samples["robot"] < s.swarm.robots).all(), case.name
+        assert motion.samples["run"].is_in(case.runs).all(), case.name
 
 
 def check_time_accounts(source: Source) -> None:
@@ -439,7 +469,7 @@ def check_pieces(source: Source) -> None:
     for case in CASES:
         s = case.scenario
         for run in case.runs:
-            state = source.init(s, case.seed, run, True)
+            state = source.init(s, case.seed, run, segments=True, moves=True)
             assert state.time_s == 0.0
             parts = []
             for until_s in pieces(s.run.t_end_s):
@@ -454,7 +484,7 @@ def check_copies(source: Source) -> None:
     case = CASES[2]
     s, run = case.scenario, case.runs[0]
     whole = part_of(motion_of(source, case), run)
-    state = source.init(s, case.seed, run, True)
+    state = source.init(s, case.seed, run, segments=True, moves=True)
     first = state.advance(0.4 * s.run.t_end_s)
     branch = state.copy()
     second_branch = [branch.advance(0.5 * s.run.t_end_s), branch.advance(s.run.t_end_s)]
@@ -510,34 +540,194 @@ def check_nothing_foreign_matters(source: Source) -> None:
             same(moved, base)
         except AssertionError as error:
             raise AssertionError(f"motion depends on {name}: {error}") from None
-    changed = source.batch(s.with_values({"walk.walk_duration_location_ms": 100.0}), 4, [1], True)
-    assert not changed.samples.equals(base.samples), "motion does not depend on the walk"
 
 
-def check_segments_are_only_written_down(source: Source) -> None:
-    """Whether segments are wanted changes nothing else."""
+def check_the_walk_matters(source: Source) -> None:
+    """Robots walk as the scenario says."""
+    s = CASES[0].scenario.with_values({"run.t_end_s": 40.0})
+    other = s.with_values({"walk.walk_duration_location_ms": 100.0})
+    assert not source.batch(other, 4, [1]).samples.equals(source.batch(s, 4, [1]).samples)
+
+
+def check_segments_and_moves_are_only_written_down(source: Source) -> None:
+    """Whether they are wanted changes nothing else."""
     case = CASES[2]
-    without = source.batch(case.scenario, case.seed, case.runs, False)
-    with_segments = motion_of(source, case)
-    assert without.segments is None
-    same(without, Motion(with_segments.samples, with_segments.ends))
+    both = motion_of(source, case)
+    for segments in (False, True):
+        for moves in (False, True):
+            some = source.batch(case.scenario, case.seed, case.runs, segments=segments, moves=moves)
+            wanted = (both.segments if segments else None, both.moves if moves else None)
+            same(some, Motion(both.samples, both.ends, *wanted))
 
 
-CHECKS: tuple[Check, ...] = (
+def changes(track: Track, moves: pl.DataFrame) -> tuple[Floats, Floats]:
+    """Where a robot begins to do another thing by its segments, s, and where its moves begin.
+
+    By segments alone a turn that follows a turn at once is one with it, and so it is here.
+    """
+    still = (track.speed == 0.0) & (track.kind != "stop")
+    does = np.char.add(track.kind, np.where(still, "-", "+"))
+    begins = track.start_s[np.concatenate([[True], does[1:] != does[:-1]])]
+    kind, still = np.array(moves["kind"].to_list()), (moves["speed_m_s"] == 0.0).to_numpy()
+    does = np.char.add(kind, np.where(still & (kind != "stop"), "-", "+"))
+    return begins, moves["start_s"].to_numpy()[np.concatenate([[True], does[1:] != does[:-1]])]
+
+
+def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
+    """The moves of a robot in a run."""
+    assert moves is not None
+    return moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+
+
+def check_moves_begin_where_segments_change(source: Source) -> None:
+    """A move begins wherever a robot begins to do another thing, is blocked or is no longer; and nowhere else."""
+    followed = 0
+    for case in CASES:
+        motion = motion_of(source, case)
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                moves = of_robot(motion.moves, run, robot)
+                by_segments, by_moves = changes(track, moves)
+                where = f"{case.name}: robot {robot}"
+                assert by_segments.size == by_moves.size, (
+                    f"{where}: {by_moves.size} moves, not {by_segments.size}"
+                )
+                assert (by_segments == by_moves).all(), where
+                pose, kind = track.at(moves["start_s"].to_numpy())
+                gap = pose - moves.select("x_m", "y_m", "heading_rad").to_numpy()
+                gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
+                assert np.abs(gap).max() < NEAR_M, f"{where} begins a move elsewhere"
+                assert (kind == np.array(moves["kind"].to_list())).all(), where
+                followers = kind[~np.isin(moves["start_s"].to_numpy(), by_moves)]
+                assert np.isin(followers, ["turn", "avoid"]).all(), (
+                    f"{where} begins a move that was under way"
+                )
+                followed += followers.size
+    assert followed > 10, "no turn follows a turn at once"
+
+
+def check_moves_lead_to_the_next(source: Source) -> None:
+    """The arc of a move ends where the next begins, and turned_rad is what was turned, whole turns included."""
+    for case in CASES:
+        motion = motion_of(source, case)
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                moves = of_robot(motion.moves, run, robot)
+                here = pl.col("robot") == robot
+                (end,) = motion.ends.filter((pl.col("run") == run) & here).to_dicts()
+                start = np.append(moves["start_s"].to_numpy(), end["end_s"])
+                pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
+                last = [end["x_m"], end["y_m"], end["heading_rad"]]
+                speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
+                along = Track(start, pose, speed, rate, np.array(moves["kind"].to_list()))
+                arrived = along.after(np.arange(moves.height), np.diff(start))
+                gap = arrived - np.concatenate([pose[1:], [last]])
+                gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
+                where = f"{case.name}: robot {robot}"
+                assert np.abs(gap).max() < NEAR_M, f"{where}: a move does not lead to the next"
+                turned = moves["turned_rad"].to_numpy()
+                # By each segment's own turn rate, which the moves know nothing of.
+                sums = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
+                k = np.searchsorted(track.start_s, start, side="right") - 1
+                off = np.abs(np.diff(sums[k] + track.rate[k] * (start - track.start_s[k])) - turned)
+                assert off.max() < 1e-8, f"{where}: turned {off.max():.2g} rad otherwise"
+
+
+def check_moves_account_for_time(source: Source) -> None:
+    """The moves between two samples last as long as drive_s, turn_s, avoid_s and stop_s say."""
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        for run in case.runs:
+            for robot in range(s.swarm.robots):
+                moves = of_robot(motion.moves, run, robot)
+                rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+                start = np.append(ticks_of(moves["start_s"], s), s.ticks)
+                kinds = np.repeat(np.array(moves["kind"].to_list()), np.diff(start))
+                ends = ticks_of(rows["time_s"], s)
+                for kind in ("drive", "turn", "avoid", "stop"):
+                    till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+                    spent = ticks_of(rows[f"{kind}_s"], s)
+                    assert (np.diff(till, prepend=0) == spent).all(), f"{case.name}: {kind}_s, robot {robot}"
+
+
+def check_rays_of_avoidances(source: Source) -> None:
+    """The ray of a move is the shortest when an avoidance begins, and null else."""
+    seen = 0
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        assert motion.moves is not None
+        assert (
+            motion.moves.filter(pl.col("kind") != "avoid")["ray_m"].null_count()
+            == motion.moves.filter(pl.col("kind") != "avoid").height
+        ), case.name
+        for run in case.runs:
+            shortest = shortest_rays_m(s, at_all_ticks(motion, s, run)[0])
+            for robot in range(s.swarm.robots):
+                moves = of_robot(motion.moves, run, robot)
+                before = moves.select(pl.col("kind").shift(1)).to_series()
+                begun = (moves["kind"] == "avoid") & before.is_in(["drive", "turn"])
+                assert moves.filter(begun)["ray_m"].null_count() == 0, f"{case.name}: an avoidance of nothing"
+                onsets = moves.filter(pl.col("ray_m").is_not_null())
+                found = shortest[robot, ticks_of(onsets["start_s"], s)]
+                assert np.abs(found - onsets["ray_m"].to_numpy()).max(initial=0.0) < NEAR_M, case.name
+                assert (found < s.walk.avoidance_threshold_mm / 1000 + 1e-7).all(), case.name
+                seen += onsets.height
+    assert seen > 100, f"only {seen} avoidances"
+
+
+def check_places_from_moves(source: Source) -> None:
+    """``place_from_moves`` is exact but in turns, and there within the circle that the centre goes round."""
+    far = 0.0
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                times = np.arange(s.ticks) * s.tick_s
+                pose, kinds = track.at(times)
+                assert motion.moves is not None
+                off = np.hypot(*(place_from_moves(motion.moves, run, robot, times) - pose[:, :2]).T)
+                turns = np.isin(kinds, ["turn", "avoid"])
+                assert off[~turns].max() < NEAR_M, f"{case.name}: robot {robot}"
+                assert off.max() <= uneven * s.robot.turn_track_m + NEAR_M, f"{case.name}: robot {robot}"
+                far = max(far, off[turns].max(initial=0.0))
+    assert far > 1e-5, "turns at constant rates"
+
+
+TABLE_CHECKS: tuple[Check, ...] = (
     check_schema,
     check_order,
     check_sample_numbers,
-    check_stops,
-    check_time_accounts,
-    check_segments_join,
-    check_poses_at_samples,
-    check_bodies,
-    check_speeds,
-    check_rays,
-    check_ends,
+    check_accounts_add_up,
+    check_whole_runs,
     check_pieces,
     check_copies,
     check_runs_are_their_own,
     check_nothing_foreign_matters,
-    check_segments_are_only_written_down,
+    check_segments_and_moves_are_only_written_down,
 )
+"""For every source."""
+SEGMENT_CHECKS: tuple[Check, ...] = (
+    check_time_accounts,
+    check_segments_join,
+    check_poses_at_samples,
+    check_bodies,
+    check_ends,
+)
+"""For sources that give segments."""
+MOVE_CHECKS: tuple[Check, ...] = (
+    check_moves_lead_to_the_next,
+    check_moves_account_for_time,
+)
+"""For sources that give segments and moves."""
+WALK_CHECKS: tuple[Check, ...] = (
+    check_stops,
+    check_speeds,
+    check_rays,
+    check_the_walk_matters,
+    check_moves_begin_where_segments_change,
+    check_rays_of_avoidances,
+    check_places_from_moves,
+)
+"""For engines."""
+CHECKS = TABLE_CHECKS + SEGMENT_CHECKS + MOVE_CHECKS + WALK_CHECKS

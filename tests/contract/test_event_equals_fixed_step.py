@@ -12,6 +12,7 @@ import pytest
 from drawn_scenarios import motions
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
 from twins import judge
@@ -23,13 +24,27 @@ from vibroswarm.scenario import Scenario
 BASE = preset("paper-empirical")
 EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
 MICROMETRE = 1e-6
+OF_MOVES = ("robot", "tick", "until", "kind")
+PLACES = ("x_m", "y_m", "heading_rad", "turned_rad", "speed_m_s", "ray_m")
+
+
+def assert_same_moves(stepped: NDArray[np.void] | None, jumped: NDArray[np.void] | None) -> None:
+    """The same moves at the same ticks; places, angles, speeds and rays to a micrometre."""
+    assert stepped is not None
+    assert jumped is not None
+    assert stepped.size == jumped.size
+    for name in OF_MOVES:
+        assert (stepped[name] == jumped[name]).all(), f"moves differ in {name}"
+    for name in PLACES:
+        assert np.allclose(stepped[name], jumped[name], rtol=0, atol=MICROMETRE, equal_nan=True), name
 
 
 def difference(scenario: Scenario, seed: int, run: int) -> tuple[float | None, float]:
     """When the first event differs, s (None: never), and the largest distance before it, m."""
     end_s = scenario.run.t_end_s
-    stepped = FixedStepRun(scenario, seed, run).rows(end_s).samples
-    jumped = EventRun(scenario, seed, run).rows(end_s).samples
+    by_steps = FixedStepRun(scenario, seed, run, moves=True).rows(end_s)
+    by_events = EventRun(scenario, seed, run, moves=True).rows(end_s)
+    stepped, jumped = by_steps.samples, by_events.samples
     count = min(len(stepped), len(jumped))
     other = np.zeros(count, dtype=bool)
     for name in EVENTS:
@@ -43,6 +58,8 @@ def difference(scenario: Scenario, seed: int, run: int) -> tuple[float | None, f
     first = None
     if same < count or len(stepped) != len(jumped):
         first = float(max(stepped["tick"][: same + 1]) * scenario.tick_s)
+    else:
+        assert_same_moves(by_steps.moves, by_events.moves)
     return first, float(apart.max()) if same else 0.0
 
 
@@ -253,6 +270,21 @@ def test_wide_scenarios_are_identical_but_where_rounding_grows(block):
 def test_any_wide_scenario_is_identical_but_where_rounding_grows(values, seed):
     verdict = judge(fitted(values, robot_steps=40_000), seed, 0)
     assert not verdict.is_error, verdict
+    if verdict.found.same:
+        difference(fitted(values, robot_steps=40_000), seed, 0)
+
+
+def test_the_comparison_of_moves_sees_one_that_lacks_or_lasts_longer():
+    """Negative control."""
+    moves = EventRun(BASE, 12, 0, moves=True).rows(60.0).moves
+    assert moves is not None
+    assert_same_moves(moves, moves.copy())
+    with pytest.raises(AssertionError):
+        assert_same_moves(moves, np.delete(moves, 40))
+    longer = moves.copy()
+    longer["until"][40] += 1
+    with pytest.raises(AssertionError, match="until"):
+        assert_same_moves(moves, longer)
 
 
 def test_pieces_do_not_matter_where_lists_of_neighbours_are_made_anew():

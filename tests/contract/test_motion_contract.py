@@ -73,11 +73,11 @@ def broken(name: str, spoil: Spoil = lambda m: m, twist: Twist = lambda s: s) ->
     """The real engine under another scenario, or with its tables spoilt."""
     real = GOOD
 
-    def init(scenario: Scenario, seed: int, run: int, segments: bool) -> MotionState:
-        return SpoiltState(real.init(twist(scenario), seed, run, segments), spoil)
+    def init(scenario: Scenario, seed: int, run: int, **wanted: bool) -> MotionState:
+        return SpoiltState(real.init(twist(scenario), seed, run, **wanted), spoil)
 
-    def batch(scenario: Scenario, seed: int, runs: Sequence[int], segments: bool) -> Motion:
-        return spoil(real.batch(twist(scenario), seed, runs, segments))
+    def batch(scenario: Scenario, seed: int, runs: Sequence[int], *some: bool, **wanted: bool) -> Motion:
+        return spoil(real.batch(twist(scenario), seed, runs, *some, **wanted))
 
     return Source(name, init, batch)
 
@@ -96,18 +96,20 @@ def shifted_late(motion: Motion) -> Motion:
     def shift(frame: pl.DataFrame, time: str) -> pl.DataFrame:
         return frame.with_columns(x_m=pl.col("x_m") + pl.when(pl.col(time) > 20).then(1e-5).otherwise(0.0))
 
-    segments = shift(motion.segments, "start_s") if motion.segments is not None else None
-    return Motion(shift(motion.samples, "time_s"), shift(motion.ends, "end_s"), segments)
+    segments, moves = (
+        shift(frame, "start_s") if frame is not None else None for frame in (motion.segments, motion.moves)
+    )
+    return Motion(shift(motion.samples, "time_s"), shift(motion.ends, "end_s"), segments, moves)
 
 
 def numbered_by_place() -> Source:
     """Draws follow the place in the batch, not the number of the run."""
     real = GOOD
 
-    def batch(scenario: Scenario, seed: int, runs: Sequence[int], segments: bool) -> Motion:
-        moved = real.batch(scenario, seed, range(len(runs)), segments)
+    def batch(scenario: Scenario, seed: int, runs: Sequence[int], *some: bool, **wanted: bool) -> Motion:
+        moved = real.batch(scenario, seed, range(len(runs)), *some, **wanted)
         names = pl.col("run").replace_strict(dict(enumerate(runs)), return_dtype=pl.UInt32)
-        tables = (moved.samples, moved.ends, moved.segments)
+        tables = (moved.samples, moved.ends, moved.segments, moved.moves)
         return Motion(*(t.with_columns(names) if t is not None else None for t in tables))  # type: ignore[arg-type]
 
     return Source("draws by place in the batch", real.init, batch)
@@ -116,8 +118,8 @@ def numbered_by_place() -> Source:
 def swayed_by_the_strategy() -> Source:
     real = GOOD
 
-    def batch(scenario: Scenario, seed: int, runs: Sequence[int], segments: bool) -> Motion:
-        return real.batch(scenario, seed + (scenario.strategy.name == "soft"), runs, segments)
+    def batch(scenario: Scenario, seed: int, runs: Sequence[int], *some: bool, **wanted: bool) -> Motion:
+        return real.batch(scenario, seed + (scenario.strategy.name == "soft"), runs, *some, **wanted)
 
     return Source("swayed by the strategy", real.init, batch)
 
@@ -141,7 +143,7 @@ class Shared:
 
 def sharing() -> Source:
     real = GOOD
-    return Source("copies that share", lambda *args: Shared(real.init(*args)), real.batch)
+    return Source("copies that share", lambda *args, **more: Shared(real.init(*args, **more)), real.batch)
 
 
 def fresh_pieces() -> Source:
@@ -150,19 +152,20 @@ def fresh_pieces() -> Source:
 
     @dataclass
     class Forgetful:
-        args: tuple[Scenario, int, int, bool]
+        args: tuple[Scenario, int, int]
+        wanted: dict[str, bool]
         time_s: float = 0.0
 
         def advance(self, until_s: float) -> Motion:
-            state = real.init(*self.args)
+            state = real.init(*self.args, **self.wanted)
             moved = state.advance(until_s)
             self.time_s = state.time_s
             return moved
 
         def copy(self) -> MotionState:
-            return Forgetful(self.args, self.time_s)
+            return Forgetful(self.args, self.wanted, self.time_s)
 
-    return Source("gives the past again", lambda *args: Forgetful(args), real.batch)
+    return Source("gives the past again", lambda *args, **wanted: Forgetful(args, wanted), real.batch)
 
 
 def late_eyes(scenario: Scenario) -> Scenario:
@@ -185,6 +188,23 @@ def segments(*columns: pl.Expr) -> Spoil:
         )
 
     return spoil
+
+
+def moves(*columns: pl.Expr) -> Spoil:
+    def spoil(motion: Motion) -> Motion:
+        return replace(
+            motion, moves=motion.moves.with_columns(*columns) if motion.moves is not None else None
+        )
+
+    return spoil
+
+
+def without_a_move(motion: Motion) -> Motion:
+    """Each robot's twentieth move is lacking."""
+    if motion.moves is None:
+        return motion
+    number = pl.int_range(pl.len()).over("run", "robot")
+    return replace(motion, moves=motion.moves.filter(number != 19))
 
 
 def without_some_samples(motion: Motion) -> Motion:
@@ -240,6 +260,13 @@ BROKEN: list[tuple[Source, Check]] = [
         broken("avoids as turns", segments(pl.col("kind").replace({"avoid": "turn"}))),
         suite.check_time_accounts,
     ),
+    (broken("a move lacks", without_a_move), suite.check_moves_begin_where_segments_change),
+    (broken("a move lacks too", without_a_move), suite.check_moves_lead_to_the_next),
+    (broken("a move lacks again", without_a_move), suite.check_moves_account_for_time),
+    (broken("turned less", moves(pl.col("turned_rad") * (1 - 1e-6))), suite.check_moves_lead_to_the_next),
+    (broken("faster moves", moves(pl.col("speed_m_s") * (1 + 1e-5))), suite.check_moves_lead_to_the_next),
+    (broken("rays by the way", moves(pl.col("ray_m") + 1e-6)), suite.check_rays_of_avoidances),
+    (broken("never blocked", moves(pl.lit(0.05).alias("speed_m_s"))), suite.check_places_from_moves),
     (broken("misplaced samples", samples(pl.col("x_m") + 1e-8)), suite.check_poses_at_samples),
     (broken("misnumbered", samples(pl.col("sample") + 1)), suite.check_sample_numbers),
     (broken("lost samples", without_some_samples), suite.check_sample_numbers),

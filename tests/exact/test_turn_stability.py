@@ -48,7 +48,7 @@ def grows(scenario: Scenario) -> bool:
 
     program = walk_program(scenario)._replace(tolerance_deg=1e-300, sample_interval_ms=1e9)
     robot, scale = scenario.robot, 1e-6  # far from full command
-    state = WalkState(TURN, TURN, False, 1e9, 0, 0, 0, scale, scale * scenario.tick_s, 1, 0, 0)
+    state = WalkState(TURN, TURN, False, 1e9, 0, 0, 0, scale, scale * scenario.tick_s, 1, 0, 0, math.nan)
     largest = []
     for _ in range(20):
         block = 0.0

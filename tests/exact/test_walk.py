@@ -56,6 +56,7 @@ WALKING = WalkState(
     legs=3,
     avoidances=2,
     samples=7,
+    next_leg_ms=math.nan,
 )
 FAR = math.inf
 MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE)

@@ -229,6 +229,11 @@ class ClosedLoop:
         return np.asarray(states["alpha"] / (states["alpha"] + states["beta"]))
 
     @property
+    def steers(self) -> bool:
+        """Whether the strategy has a say in how robots move."""
+        return self.strategy.steer is not None
+
+    @property
     def may_change(self) -> bool:
         """Whether robots that have decided may decide otherwise later."""
         return self.strategy.revises and self.scenario.decision.revise

@@ -5,22 +5,48 @@ A source of Motion (an engine, a recording, a camera track) gives these tables:
 * ``samples``: one row a sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the
   sample is taken; ``stop_start_s`` when the robot stood still for it; ``drive_s``, ``turn_s``, ``avoid_s``,
   ``stop_s`` account for all the time since the robot's last sample (or the start).
-* ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;
-  sorted by run, time, robot. ``pose`` answers from it where anyone was at any time.
 * ``ends``: one row a run and robot: until when motion is known, where the robot is then, and when the stop
   under way began (null when it walks): a stop in which it hears nothing.
+* ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;
+  sorted by run, time, robot. ``pose`` answers from it where anyone was at any time.
+* ``moves`` (on request): one row a drive, turn, avoidance or stop, from ``start_s`` to the robot's next row; sorted by
+  run, time, robot. A move that a stop interrupts goes on as another move after it; a stretch in which the robot is
+  blocked, and turns its wheels in vain, is a move of its own with speed 0.
+
+  - ``x_m``, ``y_m``, ``heading_rad``: the pose at the start. ``turned_rad``: the heading at the end of the move, or at
+    the end of what is known, less that at its start; whole turns included.
+  - ``speed_m_s``, ``turn_rate_rad_s``: of a drive and a stop what they are all the time; of a turn and an avoidance
+    their means, as a controller changes them at each control period. The arc of speed and turn rate leads from each
+    row's pose to that of the next exactly; ``place_from_moves`` says how near it is in between.
+  - ``ray_m``: the shortest ray when an avoidance begins; null for all other moves, and where an avoidance goes on.
 
 Bodies never overlap and never leave the arena at the ticks of the control period. Motion never depends on
-the floor, the sensor, the messages or the decisions.
+the floor, the sensor, the messages or the decisions, unless a strategy steers.
+
+## A source of one's own
+
+A source is a name and a function ``init(scenario, seed, run, segments=False, moves=False)`` that gives a
+``MotionState``: one run at time 0. ``register(Source("name", init))`` makes it known, and
+``simulate(..., motion="name")`` uses it. A source that cannot give segments or moves leaves them out. What it need
+not have: ``batch``, if it can move whole runs faster than one after the other, and ``to_sample`` and ``steer``
+(``SteeredState``), without which no strategy can steer it.
+
+A state hands each row over once, in the order of the tables: ``advance(until_s)`` gives the samples whose ``time_s``
+lies before the new ``time_s`` and not before the old one. The control period that begins at ``time_s`` is yet to
+come. Only moves are given twice: one that is under way at ``time_s`` is given as far as it has come, and again by the
+next ``advance``; ``join`` keeps the latest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, Protocol
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.forked import check_threads
@@ -51,6 +77,7 @@ SEGMENTS: Final[dict[str, Any]] = {
     "turn_rate_rad_s": pl.Float64,
     "kind": pl.Enum(["drive", "turn", "avoid", "stop"]),
 }
+MOVES: Final[dict[str, Any]] = {**SEGMENTS, "turned_rad": pl.Float64, "ray_m": pl.Float64}
 ENDS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -69,6 +96,7 @@ class Motion:
     samples: pl.DataFrame
     ends: pl.DataFrame
     segments: pl.DataFrame | None = None
+    moves: pl.DataFrame | None = None
 
 
 class MotionState(Protocol):
@@ -76,33 +104,109 @@ class MotionState(Protocol):
 
     @property
     def time_s(self) -> float:
-        """Until when motion is known."""
+        """Until when motion is known, s: 0 at first, then a whole number of control periods."""
 
     def advance(self, until_s: float) -> Motion:
-        """Move on to ``until_s`` and give the samples and segments that began since, and the ends then."""
+        """Move on to the first control period at or after ``until_s``, s; nowhere if that has passed.
+
+        Returns: the samples and segments that began since, the moves that were under way since, and the ends now.
+        """
 
     def copy(self) -> MotionState:
         """A state from which motion goes on in the same way, and that does not change with this one."""
 
 
+class SteeredState(MotionState, Protocol):
+    """A run whose robots can be steered: what a strategy that steers needs, in place of ``advance``."""
+
+    def to_sample(
+        self,
+        until_s: float,
+        take: Callable[[NDArray[np.void]], None],
+        take_moves: Callable[[NDArray[np.void]], None] | None = None,
+        take_segments: Callable[[NDArray[np.void]], None] | None = None,
+    ) -> bool:
+        """Move on until just after the next control period at which a robot samples, or to ``until_s`` if none does.
+
+        Args:
+            take: given all samples of that period at once, rows of ``record.SAMPLE_ROW`` by robot.
+            take_moves: given the moves that ended since, ``moves.MOVE_ROW``. take_segments: given the segments that
+                began since, ``record.SEGMENT_ROW``.
+        Returns: whether anyone samples at the last control period before ``time_s``.
+        """
+
+    def steer(self, robot: int, turn_deg: float, drive_ms: float) -> None:
+        """Let a robot that sampled in the last control period go on otherwise, as ``robot.walk.steered`` says."""
+
+
+class Init(Protocol):
+    """Makes a run at time 0."""
+
+    def __call__(
+        self, scenario: Scenario, seed: int, run: int, segments: bool = False, moves: bool = False
+    ) -> MotionState:
+        """A run at time 0. The same arguments give the same run, bit by bit.
+
+        Args:
+            scenario: fields of ``[floor]``, ``[sensor]``, ``[strategy]``, ``[decision]`` and ``[network]`` do not
+                matter. seed: in [0, 2^63). run: its number, below 2^32. segments, moves: the tables wanted.
+        """
+
+
+class Batch(Protocol):
+    """Moves whole runs."""
+
+    def __call__(
+        self, scenario: Scenario, seed: int, runs: Sequence[int], segments: bool = False, moves: bool = False
+    ) -> Motion:
+        """Runs to the scenario's end, as ``init`` and ``advance`` would give them, in the order of ``runs``."""
+
+
 @dataclass(frozen=True)
 class Source:
-    """A source of Motion by name: ``init`` makes one run at time 0, ``batch`` moves whole ones."""
+    """A source of Motion by name.
+
+    Args:
+        init: makes one run at time 0. batch: moves whole runs; without, one after the other by ``init``.
+        about: what it is, in a few words.
+    """
 
     name: str
-    init: Callable[[Scenario, int, int, bool], MotionState]
-    """(scenario, seed, run, segments wanted) -> state."""
-    batch: Callable[[Scenario, int, Sequence[int], bool], Motion]
-    """(scenario, seed, runs, segments wanted) -> whole runs to the scenario's end."""
+    init: Init
+    batch: Batch = None  # type: ignore[assignment]  # set at once
     about: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        if self.batch is None:
+            object.__setattr__(self, "batch", partial(one_after_the_other, self.init))
+
+
+def one_after_the_other(
+    init: Init,
+    scenario: Scenario,
+    seed: int,
+    runs: Sequence[int],
+    segments: bool = False,
+    moves: bool = False,
+) -> Motion:
+    """Whole runs, each made by ``init``."""
+    end_s = scenario.run.t_end_s
+    return join([init(scenario, seed, run, segments=segments, moves=moves).advance(end_s) for run in runs])
 
 
 _SOURCES: dict[str, Source] = {}
 
 
 def register(source: Source) -> None:
-    """Make a source known by its name, so that what stands below needs no import from above."""
-    _SOURCES[source.name] = source
+    """Make a source known by its name, so that what stands below needs no import from above.
+
+    Raises:
+        InputError: it is no ``Source``, or another has that name.
+    """
+    if not isinstance(source, Source) or not isinstance(source.name, str) or not callable(source.init):
+        raise InputError(f"{shown(source)} is no Source of a name and a function", field="source")
+    if _SOURCES.setdefault(source.name, source) != source:
+        raise InputError(f"another source of motion has the name {shown(source.name)}", field="source")
 
 
 def source(name: str) -> Source:
@@ -123,7 +227,7 @@ def source(name: str) -> Source:
 def join(pieces: Sequence[Motion]) -> Motion:
     """Pieces of motion, in the order of runs and of time within a run, as one.
 
-    The ends of a run are those of its last piece.
+    The ends of a run are those of its last piece, and so is what is said of a move that is in several.
     """
     check_threads()
     ends = pl.concat([piece.ends for piece in pieces])
@@ -133,4 +237,12 @@ def join(pieces: Sequence[Motion]) -> Motion:
         pl.concat([piece.samples for piece in pieces]),
         ends.select(list(ENDS)),
         pl.concat(segments) if segments else None,
+        _join_moves([piece.moves for piece in pieces if piece.moves is not None]),
     )
+
+
+def _join_moves(pieces: Sequence[pl.DataFrame]) -> pl.DataFrame | None:
+    if len(pieces) < 2:
+        return pieces[0] if pieces else None
+    latest = pl.concat(pieces).unique(["run", "robot", "start_s"], keep="last")
+    return latest.sort("run", "start_s", "robot")

@@ -22,6 +22,7 @@ from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.held import blocked_ticks
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.meetings import may_meet, may_pass, meeting_tick, passing_tick, stops_before
+from vibroswarm.motion.moves import note_move
 from vibroswarm.motion.neighbours import (
     LIST_TICKS,
     SMALL_SWARM,
@@ -56,6 +57,7 @@ from vibroswarm.motion.plans import (
     turned_by,
 )
 from vibroswarm.motion.record import END_ROW, Record, room_for, write_sample, write_segment
+from vibroswarm.motion.steering import no_sample_before_plans
 from vibroswarm.motion.wakes import (
     KEY_BITS,
     NEVER,
@@ -93,13 +95,13 @@ def events(
     until: int,
 ) -> int:
     """From event to event up to the tick ``until``, or while the buffers suffice; gives the tick reached."""
-    last_sample, last_segment = room_for(record, ROOM_TICKS * planners.size)
+    last_sample, last_segment, last_move = room_for(record, ROOM_TICKS * planners.size, planners.size)
     while True:
         key, after = next_wakes(wakes, planners.size)
         tick = key >> KEY_BITS
         if tick >= until:
             break
-        if record.filled[0] > last_sample or record.filled[1] > last_segment:
+        if record.filled[0] > last_sample or record.filled[1] > last_segment or record.filled[2] > last_move:
             return tick
         if after == key:
             after = next_wake(wakes, planners.size, key)
@@ -159,6 +161,8 @@ def stop(
     begin_stop(row, setup, tick)
     if record.segments.size > 0:
         write_segment(record, run, i, tick, (row.x_m, row.y_m, row.heading_rad), 0.0, 0.0, STOP)
+    if record.moves.size > 0:
+        note(record, planners, i, setup, run, tick)
     if planners.size <= SMALL_SWARM:
         put_down(places, i, row, setup)
     set_wake(wakes, i, row.own_tick)
@@ -331,6 +335,18 @@ def step(
             row = planners[one_of(awake, k)]
             pose = (row.x_m, row.y_m, row.heading_rad)
             write_segment(record, run, one_of(awake, k), tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
+    if record.moves.size > 0:
+        for k in range(count):
+            note(record, planners, one_of(awake, k), setup, run, tick)
+
+
+@inlined
+def note(record: Record, planners: Planners, i: int, setup: Setup, run: int, tick: int) -> None:
+    """``note_move`` of a robot at its plan's tick."""
+    x_m, y_m, heading_rad = planners[i].x_m, planners[i].y_m, planners[i].heading_rad
+    note_move(
+        record.moves, record.under_way, record.filled, planners, i, setup, run, tick, x_m, y_m, heading_rad
+    )  # fmt: skip
 
 
 @inlined
@@ -576,6 +592,13 @@ def lay_down(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]
         ends[i].stop_tick = planners[i].stop_tick if planners[i].mode == STOP else -1
 
 
+@kernel
+def headings_at(planners: Planners, setup: Setup, tick: int, headings: NDArray[np.float64]) -> None:
+    """The headings at ``tick``, rad, whole turns included, into (robots,)."""
+    for i in range(planners.size):
+        _, _, headings[i] = pose_at(planners[i], setup, tick)
+
+
 class EventRun(KernelRun):
     """One run under the event-driven engine: state in, state out (``MotionState``)."""
 
@@ -628,12 +651,22 @@ class EventRun(KernelRun):
             self.speeds, self.record, self.seed, self.run, until,
         )  # fmt: skip
 
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
+        return no_sample_before_plans(self.swarm, self.setup, self.tick)
+
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
         ends = zero_rows(self.swarm.size, END_ROW)
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
         lay_down(self.swarm, self.setup, self.tick, ends)
         return ends
+
+    def headings(self) -> NDArray[np.float64]:
+        """The robots' headings now, rad, whole turns included."""
+        headings = np.empty(self.swarm.size)
+        headings_at(self.swarm, self.setup, self.tick, headings)
+        return headings
 
 
 EVENT = Source("event", EventRun, partial(batch_of, EventRun), "from event to event")

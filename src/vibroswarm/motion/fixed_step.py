@@ -15,8 +15,10 @@ from vibroswarm.compiled import kernel
 from vibroswarm.motion.body import Setup
 from vibroswarm.motion.contract import Source, register
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
+from vibroswarm.motion.moves import note_moves
 from vibroswarm.motion.phases import ROBOT, Swarm, account, contact, control, move, refresh, sense
 from vibroswarm.motion.record import Record, end_rows, room, write_sample, write_segments
+from vibroswarm.motion.steering import no_sample_before_steps
 
 
 @kernel
@@ -36,6 +38,8 @@ def step(
     contact(swarm, setup)
     if record.segments.size > 0:
         write_segments(record, swarm, run, tick, True)
+    if record.moves.size > 0:
+        note_moves(record.moves, record.under_way, record.filled, swarm, setup, run, tick, True)
     if sampling > 0:
         sample(swarm, setup, speeds, record, seed, run, tick)
     account(swarm)
@@ -79,9 +83,17 @@ class FixedStepRun(KernelRun):
         """Every control period up to the tick ``until``, or for as long as the buffers suffice."""
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
+        return no_sample_before_steps(self.swarm, self.setup, self.tick)
+
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
         return end_rows(self.swarm, self.run, self.tick)
+
+    def headings(self) -> NDArray[np.float64]:
+        """The robots' headings now, rad, whole turns included."""
+        return self.swarm["heading_rad"].copy()
 
 
 FIXED_STEP = Source(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -14,10 +15,12 @@ from vibroswarm.compiled import zero_rows
 from vibroswarm.errors import InputError
 from vibroswarm.motion.body import give_each, setup_of, speed_quantiles
 from vibroswarm.motion.contract import Motion
+from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
 from vibroswarm.motion.phases import begin
 from vibroswarm.motion.record import (
     Rows,
     SampleColumns,
+    clear,
     copy_record,
     empty_record,
     joined,
@@ -25,8 +28,11 @@ from vibroswarm.motion.record import (
     with_samples,
     write_segments,
 )
+from vibroswarm.motion.steering import check_steering, steer_robot
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario import Scenario
+
+Take = Callable[[NDArray[np.void]], None]
 
 BUFFER_TICKS = 2048
 """Buffers hold this many ticks, were every robot to write a row at each."""
@@ -37,13 +43,16 @@ class KernelRun(ABC):
 
     fields: ClassVar[np.dtype[np.void]]
 
-    def __init__(self, scenario: Scenario, seed: int, run: int, segments: bool = False) -> None:
+    def __init__(
+        self, scenario: Scenario, seed: int, run: int, segments: bool = False, moves: bool = False
+    ) -> None:
         self.tick_ms = scenario.run.control_period_ms
         self.scenario, self.setup = scenario, setup_of(scenario)
         self.speeds = speed_quantiles(scenario.robot)
         robots = scenario.swarm.robots
         self.swarm = zero_rows(robots, self.fields)
-        self.record = empty_record(robots, BUFFER_TICKS * robots, BUFFER_TICKS * robots if segments else 0)
+        room = BUFFER_TICKS * robots
+        self.record = empty_record(robots, room, room if segments else 0, moves)
         self.prepare()
         self.start(seed, run)
 
@@ -54,7 +63,7 @@ class KernelRun(ABC):
         """Go to time 0 of a run, whatever this state was before."""
         self.seed, self.run, self.tick = seed, run, 0
         self.swarm.view(np.uint8).fill(0)
-        self.record.latest[:], self.record.filled[:] = -1.0, 0
+        clear(self.record)
         begin(self.swarm, self.setup, self.speeds, seed, run)
         give_each(self.swarm, self.scenario)
 
@@ -86,25 +95,63 @@ class KernelRun(ABC):
         rest = self.hand_over(until_s, lambda rows: samples.append(joined([rows])))
         return rest._replace(samples=joined(samples or [rest.samples]))
 
-    def hand_over(self, until_s: float, take: Callable[[NDArray[np.void]], None]) -> Rows:
-        """``rows`` without samples: those are handed over as they come, in a buffer that is used again."""
-        segments, record = self.go_on(until_s, take), self.record
+    def hand_over(self, until_s: float, take: Take, take_moves: Take | None = None) -> Rows:
+        """``rows`` without samples: those are handed over as they come, in a buffer that is used again.
+
+        Args:
+            until_s: as in ``advance``. take: given the samples. take_moves: given the moves, in order; they are
+                then not in the rows.
+        """
+        since, moves = self.tick, list[NDArray[np.void]]()
+
+        def keep_moves(rows: NDArray[np.void]) -> None:
+            moves.append(rows[rows["until"] >= since])
+
+        take_moves = take_moves or keep_moves
+        segments = self.go_on(until_s, take, take_moves)
+        record = self.record
+        if record.moves.size > 0:
+            headings = self.headings()
+            let_end(record.moves, record.under_way, self.tick, headings)
+            take_moves(record.moves[: record.filled[2]])
+            let_end(record.moves, record.under_way, -1, headings)
         return Rows(
             record.samples[:0],
             in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
             self.ends(),
+            joined(moves) if moves else None,
         )
 
-    def go_on(self, until_s: float, take: Callable[[NDArray[np.void]], None]) -> list[NDArray[np.void]]:
-        """Move on to the first tick at or after ``until_s``; gives the segments, and samples as ``hand_over`` does."""
+    def go_on(self, until_s: float, take: Take, take_moves: Take | None = None) -> list[NDArray[np.void]]:
+        """Move on to the first tick at or after ``until_s``; gives the segments, and samples as ``hand_over`` does.
+
+        Args:
+            take_moves: given the moves that leave the buffer because it is full: all that come before those that are
+                under way.
+        """
+        return self.go_on_to(self.until_tick(until_s), take, take_moves)
+
+    def until_tick(self, until_s: float) -> int:
+        """The first tick at or after ``until_s``.
+
+        Raises:
+            InputError: it is not a time.
+        """
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
-        until = math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
+        return math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
+
+    def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
+        """``go_on`` to a tick."""
         record, segments = self.record, []
         while self.tick < until:
             if self.tick == 0:
                 if record.segments.size > 0:
                     write_segments(record, self.swarm, self.run, 0, False)
+                if record.moves.size > 0:
+                    note_moves(
+                        record.moves, record.under_way, record.filled, self.swarm, self.setup, self.run, 0, False
+                    )  # fmt: skip
                 self.tick = 1
             else:
                 self.tick = self.move_on(until)
@@ -112,8 +159,75 @@ class KernelRun(ABC):
                 take(record.samples[: record.filled[0]])
             if record.segments.size > 0:
                 segments.append(joined([record.segments[: record.filled[1]]]))
-            record.filled[:] = 0
+            record.filled[:2] = 0
+            if 2 * record.filled[2] > record.moves.size:
+                if take_moves is not None:
+                    take_moves(record.moves[: record.under_way["place"].min()])
+                drop_ended(record.moves, record.under_way, record.filled)
+                record = self.record = record._replace(moves=with_room(record.moves, int(record.filled[2])))
         return segments
+
+    def to_sample(
+        self,
+        until_s: float,
+        take: Take,
+        take_moves: Take | None = None,
+        take_segments: Take | None = None,
+    ) -> bool:
+        """Move on until just after the next control period at which a robot samples, or to ``until_s`` if none does.
+
+        Args:
+            until_s: as in ``advance``. take: given the samples of that period (``SAMPLE_ROW``), of all robots that
+                take one then, by robot; the rows are used again later. take_moves: given the moves that ended since
+                (``MOVE_ROW``), by start and robot. take_segments: given the segments that began since.
+        Returns: whether anyone samples at the last control period before ``time_s``.
+        """
+        until, since, sampled = self.until_tick(until_s), self.tick, False
+        ended, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
+
+        def taken(rows: NDArray[np.void]) -> None:
+            nonlocal sampled
+            sampled = True
+            take(rows)
+
+        def keep_moves(rows: NDArray[np.void]) -> None:
+            ended.append(rows[rows["until"] >= since])
+
+        while self.tick < until and not sampled:
+            segments += self.go_on_to(min(self.no_sample_before() + 1, until), taken, keep_moves)
+        if take_moves is not None and self.record.moves.size > 0:
+            keep_moves(self.record.moves[: self.record.filled[2]])
+            take_moves(joined(ended))
+        if take_segments is not None and segments:
+            take_segments(in_order(joined(segments)))
+        return sampled
+
+    def moves_under_way(self) -> NDArray[np.void]:
+        """The robots' moves under way (``MOVE_ROW``, (robots,)), as far as they have come, by robot."""
+        place = self.record.under_way["place"]
+        rows = self.record.moves[place[place >= 0]]
+        rows["turned_rad"] = self.headings()[rows["robot"]] - rows["heading_rad"]
+        rows["until"] = self.tick
+        return rows
+
+    def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
+        """Let a robot that has just sampled go on otherwise than by its own chance, as ``robot.walk.steered`` says.
+
+        Args:
+            robot: one of those that sampled in the last control period before ``time_s``. turn_deg: first turn by so
+                much, anticlockwise positive. drive_ms: the length of the leg after that. nan: as drawn.
+        Raises:
+            InputError: a robot that does not stand after a sample, an angle or a duration out of range.
+        """
+        robot = check_steering(self.swarm.size, robot, turn_deg, drive_ms)
+        if not steer_robot(self.swarm, robot, float(turn_deg), float(drive_ms)):
+            raise InputError(
+                f"robot {robot} has not just sampled; only then can it be steered", field="robot"
+            )
+
+    @abstractmethod
+    def no_sample_before(self) -> int:
+        """A tick, ``tick`` or later, before which nobody samples."""
 
     @abstractmethod
     def move_on(self, until: int) -> int:
@@ -123,6 +237,10 @@ class KernelRun(ABC):
     def ends(self) -> NDArray[np.void]:
         """Where the robots are now: ``END_ROW``."""
 
+    @abstractmethod
+    def headings(self) -> NDArray[np.float64]:
+        """The robots' headings now, rad, whole turns included: (robots,)."""
+
 
 def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
     """Segment rows by time, then robot: an engine may write a turn down when it is over."""
@@ -130,17 +248,25 @@ def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def batch_of(
-    engine: type[KernelRun], scenario: Scenario, seed: int, runs: Sequence[int], segments: bool
+    engine: type[KernelRun],
+    scenario: Scenario,
+    seed: int,
+    runs: Sequence[int],
+    segments: bool = False,
+    moves: bool = False,
 ) -> Motion:
     """Whole runs, one after the other, as one Motion."""
     end_s = scenario.run.t_end_s
-    state = engine(scenario, seed, runs[0], segments)
-    columns = SampleColumns(state.tick_ms, likely_samples(scenario) * len(runs))
+    state = engine(scenario, seed, runs[0], segments, moves)
+    samples = likely_samples(scenario) * len(runs)
+    columns = SampleColumns(state.tick_ms, samples)
+    move_columns = MoveColumns(state.tick_ms, 3 * samples if moves else 0)
     pieces = []
     for run in runs:
         state.start(seed, run)
-        pieces.append(state.hand_over(end_s, columns.take))
-    return with_samples(columns.frame(), pieces, state.tick_ms)
+        pieces.append(state.hand_over(end_s, columns.take, move_columns.take if moves else None))
+    motion = with_samples(columns.frame(), pieces, state.tick_ms)
+    return replace(motion, moves=move_columns.frame()) if moves else motion
 
 
 def likely_samples(scenario: Scenario) -> int:

@@ -36,14 +36,15 @@ ROBOT = np.dtype(
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
     + [("speed_factors", np.float64, (AT_ONCE,))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
-    + [(name, np.int64) for name in ("legs", "avoidances", "samples")]
+    + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
     + [
         (name, np.float64)
-        for name in ("leg_ms", "error_deg", "integral_deg_s", "sees_from_ms", "ray_forward_m")
+        for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
     ]
 )
 """One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
-speed and turn rate of the period under way (speed 0 where a move does not happen) and what the sensors say;
+speed and turn rate of the period under way (speed 0, and blocked 1, where a move does not happen) and what the sensors
+say;
 the tick at which its latest stop began and the periods spent since its latest sample; how far ahead its rays start;
 its ``Dice``; its speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
 
@@ -57,7 +58,7 @@ def load(swarm: Swarm, i: int) -> WalkState:
     row = swarm[i]
     return WalkState(
         row.mode, row.resume, row.sampled != 0, row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
-        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples,
+        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples, row.next_leg_ms,
     )  # fmt: skip
 
 
@@ -73,6 +74,7 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
         state.integral_deg_s,
     )
     row.legs, row.avoidances, row.samples = state.legs, state.avoidances, state.samples
+    row.next_leg_ms = state.next_leg_ms
 
 
 @inner
@@ -301,8 +303,9 @@ def contact(swarm: Swarm, setup: Setup) -> None:
     ``from_x_m`` and ``from_y_m`` hold where each robot came from afterwards, for the segment table.
     """
     for i in range(swarm.size):
+        swarm[i].blocked = 0
         if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
-            swarm[i].speed_m_s = 0.0
+            swarm[i].speed_m_s, swarm[i].blocked = 0.0, 1
             swarm[i].from_x_m, swarm[i].from_y_m = swarm[i].x_m, swarm[i].y_m
         swarm[i].x_m, swarm[i].from_x_m = swarm[i].from_x_m, swarm[i].x_m
         swarm[i].y_m, swarm[i].from_y_m = swarm[i].from_y_m, swarm[i].y_m

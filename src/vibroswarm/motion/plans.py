@@ -30,7 +30,7 @@ from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, counts
 PLANNER = np.dtype(
     [*((name, ROBOT[name]) for name in ROBOT.names or ())]
     + [(name, np.int64) for name in ("tick", "own_tick", "last_tick", "alert_tick", "sample_tick")]
-    + [(name, np.int64) for name in ("turn_ticks_ahead", "blocked", "written_tick")]
+    + [(name, np.int64) for name in ("turn_ticks_ahead", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "wish_m_s")]
     + [(name, np.float64) for name in ("own_x_m", "own_y_m", "own_heading_rad", "own_sin_h", "own_cos_h")]
     + [(name, np.float64) for name in ("ahead_error_deg", "ahead_integral_deg_s", "ahead_gyro_deg")]

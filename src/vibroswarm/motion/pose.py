@@ -1,4 +1,4 @@
-"""Where anyone was at any time, from a segment table."""
+"""Where anyone was at any time, from a segment table, or from a table of moves."""
 
 from __future__ import annotations
 
@@ -21,14 +21,37 @@ def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDA
     Raises:
         InputError: no such run or robot in the table, or a time before its first segment.
     """
+    return _along_arcs(segments, run, robot, time_s, "segment")
+
+
+def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
+    """Position of one robot of one run, from its moves.
+
+    Of a robot that drives or stands it is exact, and so it is where a turn begins and ends. In a turn it is on the
+    circle that the centre goes round, of radius m_d turn_track / 2, but as if the turn rate were constant: so it is
+    off by the circle's diameter at most.
+
+    Args:
+        moves: a table of moves (see ``contract``). time_s: as for ``pose``.
+    Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
+    Raises:
+        InputError: no such run or robot in the table, or a time before its first move.
+    """
+    return _along_arcs(moves, run, robot, time_s, "move")[..., :2]
+
+
+def _along_arcs(
+    arcs: pl.DataFrame, run: int, robot: int, time_s: ArrayLike, what: str
+) -> NDArray[np.float64]:
+    """Poses on the arcs of the rows of a table of segments or of moves."""
     check_threads()
-    own = segments.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+    own = arcs.filter((pl.col("run") == run) & (pl.col("robot") == robot))
     if own.height == 0:
-        raise InputError(f"the segment table has no robot {robot} in run {run}", field="robot")
+        raise InputError(f"the table has no {what} of robot {robot} in run {run}", field="robot")
     times = np.asarray(time_s, dtype=np.float64)
     start = own["start_s"].to_numpy()
     if times.size and not float(times.min()) >= start[0]:
-        raise InputError(f"{times.min():g} s is before the first segment, at {start[0]:g} s", field="time_s")
+        raise InputError(f"{times.min():g} s is before the first {what}, at {start[0]:g} s", field="time_s")
     k = np.searchsorted(start, times, side="right") - 1
     column = {name: own[name].to_numpy()[k] for name in ("x_m", "y_m", "heading_rad")}
     elapsed = times - start[k]

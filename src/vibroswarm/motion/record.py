@@ -1,4 +1,4 @@
-"""What the engines write down: buffers of samples and segments, and their tables.
+"""What the engines write down: buffers of samples, segments and moves, and their tables.
 
 Kernels fill arrays of plain rows; ``sample_frame``, ``segment_frame`` and ``end_frame`` turn them into the
 tables of the contract.
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import inner, kernel, zero_rows
 from vibroswarm.motion.contract import ENDS, MOTION, SEGMENTS, Motion
 from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.moves import MOVE_ROW, MOVES_AT_ONCE, UNDER_WAY, MoveColumns
 from vibroswarm.motion.phases import Swarm, clear_account
 from vibroswarm.robot.walk import KINDS, STOP
 
@@ -41,11 +42,12 @@ DTYPES = {pl.UInt16: np.uint16, pl.UInt32: np.uint32, pl.Float32: np.float32, pl
 
 
 class Rows(NamedTuple):
-    """What one run has written: ``SAMPLE_ROW``, ``SEGMENT_ROW`` (or None), ``END_ROW``."""
+    """What one run has written: ``SAMPLE_ROW``, ``SEGMENT_ROW`` (or None), ``END_ROW``, ``MOVE_ROW`` (or None)."""
 
     samples: NDArray[np.void]
     segments: NDArray[np.void] | None
     ends: NDArray[np.void]
+    moves: NDArray[np.void] | None = None
 
 
 class Record(NamedTuple):
@@ -53,31 +55,45 @@ class Record(NamedTuple):
 
     samples: NDArray[np.void]
     segments: NDArray[np.void]
+    moves: NDArray[np.void]
     filled: NDArray[np.int64]
-    """(2,): samples, segments."""
+    """(3,): samples, segments, moves."""
     latest: NDArray[np.float64]
     """(robots, 3): speed, turn rate and kind of each robot's open segment; kind -1: none yet."""
+    under_way: NDArray[np.void]
+    """``UNDER_WAY``, (robots,): each robot's move under way."""
 
 
-def empty_record(robots: int, samples: int, segments: int) -> Record:
-    """Buffers for so many rows; no segments at all when ``segments`` is 0."""
-    return Record(
+def empty_record(robots: int, samples: int, segments: int, moves: bool = False) -> Record:
+    """Buffers for so many rows; no segments at all when ``segments`` is 0, nor moves without ``moves``."""
+    record = Record(
         zero_rows(samples, SAMPLE_ROW),
         zero_rows(segments, SEGMENT_ROW),
-        np.zeros(2, dtype=np.int64),
-        np.full((robots, 3), -1.0),
+        zero_rows(max(MOVES_AT_ONCE, 64 * robots) if moves else 0, MOVE_ROW),
+        np.zeros(3, dtype=np.int64),
+        np.zeros((robots, 3)),
+        zero_rows(robots, UNDER_WAY),
     )
+    clear(record)
+    return record
+
+
+def clear(record: Record) -> None:
+    """Nothing is written yet."""
+    record.filled[:], record.latest[:] = 0, -1.0
+    record.under_way["place"], record.under_way["doing"], record.under_way["avoidances"] = -1, -1, 0
 
 
 def copy_record(record: Record) -> Record:
     """Buffers that do not change with the others."""
     # Zeroed pages take memory only when they are written.
-    samples, segments = (zero_rows(rows.size, rows.dtype) for rows in (record.samples, record.segments))
-    for mine, theirs, count in zip(
-        (samples, segments), (record.samples, record.segments), record.filled, strict=True
-    ):
+    buffers = (record.samples, record.segments, record.moves)
+    samples, segments, moves = (zero_rows(rows.size, rows.dtype) for rows in buffers)
+    for mine, theirs, count in zip((samples, segments, moves), buffers, record.filled, strict=True):
         mine[:count] = theirs[:count]
-    return Record(samples, segments, record.filled.copy(), record.latest.copy())
+    return Record(
+        samples, segments, moves, record.filled.copy(), record.latest.copy(), record.under_way.copy()
+    )
 
 
 @inner
@@ -86,14 +102,20 @@ def room(record: Record, robots: int) -> int:
     ticks = (record.samples.size - record.filled[0]) // robots
     if record.segments.size > 0:
         ticks = min(ticks, (record.segments.size - record.filled[1]) // robots)
+    if record.moves.size > 0:
+        ticks = min(ticks, (record.moves.size - record.filled[2]) // robots)
     return int(ticks)
 
 
 @inner
-def room_for(record: Record, rows: int) -> tuple[int, int]:
-    """Up to how many samples and segments there may be if so many more rows are to fit; any number of none kept."""
-    segments = record.segments.size
-    return record.samples.size - rows, segments - rows if segments > 0 else 0
+def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
+    """Up to how many samples, segments and moves there may be if so many more are to fit; any number of none kept.
+
+    Args:
+        rows: of samples, and of segments.
+    """
+    segments = record.segments.size - rows if record.segments.size > 0 else 0
+    return record.samples.size - rows, segments, record.moves.size - moves if record.moves.size > 0 else 0
 
 
 @inner
@@ -278,10 +300,20 @@ def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
 
 
 def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """A table of samples, and the ends and segments of the same runs, as one Motion."""
+    """A table of samples, and the ends, segments and moves of the same runs, as one Motion."""
     segments = [piece.segments for piece in pieces if piece.segments is not None]
+    moves = [piece.moves for piece in pieces if piece.moves is not None]
     return Motion(
         samples=samples,
         ends=end_frame(joined([piece.ends for piece in pieces]), tick_ms),
         segments=segment_frame(joined(segments), tick_ms) if segments else None,
+        moves=move_frame(moves, tick_ms) if moves else None,
     )
+
+
+def move_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
+    """The table of moves of pieces that are in the order of run, start, robot."""
+    columns = MoveColumns(tick_ms, sum(piece.size for piece in pieces))
+    for piece in pieces:
+        columns.take(piece)
+    return columns.frame()

@@ -18,7 +18,8 @@ from vibroswarm.motion.contract import MotionState, source
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.observation.ground import grounds_of
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import OF_MOTION, floors_of
+from vibroswarm.simulation import OF_MOTION, floors_of, steers
+from vibroswarm.steered import steer_on, steerable
 
 PIECE_S: Final = 100.0
 """So far runs move between two looks whether all have decided, as long as little is known of how long they take."""
@@ -38,7 +39,8 @@ def outcomes_of(
     """
     alike: dict[tuple[Any, ...], list[int]] = {}
     for k, scenario in enumerate(scenarios):
-        alike.setdefault(tuple(getattr(scenario, section) for section in OF_MOTION), []).append(k)
+        moving = (k,) if steers(scenario) else ()  # each by itself
+        alike.setdefault((*moving, *(getattr(scenario, section) for section in OF_MOTION)), []).append(k)
     found: dict[int, Outcomes] = {}
     for group in alike.values():
         came = _followed([scenarios[k] for k in group], seed, runs, motion)
@@ -61,7 +63,10 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
 
         until_s = max(course.until_s(0.0) for course in courses)
         while until_s > state.time_s:
-            move_on(state, loops, until_s)
+            if loops[0].steers:
+                steer_on(steerable(state, motion), loops[0], until_s)
+            else:
+                move_on(state, loops, until_s)
             until_s = max(course.until_s(state.time_s) for course in courses)
         for course in courses:
             course.finish(r)

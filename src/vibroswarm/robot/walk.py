@@ -72,6 +72,8 @@ class WalkState(NamedTuple):
     """Legs begun: the index of the next leg's numbers."""
     avoidances: int
     samples: int
+    next_leg_ms: float
+    """Length of the leg after the turn under way, as steered; nan: it is drawn."""
 
 
 class Dice(NamedTuple):
@@ -99,7 +101,36 @@ def turn_angle_deg(program: WalkProgram, u: float) -> float:
 def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
     """The state at tick 0, at which the robot stands; it walks from tick 1."""
     leg_ms = leg_duration_ms(program, dice.leg)
-    return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0)
+    return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0, math.nan)
+
+
+@inlined
+def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
+    """The state of a robot that stands after a sample, and is to go on otherwise than by its own chance.
+
+    * ``turn_deg``: it gives up what the stop interrupted (the rest of a leg, of a turn, of an avoidance), turns by so
+      much, anticlockwise positive, and then drives a new leg: of ``drive_ms``, or with nan as long as drawn. That turn
+      ends as any: ``legs`` grows by one, and the sample timer does what it does after turns.
+    * ``turn_deg`` nan: it goes on with what was interrupted. The leg that it then drives, the one interrupted or, in a
+      turn, the next, lasts ``drive_ms`` from then on.
+    * Both nan: nothing changes.
+
+    When the leg is over it turns and walks as drawn. The numbers of a leg are addressed by ``legs``, those of an
+    avoidance by ``avoidances``, in whatever way the robot came to them: one that is steered shifts the numbers of no
+    other robot, and those of its own avoidances only if it has more or fewer of them.
+    """
+    if not math.isnan(turn_deg):
+        return WalkState(STOP, TURN, state.sampled, state.leg_ms, state.driven_ms, state.timer_ms, state.stopped_ms,
+                         turn_deg, 0.0, state.legs, state.avoidances, state.samples, drive_ms)  # fmt: skip
+    leg_ms, next_leg_ms = state.leg_ms, state.next_leg_ms
+    if not math.isnan(drive_ms):
+        if state.resume == TURN:
+            next_leg_ms = drive_ms
+        else:
+            leg_ms = state.driven_ms + drive_ms
+    return WalkState(STOP, state.resume, state.sampled, leg_ms, state.driven_ms, state.timer_ms, state.stopped_ms,
+                     state.error_deg, state.integral_deg_s, state.legs, state.avoidances, state.samples,
+                     next_leg_ms)  # fmt: skip
 
 
 @inlined
@@ -128,14 +159,15 @@ def walk_step(
     mode, resume = state.mode, state.resume
     leg_ms, driven_ms, timer_ms, stopped_ms = state.leg_ms, state.driven_ms, state.timer_ms, state.stopped_ms
     error_deg, integral_deg_s = state.error_deg, state.integral_deg_s
-    legs, avoidances, samples = state.legs, state.avoidances, state.samples
+    legs, avoidances, samples, next_leg_ms = state.legs, state.avoidances, state.samples, state.next_leg_ms
 
     if mode == STOP:
         if not state.sampled:
             stopped_ms += program.tick_ms
             sampled = stopped_ms >= program.stop_ms
             return WalkState(STOP, resume, sampled, leg_ms, driven_ms, timer_ms, stopped_ms,
-                             error_deg, integral_deg_s, legs, avoidances, samples + sampled)  # fmt: skip
+                             error_deg, integral_deg_s, legs, avoidances, samples + sampled,
+                             next_leg_ms)  # fmt: skip
         mode, timer_ms = resume, 0
     elif mode != DRIVE:
         error_deg -= gyro_deg
@@ -143,11 +175,12 @@ def walk_step(
     due = timer_ms > program.sample_interval_ms
     if due and (mode != AVOID or program.interrupts_avoidance):
         return WalkState(STOP, mode, False, leg_ms, driven_ms, timer_ms, 0,
-                         error_deg, integral_deg_s, legs, avoidances, samples)  # fmt: skip
+                         error_deg, integral_deg_s, legs, avoidances, samples, next_leg_ms)  # fmt: skip
 
     if mode != DRIVE and abs(error_deg) <= program.tolerance_deg:
         if mode == TURN:
-            leg_ms, driven_ms, legs = leg_duration_ms(program, dice.leg), 0, legs + 1
+            leg_ms = leg_duration_ms(program, dice.leg) if math.isnan(next_leg_ms) else next_leg_ms
+            driven_ms, legs, next_leg_ms = 0, legs + 1, math.nan
             if program.timer == RESET_AFTER_TURN or program.timer == FROZEN_IN_AVOIDANCE:
                 timer_ms = 0
         mode = DRIVE
@@ -166,7 +199,7 @@ def walk_step(
     if counts(mode, program.timer):
         timer_ms += program.tick_ms
     return WalkState(mode, resume, False, leg_ms, driven_ms, timer_ms, stopped_ms,
-                     error_deg, integral_deg_s, legs, avoidances, samples)  # fmt: skip
+                     error_deg, integral_deg_s, legs, avoidances, samples, next_leg_ms)  # fmt: skip
 
 
 @inlined

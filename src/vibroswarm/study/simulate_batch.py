@@ -18,7 +18,7 @@ from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
 from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.simulation import floors_of, simulate, steers
 from vibroswarm.study.plan import Texts
 from vibroswarm.study.rows import Columns, columns_of, walked
 from vibroswarm.study.texts import scenario_of
@@ -69,7 +69,7 @@ def simulate_batch(observed: Texts, asked: Asked) -> Iterator[BatchOutcomes]:
         Cancelled: between two steps.
     """
     first = scenario_of(observed[0][0][0])
-    if first.run.stop == "all_decided":
+    if first.run.stop == "all_decided" or steers(first):
         ((text, cells),) = observed[0]
         yield _until_all_decided(scenario_of(text), cells, asked)
         return

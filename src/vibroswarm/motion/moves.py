@@ -1,0 +1,238 @@
+"""The moves of robots: what one does from one tick until it does another thing, or is blocked, or no longer is.
+
+Both engines write a move down where it begins, and how far it turned and when it was over where it ends. Segments
+(``record``) hold each tick of a turn; moves hold a turn as one row, and cost a small part of that.
+
+| name | unit | equation |
+|---|---|---|
+| turned_rad | rad | heading at the end of the move less that at its start, whole turns included |
+| turn rate of a turn | rad/s | turned_rad / duration: its mean, as the controller's changes at each tick |
+| speed of a turn | m/s | m_d turn_track / 2 times the turn rate: the centre goes round a circle of that radius |
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.compiled import inlined, inner, kernel, zero_rows
+from vibroswarm.motion.body import Setup
+from vibroswarm.motion.contract import MOVES
+from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.phases import Swarm
+from vibroswarm.robot.walk import AVOID, KINDS, STOP, TURN
+
+MOVE_ROW = np.dtype(
+    [(name, np.int64) for name in ("tick", "until")]
+    + [(name, np.int32) for name in ("run", "robot", "kind")]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
+    + [(name, np.float64) for name in ("turned_rad", "ray_m")]
+)
+"""A move from ``tick`` to the tick ``until``, or -1: it is under way. The heading is not wrapped. speed and rate are
+those of a robot that drives; of one that turns, speed is the radius of the circle on which its centre goes, m."""
+
+UNDER_WAY = np.dtype([(name, np.int64) for name in ("place", "doing", "avoidances")])
+"""A robot's move under way: its row in the buffer, or -1; what it does, as one number; its avoidances so far."""
+
+MOVES_AT_ONCE: Final = 2048
+"""Rows of a buffer, at least: so few that they stay in the processor's cache."""
+
+
+@inlined
+def note_move(
+    moves: NDArray[np.void],
+    under_way: NDArray[np.void],
+    filled: NDArray[np.int64],
+    swarm: Swarm,
+    i: int,
+    setup: Setup,
+    run: int,
+    tick: int,
+    x_m: float,
+    y_m: float,
+    heading_rad: float,
+) -> None:
+    """A row if robot ``i`` does from ``tick`` on what it did not do before.
+
+    Args:
+        moves: ``MOVE_ROW``. under_way: ``UNDER_WAY``, (robots,). filled: (3,), the last of which is the number of
+            rows. x_m, y_m, heading_rad: the pose at ``tick``.
+    """
+    row = swarm[i]
+    # A turn or an avoidance that follows its like at once differs by its number.
+    doing = 8 * (row.legs + row.avoidances) + 2 * row.mode + (row.blocked if row.mode != STOP else 0)
+    if doing != under_way[i].doing:
+        begin_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)
+        under_way[i].doing, under_way[i].avoidances = doing, row.avoidances
+
+
+@inner
+def begin_move(
+    moves: NDArray[np.void],
+    under_way: NDArray[np.void],
+    filled: NDArray[np.int64],
+    swarm: Swarm,
+    i: int,
+    setup: Setup,
+    run: int,
+    tick: int,
+    x_m: float,
+    y_m: float,
+    heading_rad: float,
+) -> None:
+    """End robot ``i``'s move under way and begin another."""
+    row = swarm[i]
+    if under_way[i].place >= 0:
+        last = moves[under_way[i].place]
+        last.until, last.turned_rad = tick, heading_rad - last.heading_rad
+    place = filled[2]
+    filled[2] += 1
+    while place > 0 and moves[place - 1].tick == tick and moves[place - 1].robot > i:
+        moves[place] = moves[place - 1]  # the event engine lets those stop first that stop to sample
+        under_way[moves[place].robot].place = place
+        place -= 1
+    under_way[i].place = place
+    move = moves[place]
+    move.run, move.robot, move.tick, move.until, move.kind = run, i, tick, -1, row.mode
+    move.x_m, move.y_m, move.heading_rad, move.turned_rad = x_m, y_m, heading_rad, 0.0
+    move.speed_m_s, move.rate_rad_s = row.speed_m_s, row.rate_rad_s
+    if (row.mode == TURN or row.mode == AVOID) and not row.blocked:
+        move.speed_m_s = 0.5 * row.misalignment * setup.turn_track_m
+    onset = row.mode == AVOID and row.avoidances != under_way[i].avoidances
+    move.ray_m = row.nearest_mm / 1000.0 if onset else np.nan
+
+
+@kernel
+def note_moves(
+    moves: NDArray[np.void],
+    under_way: NDArray[np.void],
+    filled: NDArray[np.int64],
+    swarm: Swarm,
+    setup: Setup,
+    run: int,
+    tick: int,
+    after_move: bool,
+) -> None:
+    """``note_move`` of all robots.
+
+    Args:
+        after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
+    """
+    for i in range(swarm.size):
+        row = swarm[i]
+        if after_move:
+            x_m, y_m, heading_rad = row.from_x_m, row.from_y_m, row.from_heading_rad
+        else:
+            x_m, y_m, heading_rad = row.x_m, row.y_m, row.heading_rad
+        note_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)
+
+
+def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]) -> None:
+    """Take those rows out of a buffer that come before all that are under way: as these are recent, few are left."""
+    first, count = int(under_way["place"].min()), int(filled[2])
+    rest = bytes_of(moves[first:count]).copy()
+    bytes_of(moves)[: rest.size] = rest
+    under_way["place"] -= first
+    filled[2] = count - first
+
+
+def bytes_of(rows: NDArray[np.void]) -> NDArray[np.uint8]:
+    """Rows as bytes: to copy them is many times as fast as field by field."""
+    return rows.view(np.uint8)
+
+
+def with_room(moves: NDArray[np.void], filled: int) -> NDArray[np.void]:
+    """The same buffer, or one twice as large if it is more than half full."""
+    if 2 * filled <= moves.size:
+        return moves
+    larger = zero_rows(2 * moves.size, MOVE_ROW)
+    larger[:filled] = moves[:filled]
+    return larger
+
+
+@kernel
+def let_end(
+    moves: NDArray[np.void], under_way: NDArray[np.void], until: int, headings: NDArray[np.float64]
+) -> None:
+    """Let the moves under way end at tick ``until`` (-1: go on), with robots that head there (rad, (robots,))."""
+    for i in range(headings.size):
+        move = moves[under_way[i].place]
+        move.until, move.turned_rad = until, headings[i] - move.heading_rad
+
+
+class MoveColumns:
+    """The columns of a table of moves, filled from rows as they come, while those are still in the cache."""
+
+    def __init__(self, tick_ms: int, room: int) -> None:
+        self.tick_ms, self.count = tick_ms, 0
+        self.runs, self.robots = np.empty((1, room), dtype=np.uint32), np.empty((1, room), dtype=np.uint16)
+        self.kinds, self.numbers = np.empty((1, room), dtype=np.uint8), np.empty((8, room))
+
+    def take(self, rows: NDArray[np.void]) -> None:
+        """Put these rows (``MOVE_ROW``), which have all ended, after those there."""
+        if rows.size == 0:
+            return
+        if self.count + rows.size > self.kinds.size:
+            self.runs, self.robots, self.kinds, self.numbers = (
+                self._grown(array, rows.size) for array in (self.runs, self.robots, self.kinds, self.numbers)
+            )
+        fill_move_columns(
+            rows, self.runs[0], self.robots[0], self.kinds[0], self.numbers, self.count, self.tick_ms
+        )  # fmt: skip
+        self.count += rows.size
+
+    def _grown(self, array: NDArray[Any], more: int) -> NDArray[Any]:
+        room = max(self.count + more, self.count + self.count // 2)
+        larger = np.empty((array.shape[0], room), dtype=array.dtype)
+        larger[:, : self.count] = array[:, : self.count]
+        return larger
+
+    def frame(self, in_order: bool = True) -> pl.DataFrame:
+        """All rows as a table; sorted by run, start and robot if they were not taken ``in_order``."""
+        n = self.count
+        start, x, y, heading, speed, rate, turned, ray = self.numbers[:, :n]
+        frame = pl.DataFrame(
+            {
+                "run": self.runs[0, :n],
+                "robot": self.robots[0, :n],
+                "start_s": start,
+                "x_m": x,
+                "y_m": y,
+                "heading_rad": heading,
+                "speed_m_s": speed,
+                "turn_rate_rad_s": rate,
+                "kind": pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(self.kinds[0, :n])),
+                "turned_rad": turned,
+                "ray_m": pl.Series(ray, nan_to_null=True),
+            },
+            schema=MOVES,
+        )
+        return frame if in_order else frame.sort("run", "start_s", "robot")
+
+
+@kernel
+def fill_move_columns(
+    rows: NDArray[np.void],
+    runs: NDArray[np.uint32],
+    robots: NDArray[np.uint16],
+    kinds: NDArray[np.uint8],
+    numbers: NDArray[np.float64],
+    first: int,
+    tick_ms: int,
+) -> None:
+    """``MOVE_ROW`` into columns, the floats in the order of ``MOVES``; ticks become s."""
+    for k in range(rows.size):
+        row, place = rows[k], first + k
+        runs[place], robots[place], kinds[place] = row.run, row.robot, row.kind
+        speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
+        if row.kind == TURN or row.kind == AVOID:
+            rate_rad_s = row.turned_rad / ((row.until - row.tick) * tick_ms / 1000.0)
+            speed_m_s *= rate_rad_s
+        numbers[0, place] = row.tick * tick_ms / 1000.0
+        numbers[1, place], numbers[2, place] = row.x_m, row.y_m
+        numbers[3, place] = wrapped_rad(row.heading_rad)
+        numbers[4, place], numbers[5, place] = speed_m_s, rate_rad_s
+        numbers[6, place], numbers[7, place] = row.turned_rad, row.ray_m

@@ -1,0 +1,135 @@
+"""A source of motion that is no part of the package: it keeps the contract, and everything runs on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+import pytest
+from contract_suite import TABLE_CHECKS, Check, check_pieces
+
+from vibroswarm import simulate
+from vibroswarm.checks import lattice_sites, start_region
+from vibroswarm.errors import InputError
+from vibroswarm.motion import contract
+from vibroswarm.motion.contract import ENDS, MOTION, Motion, Source, register, source
+from vibroswarm.scenario import Scenario
+
+EVERY_S = 10.0
+
+
+@dataclass
+class Standing:
+    """Robots that stand where they are, and sample every ten seconds."""
+
+    scenario: Scenario
+    seed: int
+    run: int
+    tick: int = 0
+
+    @property
+    def time_s(self) -> float:
+        return self.tick * self.scenario.run.control_period_ms / 1000.0
+
+    def advance(self, until_s: float) -> Motion:
+        s = self.scenario
+        robots, tick_ms = np.arange(s.swarm.robots), s.run.control_period_ms
+        since, self.tick = self.tick, max(self.tick, math.ceil(until_s * 1000.0 / tick_ms - 1e-9))
+        (left, right, low, high), (columns, rows) = start_region(s), lattice_sites(s)
+        sites = np.random.default_rng([self.seed, self.run]).permutation(columns * rows)[: robots.size]
+        x_m = left + (right - left) / max(columns - 1, 1) * (sites % columns)
+        y_m = low + (high - low) / max(rows - 1, 1) * (sites // columns)
+        places = {"run": self.run, "x_m": x_m, "y_m": y_m, "heading_rad": 0.0, "robot": robots}
+        every = math.ceil(EVERY_S * 1000.0 / tick_ms)
+        numbers = np.arange(max(since - 1, 0) // every, max(self.tick - 1, 0) // every)
+        samples = [
+            pl.DataFrame(
+                places
+                | {"sample": k, "time_s": (k + 1) * every * tick_ms / 1000.0}
+                | {"stop_start_s": k * every * tick_ms / 1000.0, "stop_s": every * tick_ms / 1000.0}
+                | {"drive_s": 0.0, "turn_s": 0.0, "avoid_s": 0.0}
+            )
+            for k in numbers.tolist()
+        ]
+        ends = pl.DataFrame(places | {"end_s": self.time_s, "stop_start_s": None})
+        empty = pl.DataFrame(schema=MOTION)
+        return Motion(
+            pl.concat([empty, *(rows.select(list(MOTION)).cast(MOTION) for rows in samples)]),
+            ends.select(list(ENDS)).cast(ENDS),
+        )
+
+    def copy(self) -> Standing:
+        return replace(self)
+
+
+def init(scenario: Scenario, seed: int, run: int, segments: bool = False, moves: bool = False) -> Standing:
+    return Standing(scenario, seed, run)
+
+
+STANDING = Source("standing", init)
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The source is known by its name, as long as a test lasts."""
+    monkeypatch.setattr(contract, "_SOURCES", dict(contract._SOURCES))
+    register(STANDING)
+
+
+@pytest.mark.parametrize("check", TABLE_CHECKS, ids=lambda check: check.__name__)
+def test_it_keeps_the_contract(check: Check) -> None:
+    check(STANDING)
+
+
+def test_the_suite_rejects_one_that_forgets_what_it_has_given() -> None:
+    """Negative control."""
+
+    class Forgetful(Standing):
+        def advance(self, until_s: float) -> Motion:
+            self.tick = 0
+            return super().advance(until_s)
+
+    with pytest.raises(AssertionError):
+        check_pieces(
+            Source("forgetful", lambda scenario, seed, run, **wanted: Forgetful(scenario, seed, run))
+        )
+
+
+@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
+def test_scenarios_run_on_it(stop: str) -> None:
+    scenario = Scenario().with_values(
+        {
+            "run.t_end_s": 400.0,
+            "run.stop": stop,
+            "decision.min_observations": 5,
+            "floor.source": "diagonal:0.46",
+        }
+    )
+    told: list[float] = []
+    result = simulate(scenario, 3, [0, 2], motion="standing")
+    assert result.source == "standing"
+    assert result.segments is None
+    assert result.same_tables(simulate(scenario, 3, [0, 2], motion="standing", progress=told.append))
+    assert result.motion["time_s"].is_in([EVERY_S * k for k in range(1, 40)]).all()
+    assert result.inference["decision"].n_unique() > 1, "somebody decides"
+    if stop == "t_end":
+        assert told[-1] == 1.0
+    else:
+        assert result.motion.height < 2 * 39 * scenario.swarm.robots
+
+
+def test_a_name_is_taken_once() -> None:
+    register(STANDING)
+    with pytest.raises(InputError, match="another source of motion has the name 'event'"):
+        register(Source("event", init))
+    assert source("event") is not STANDING
+    for wrong in ("standing", None, Source("none", None)):  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="is no Source"):
+            register(wrong)  # type: ignore[arg-type]
+
+
+def test_the_nearest_name_is_given() -> None:
+    with pytest.raises(InputError, match="standing"):
+        source("standin")

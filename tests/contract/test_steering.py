@@ -1,0 +1,373 @@
+"""Robots that are steered after their samples: both engines do the same, and a source keeps its contract."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from contract_suite import CHECKS, Check
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from vibroswarm.errors import InputError
+from vibroswarm.motion.contract import Motion, Source
+from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.record import Rows, joined, tables
+from vibroswarm.presets import preset
+from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkState, begin_walk, steered, walk_step
+from vibroswarm.scenario import Scenario
+
+BASE = preset("paper-empirical")
+NAN = math.nan
+Way = tuple[float, float]
+Decide = Callable[[int, int, int], Way]
+"""(run, robot, sample) -> turn_deg, drive_ms."""
+EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
+OF_MOVES = ("robot", "tick", "until", "kind")
+MICROMETRE = 1e-6
+
+
+def at_random(salt: int = 0) -> Decide:
+    """Each way to steer a third of the time, or none; the same for a sample, whoever asks."""
+
+    def decide(run: int, robot: int, sample: int) -> Way:
+        rng = np.random.default_rng([salt, run, robot, sample])
+        turn_deg = rng.choice([NAN, rng.uniform(-180.0, 180.0), rng.uniform(-6.0, 6.0), 0.0])
+        drive_ms = rng.choice([NAN, rng.uniform(0.0, 9000.0), rng.uniform(0.0, 60.0), 0.0])
+        return float(turn_deg), float(drive_ms)
+
+    return decide
+
+
+def never(run: int, robot: int, sample: int) -> Way:
+    return NAN, NAN
+
+
+def rows_of(state: KernelRun, until_s: float, decide: Decide) -> Rows:
+    """What a state writes up to a time, steered after each sample; checks bodies there."""
+    samples, moves, segments = ([state.record.samples[:0]], list[Any](), list[Any]())
+    scenario, since = state.scenario, state.tick
+
+    def keep(rows: NDArray[np.void]) -> None:
+        samples.append(joined([rows]))
+
+    while state.tick * scenario.tick_s < until_s - 1e-9:
+        if not state.to_sample(until_s, keep, moves.append, segments.append):
+            continue
+        here = samples[-1]
+        assert (here["tick"] == state.tick - 1).all(), "samples are of the last control period"
+        assert (np.diff(here["robot"].astype(int)) > 0).all()
+        for row in here:
+            state.steer(int(row["robot"]), *decide(state.run, int(row["robot"]), int(row["sample"])))
+        check_bodies(scenario, state.ends())
+    rows = Rows(joined(samples), joined(segments) if segments else None, state.ends())
+    if state.record.moves.size == 0:
+        return rows
+    if state.tick > since:
+        moves.append(state.moves_under_way())
+    all_moves = joined(moves or [state.record.moves[:0]])
+    return rows._replace(moves=all_moves[np.lexsort((all_moves["robot"], all_moves["tick"]))])
+
+
+def check_bodies(scenario: Scenario, ends: NDArray[np.void]) -> None:
+    """Nobody overlaps or is beyond a wall."""
+    r, x, y = scenario.robot.body_radius_m, ends["x_m"], ends["y_m"]
+    assert min(x.min(), y.min()) > r - 1e-9
+    assert x.max() < scenario.arena.width_m - r + 1e-9
+    assert y.max() < scenario.arena.height_m - r + 1e-9
+    apart = np.hypot(x[:, None] - x, y[:, None] - y) + np.diag(np.full(x.size, math.inf))
+    assert apart.min() > 2 * r - 1e-9
+
+
+def assert_same(a: Rows, b: Rows) -> None:
+    """The same events at the same ticks; places to a micrometre."""
+    assert a.samples.size == b.samples.size
+    for name in EVENTS:
+        assert (a.samples[name] == b.samples[name]).all(), name
+    for name in ("x_m", "y_m"):
+        assert np.abs(a.samples[name] - b.samples[name]).max(initial=0.0) < MICROMETRE
+        assert np.abs(a.ends[name] - b.ends[name]).max() < MICROMETRE
+    assert a.moves is not None
+    assert b.moves is not None
+    for name in OF_MOVES:
+        assert (a.moves[name] == b.moves[name]).all(), f"moves: {name}"
+    assert np.abs(a.moves["turned_rad"] - b.moves["turned_rad"]).max() < MICROMETRE
+
+
+def both(scenario: Scenario, seed: int, run: int, decide: Decide) -> tuple[Rows, Rows]:
+    end_s = scenario.run.t_end_s
+    engines = (FixedStepRun, EventRun)
+    stepped, jumped = (rows_of(engine(scenario, seed, run, moves=True), end_s, decide) for engine in engines)
+    return stepped, jumped
+
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "one robot": {"swarm.robots": 1, "run.t_end_s": 400.0},
+    "five robots": {"run.t_end_s": 400.0},
+    "thirty robots": {"swarm.robots": 30, "run.t_end_s": 60.0},
+    "a crowd": {
+        "swarm.robots": 20, "arena.width_m": 0.4, "arena.height_m": 0.4, "swarm.start_margin_m": 0.0,
+        "run.t_end_s": 60.0,
+    },
+    "40 robots in a large arena": {
+        "swarm.robots": 40, "arena.width_m": 2.9, "arena.height_m": 2.9, "run.t_end_s": 60.0,
+    },
+    "timer always on": {"sample.timer": "always", "run.t_end_s": 200.0},
+    "timer held in turns": {"sample.timer": "hold_in_turn", "run.t_end_s": 200.0},
+    "timer frozen in avoidance": {"sample.timer": "frozen_in_avoidance", "run.t_end_s": 200.0},
+    "avoidance goes before": {"sample.interrupts_avoidance": False, "sample.timer": "always", "run.t_end_s": 200.0},
+    "blind after turns": {"walk.blind_after_turn_ms": 730.0, "run.t_end_s": 200.0},
+    "samples far between": {"sample.sample_interval_ms": 60_000.0, "run.t_end_s": 300.0},
+    "no stop": {"sample.stop_ms": 0.0, "sample.sample_interval_ms": 500.0, "run.t_end_s": 60.0},
+    "no driving between samples": {"sample.sample_interval_ms": 0.0, "run.t_end_s": 50.0},
+    "often": {"sample.sample_interval_ms": 300.0, "sample.stop_ms": 100.0, "sample.timer": "always"},
+    "ticks of 7 ms": {"run.control_period_ms": 7, "run.t_end_s": 100.0},
+    "a corridor": {"arena.width_m": 0.12, "arena.height_m": 2.0, "run.t_end_s": 100.0},
+    "much bent": {"robot.misalignment_min": -0.9, "robot.misalignment_max": 0.9, "run.t_end_s": 200.0},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_both_engines_are_steered_the_same_way(name: str) -> None:
+    scenario = BASE.with_values({"run.t_end_s": 100.0} | SETTINGS[name])
+    for run in range(3):
+        assert_same(*both(scenario, 21, run, at_random()))
+
+
+@given(
+    robots=st.integers(1, 30),
+    side=st.floats(0.35, 1.2),
+    threshold=st.floats(0.0, 120.0),
+    tau=st.floats(0.0, 4000.0),
+    timer=st.sampled_from(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
+    interrupts=st.booleans(),
+    period=st.integers(10, 50),
+    seed=st.integers(0, 2**63 - 1),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_any_setting_is_steered_the_same_way(
+    robots: int,
+    side: float,
+    threshold: float,
+    tau: float,
+    timer: str,
+    interrupts: bool,
+    period: int,
+    seed: int,
+) -> None:
+    scenario = BASE.with_values(
+        {
+            "swarm.robots": robots,
+            "arena.width_m": side,
+            "arena.height_m": side,
+            "swarm.start_margin_m": 0.0,
+            "walk.avoidance_threshold_mm": threshold,
+            "sample.sample_interval_ms": tau,
+            "sample.timer": timer,
+            "sample.interrupts_avoidance": interrupts,
+            "run.control_period_ms": period,
+            "run.t_end_s": 40.0,
+        }
+    )
+    assert_same(*both(scenario, seed, 0, at_random(seed % 1000)))
+
+
+@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
+@pytest.mark.parametrize("name", ["five robots", "a crowd", "40 robots in a large arena", "often", "no stop"])
+def test_nan_and_nan_is_not_to_steer(engine: type[KernelRun], name: str) -> None:
+    """And samples that are handed over one control period at a time are those of a whole run."""
+    scenario = BASE.with_values({"run.t_end_s": 100.0} | SETTINGS[name])
+    end_s = scenario.run.t_end_s
+    whole = engine(scenario, 3, 1, segments=True, moves=True).rows(end_s)
+    asked = rows_of(engine(scenario, 3, 1, segments=True, moves=True), end_s, never)
+    for mine, theirs in zip(whole, asked, strict=True):
+        assert mine is not None
+        assert theirs is not None
+        assert mine.tobytes() == theirs.tobytes()
+
+
+def test_the_comparison_sees_one_robot_steered_otherwise_once() -> None:
+    """Negative control."""
+    scenario = BASE.with_values({"run.t_end_s": 100.0})
+
+    def other(run: int, robot: int, sample: int) -> Way:
+        turn_deg, drive_ms = at_random()(run, robot, sample)
+        return (30.0 if (robot, sample) == (2, 7) else turn_deg), drive_ms
+
+    assert_same(*both(scenario, 21, 0, at_random()))
+    with pytest.raises(AssertionError):
+        assert_same(both(scenario, 21, 0, at_random())[0], both(scenario, 21, 0, other)[1])
+
+
+# A source that steers keeps the contract
+
+
+@dataclass
+class SteeredRun:
+    """A run steered at random after each sample."""
+
+    state: KernelRun
+
+    @property
+    def time_s(self) -> float:
+        return self.state.time_s
+
+    def advance(self, until_s: float) -> Motion:
+        since = self.state.tick
+        rows = rows_of(self.state, until_s, at_random())
+        empty = self.state.record
+        if rows.segments is None and empty.segments.size > 0:
+            rows = rows._replace(segments=empty.segments[:0])
+        assert self.state.tick >= since
+        return tables([rows], self.state.tick_ms)
+
+    def copy(self) -> SteeredRun:
+        return SteeredRun(self.state.copy())
+
+
+STEERED = [
+    Source("fixed-step, steered", lambda *args, **wanted: SteeredRun(FixedStepRun(*args, **wanted))),
+    Source("event, steered", lambda *args, **wanted: SteeredRun(EventRun(*args, **wanted))),
+]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("engine", STEERED, ids=lambda engine: engine.name)
+def test_a_source_that_steers_keeps_the_contract(engine: Source, check: Check) -> None:
+    check(engine)
+
+
+@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
+def test_a_branch_that_is_steered_leaves_the_other_as_it_is(engine: type[KernelRun]) -> None:
+    scenario = BASE.with_values({"run.t_end_s": 60.0})
+    alone, state = engine(scenario, 5, 0, moves=True), engine(scenario, 5, 0, moves=True)
+    sampled: list[int] = []
+    for one in (alone, state):
+        assert one.to_sample(60.0, lambda rows: sampled.extend(rows["robot"].tolist()))
+    branch = state.copy()
+    branch.steer(sampled[0], 90.0, 500.0)
+    turned = branch.rows(60.0)
+    went = state.rows(60.0)
+    assert went.samples.tobytes() == alone.rows(60.0).samples.tobytes()
+    assert turned.samples.tobytes() != went.samples.tobytes()
+
+
+# What a robot does that is steered
+
+
+def of_robot(rows: Rows, robot: int) -> NDArray[np.void]:
+    assert rows.moves is not None
+    return rows.moves[rows.moves["robot"] == robot]
+
+
+OPEN = {"swarm.robots": 2, "arena.width_m": 200.0, "arena.height_m": 200.0, "swarm.start_margin_m": 90.0}
+"""Two robots that hardly ever meet."""
+
+
+@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
+def test_a_robot_turns_and_drives_as_it_is_told_and_then_walks_on_as_drawn(engine: type[KernelRun]) -> None:
+    scenario = BASE.with_values(OPEN | {"sample.sample_interval_ms": 20_000.0, "run.t_end_s": 300.0})
+    end_s = scenario.run.t_end_s
+
+    def once(run: int, robot: int, sample: int) -> Way:
+        return (77.0, 3000.0) if (robot, sample) == (0, 1) else (NAN, NAN)
+
+    rows = rows_of(engine(scenario, 8, 0, moves=True), end_s, once)
+    plain = rows_of(engine(scenario, 8, 0, moves=True), end_s, never)
+    (sample,) = rows.samples[(rows.samples["robot"] == 0) & (rows.samples["sample"] == 1)]
+    moves = of_robot(rows, 0)
+    after = moves[moves["tick"] > sample["tick"]]
+    assert after["kind"][:3].tolist() == [TURN, DRIVE, TURN]
+    assert math.degrees(after["turned_rad"][0]) == pytest.approx(77.0, abs=scenario.walk.turn_tolerance_deg)
+    drove_ms = (after["until"][1] - after["tick"][1]) * scenario.run.control_period_ms
+    assert drove_ms == pytest.approx(3000.0, abs=scenario.run.control_period_ms)
+    # The other robot's numbers are its own.
+    assert of_robot(rows, 1).tobytes() == of_robot(plain, 1).tobytes()
+    assert of_robot(rows, 0).tobytes() != of_robot(plain, 0).tobytes()
+
+
+PROGRAM_DICE = Dice(0.5, 0.75, 0.25)
+
+
+def standing(resume: int) -> WalkState:
+    from vibroswarm.motion.body import walk_program
+
+    state = begin_walk(walk_program(Scenario()), PROGRAM_DICE)
+    return state._replace(
+        resume=resume,
+        samples=4,
+        legs=6,
+        avoidances=2,
+        driven_ms=900,
+        leg_ms=5000.0,
+        error_deg=-40.0,
+        timer_ms=2020,
+    )
+
+
+@pytest.mark.parametrize("resume", [DRIVE, TURN, AVOID])
+def test_the_program_that_is_steered(resume: int) -> None:
+    from vibroswarm.motion.body import walk_program
+
+    program, before = walk_program(Scenario()), standing(resume)
+
+    def following(state: WalkState) -> WalkState:
+        return walk_step(state, program, 0.0, math.inf, PROGRAM_DICE)
+
+    unchanged = steered(before, NAN, NAN)
+    assert following(unchanged)[:-1] == following(before)[:-1]
+    turned = following(steered(before, 60.0, 1500.0))
+    assert (turned.mode, turned.error_deg, turned.legs, turned.avoidances) == (TURN, 60.0, 6, 2)
+    ended = walk_step(turned, program, 60.0, math.inf, PROGRAM_DICE)
+    assert (ended.mode, ended.leg_ms, ended.driven_ms, ended.legs) == (DRIVE, 1500.0, program.tick_ms, 7)
+    assert math.isnan(ended.next_leg_ms), "the leg after it is drawn"
+    drawn = walk_step(following(steered(before, 60.0, NAN)), program, 60.0, math.inf, PROGRAM_DICE)
+    assert drawn.leg_ms == program.location_ms  # the median of what is drawn
+    driven = steered(before, NAN, 700.0)
+    assert driven.resume == resume
+    assert driven.error_deg == before.error_deg
+    if resume == TURN:
+        ended = walk_step(following(driven), program, -40.0, math.inf, PROGRAM_DICE)
+        assert (ended.mode, ended.leg_ms) == (DRIVE, 700.0)
+    else:
+        assert driven.leg_ms == before.driven_ms + 700.0
+    assert following(driven).mode == resume
+    assert before.mode == STOP
+
+
+@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
+def test_what_cannot_be_steered_is_refused(engine: type[KernelRun]) -> None:
+    state = engine(BASE, 5, 0)
+    with pytest.raises(InputError, match="has not just sampled"):
+        state.steer(0, 10.0)
+    sampled: list[int] = []
+    assert state.to_sample(100.0, lambda rows: sampled.extend(rows["robot"].tolist()))
+    for values, field in (
+        ((99, 1.0, 1.0), "robot"),
+        ((-1, 1.0, 1.0), "robot"),
+        ((sampled[0], math.inf, 1.0), "turn_deg"),
+        ((sampled[0], 1.0, -1.0), "drive_ms"),
+        ((sampled[0], 1.0, math.inf), "drive_ms"),
+    ):
+        with pytest.raises(InputError) as said:
+            state.steer(*values)
+        assert said.value.field == field
+    (other, *_) = set(range(BASE.swarm.robots)) - set(sampled)
+    with pytest.raises(InputError, match="has not just sampled"):
+        state.steer(other, 1.0, 1.0)
+    state.rows(state.time_s + BASE.tick_s)
+    with pytest.raises(InputError, match="has not just sampled"):
+        state.steer(sampled[0], 1.0, 1.0)
+
+
+def test_to_sample_stops_at_the_time_asked_for() -> None:
+    state = EventRun(BASE, 5, 0)
+    assert not state.to_sample(0.5, lambda rows: pytest.fail("nobody samples so early"))
+    assert state.time_s == 0.5
