@@ -36,6 +36,7 @@ from pydantic import (
     model_validator,
 )
 
+from vibroswarm import code_files
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
@@ -303,15 +304,31 @@ class Choice(Section):
             return values
         given = dict(values)
         name = given.get("name", cls.model_fields["name"].default)
+        spec = name if code_files.is_code(name) else given.get("code")
+        if isinstance(spec, str) and code_files.is_code(spec) and name in (spec, code_files.name_in(spec)):
+            given["code"] = spec = code_files.resolved(cls.kind, spec)
+            given["name"] = name = code_files.name_in(spec)
         there = cls.known()
+        if isinstance(name, str) and name in there:
+            mine = there[name].code or None
+            if isinstance(spec, str) and code_files.HASH in spec and spec != mine:
+                raise InputError(
+                    f"{spec.partition(code_files.HASH)[0]} was another file then: its SHA-256 began with "
+                    f"{spec.partition(code_files.HASH)[2][:12]}, that of the one now loaded with "
+                    f"{(mine or '').partition(code_files.HASH)[2][:12] or 'nothing'}",
+                    field=f"{cls.kind}.code",
+                )
+            given["code"] = mine
+        elif spec is None or not isinstance(name, str) or not code_files.is_told(name):
+            given.pop("code", None)
         if isinstance(name, str) and name not in there and given.get("code") is None:
             raise InputError(
                 f"there is no {cls.kind} {shown(name)}{nearest(name, there)} (there are {', '.join(there)})",
                 field=f"{cls.kind}.name",
             )
-        for key in set(given) - {"name", "code"}:
+        for key in sorted(set(given) - {"name", "code"}):
             table = cls._table(key, given[key], is_chosen=key == name)
-            if key != name and table == there[key].params():
+            if key != name and key in there and not there[key].code and table == there[key].params():
                 del given[key]  # as it would be without: what is equal is written alike
             else:
                 given[key] = table
@@ -324,7 +341,7 @@ class Choice(Section):
         """The parameters of one; as they stand where its code is not loaded."""
         there, where = cls.known(), f"{cls.kind}.{name}"
         if name not in there:
-            if is_chosen and isinstance(table, Mapping):
+            if isinstance(table, Mapping) and (is_chosen or code_files.is_told(name)):
                 return dict(table)
             fields = [f"{one}.{field}" for one, known in there.items() for field in known.params.model_fields]
             whole = {field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields}
@@ -363,6 +380,13 @@ class Choice(Section):
             return given
         there = type(self).known()
         return there[name].params() if name in there else {}
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """The chosen one's parameters, were none of them given; as they are, where its code is not loaded."""
+        known = type(self).known().get(self.name)
+        found: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
+        return found
 
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ also holds scenario, seed and versions in its own metadata, so that it can be re
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,10 +15,11 @@ from typing import Any, Final
 import polars as pl
 from polars.testing import assert_frame_equal
 
+from vibroswarm import code_files
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError, RunError, older
-from vibroswarm.files import MARKER, whole_folder
+from vibroswarm.files import MARKER, whole_file, whole_folder
 from vibroswarm.floors.floor import Floor
 from vibroswarm.forked import check_threads
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -91,6 +92,19 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "floors": ("run",),
 }
 SCHEMAS: Final = {name: Schema(columns, UNTOLD[name], KEYS[name]) for name, columns in TABLES.items()}
+
+
+def write_code(folder: Path, scenarios: Iterable[Scenario]) -> None:
+    """Write copies of the files that strategies and networks come from; nothing here ever runs them.
+
+    Raises:
+        RunError: the disk is full or failed.
+    """
+    for code, text in code_files.texts_of(
+        one for s in scenarios for one in (s.strategy.code, s.network.code)
+    ):
+        with whole_file(folder / code.partition(":")[0]) as part:
+            part.write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +188,7 @@ class Result:
         (folder / MARKER).write_text(self.scenario.to_toml(), encoding="utf-8")
         about = self._about()
         (folder / "result.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        write_code(folder, [self.scenario])
         metadata = {"vibroswarm": json.dumps(about), "scenario": self.scenario.to_toml()}
         for name in TABLES:
             frame = getattr(self, name)

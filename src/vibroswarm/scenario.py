@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ValidationError, model_validator
 
+from vibroswarm import code_files
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.fields import (
     Arena,
@@ -100,7 +101,8 @@ class Scenario(Section):
             raise InputError(f"is not TOML: {error}", field=name) from None
         if folder is not None:
             _take_in_floor(values, Path(folder))
-        return cls.from_base(values)
+        with code_files.beside(folder):
+            return cls.from_base(values)
 
     @classmethod
     def from_base(cls, values: Mapping[str, Any]) -> Scenario:
@@ -169,6 +171,8 @@ class Scenario(Section):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
                 place.pop(last, None)
+            elif type(value) is int and isinstance(place.get(last), float):
+                place[last] = float(value)  # also of code that is not loaded, whose types nobody knows
             else:
                 place[last] = value
         if (

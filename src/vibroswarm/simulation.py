@@ -11,6 +11,7 @@ import polars as pl
 
 import vibroswarm.motion.event
 import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
+from vibroswarm import code_files
 from vibroswarm.compiled import source_hash
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.early_stop import until_all_decided
@@ -159,6 +160,13 @@ def check_scenario(scenario: object) -> None:
             f"{shown(scenario)} is no Scenario; make one with preset('paper') or Scenario.read(file)",
             field="scenario",
         )
+    for kind, part in (("strategy", scenario.strategy), ("network", scenario.network)):
+        if part.code is not None and part.name not in code_files.KINDS[kind].known():
+            raise InputError(
+                f"'{part.code.partition(code_files.HASH)[0]}' is not loaded; name its file by --{kind}, or say --trust "
+                "to run the one that is named",
+                field=f"{kind}.name",
+            )
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:

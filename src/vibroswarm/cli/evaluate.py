@@ -65,19 +65,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def study_from(arguments: argparse.Namespace) -> Study:
     """The study that the options describe."""
-    from vibroswarm.cli.scenarios import scenario_from, whole_number
+    from vibroswarm.cli.scenarios import chosen, scenario_from, whole_number
     from vibroswarm.study.precision import Precision
     from vibroswarm.study.spec import Study
 
     vary = _varied(arguments.vary)
     strategies = [] if arguments.strategy is None else arguments.strategy.split(",")
     if len(strategies) > 1:
-        for name in strategies:
-            arguments.strategy = name.strip()
-            scenario_from(arguments)  # each is known
+        names = [chosen("strategy", name.strip()) for name in strategies]
         if "strategy.name" in vary:
             raise InputError("is varied by --strategy too", field="--vary strategy.name")
-        vary["strategy.name"] = [name.strip() for name in strategies]
+        vary["strategy.name"] = names
         arguments.strategy = None
     base = scenario_from(arguments)
     until = None

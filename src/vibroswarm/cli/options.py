@@ -24,8 +24,11 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> argparse._ArgumentG
     )
     what.add_argument("--robots", metavar="N", help="how many robots")
     what.add_argument(
-        "--strategy", metavar="NAME", help="what robots tell each other: none, positive or soft"
+        "--strategy",
+        metavar="NAME",
+        help="what robots tell each other: none, positive, soft, or FILE.py:NAME",
     )
+    what.add_argument("--network", metavar="NAME", help="who hears what: ideal, loss, or FILE.py:NAME")
     what.add_argument("--energies", metavar="FILE", type=Path, help="draw from these measured energies (CSV)")
     what.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], dest="settings",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from vibroswarm import code_files
 from vibroswarm.cli.warned import warn_of
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.files import parse_tiles
@@ -12,7 +13,6 @@ from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.energies import read_energies
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario, parse_setting
-from vibroswarm.strategies import names
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
@@ -35,13 +35,9 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
     if arguments.robots is not None:
         values["swarm.robots"] = whole_number(arguments.robots, "--robots")
     if arguments.strategy is not None:
-        if arguments.strategy not in names():
-            raise InputError(
-                f"there is no strategy '{arguments.strategy}'{nearest(arguments.strategy, names())}"
-                f" (there are {', '.join(names())})",
-                field="--strategy",
-            )
-        values["strategy.name"] = arguments.strategy
+        values["strategy.name"] = chosen("strategy", arguments.strategy)
+    if getattr(arguments, "network", None) is not None:
+        values["network.name"] = chosen("network", arguments.network)
     if arguments.energies is not None:
         vibrating, still = read_energies(arguments.energies)
         values |= {
@@ -49,7 +45,30 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
             "sensor.vibrating_energies": vibrating,
             "sensor.still_energies": still,
         }
-    return values | dict(parse_setting(text) for text in arguments.settings)
+    settings = dict(parse_setting(text) for text in arguments.settings)
+    for kind in code_files.KINDS:
+        if code_files.is_code(settings.get(f"{kind}.name")):
+            settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
+    return values | settings
+
+
+def chosen(kind: str, text: str) -> str:
+    """The name of a strategy or network as a scenario has it; a file that is named is loaded.
+
+    Raises:
+        InputError: there is none of that name, or the file cannot be loaded.
+    """
+    if code_files.is_code(text):
+        return str(code_files.load_file(kind, text).code)
+    known = code_files.KINDS[kind].known()
+    if text not in known:
+        code_files.load_installed()
+    if text not in known:
+        raise InputError(
+            f"there is no {kind} '{text}'{nearest(text, known)} (there are {', '.join(known)}; or FILE.py:NAME)",
+            field=f"--{kind}",
+        )
+    return text
 
 
 def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:

@@ -57,6 +57,8 @@ def how_sure(found: Verdict) -> str:
     if not beliefs:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
         if not beliefs:
+            if any(r.samples for r in found.robots):
+                return "How sure: the robots keep no belief."
             return "No robot took a sample."
         return f"How sure: no robot was; belief in 'less' is {_range(beliefs)}. {note}"
     return f"How sure: belief in the decision, when it fell, {_range(beliefs)}. {note}"

@@ -51,6 +51,8 @@ class Network:
     about: str = ""
     source: str = field(default="", compare=False)
     """The text of the file it comes from, where that is not of this package."""
+    code: str = field(default="", compare=False)
+    """That file's name, this one's name in it, and its hash."""
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name):

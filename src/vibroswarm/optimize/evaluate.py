@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm import code_files
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.cost_outcomes import Outcomes
 from vibroswarm.optimize.archive import Archive
@@ -48,6 +49,13 @@ class Piece:
     motion: str
     first: int
     last: int
+    code: tuple[tuple[str, str], ...] = ()
+    """Code of the user's, and its text."""
+
+
+def code_of(cases: Sequence[Scenario]) -> tuple[tuple[str, str], ...]:
+    """Code of the user's that these need, and its text."""
+    return code_files.texts_of(code for one in cases for code in (one.strategy.code, one.network.code))
 
 
 def derived_seed(seed: int, purpose: str) -> int:
@@ -62,6 +70,7 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
         InputError: a cost gives no number.
     """
     try:
+        code_files.install_all(piece.code)
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
         found = outcomes_of(scenarios, piece.seed, range(piece.first, piece.last), piece.motion)
     except InputError as error:
@@ -97,7 +106,7 @@ class Evaluator:
         numbers: str = "independent",
     ) -> None:
         self.archive, self.motion, self.numbers = archive, motion, numbers
-        self.cases = tuple(scenario.to_toml() for scenario in cases)
+        self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases)
         self.seed = derived_seed(seed, "evaluations")
         self.next_run = 0
 
@@ -110,7 +119,9 @@ class Evaluator:
             raise InputError("asks for more than 2^32 runs", field="budget")
         values = tuple(candidate.values.items())
         return [
-            Piece(self.cases, values, self.seed, self.motion, low, min(low + PIECE, first + ask.runs))
+            Piece(
+                self.cases, values, self.seed, self.motion, low, min(low + PIECE, first + ask.runs), self.code
+            )
             for low in range(first, first + ask.runs, PIECE)
         ]
 
@@ -218,7 +229,8 @@ def figures_of(
     """Runs 0 to ``runs`` of one set of values; with the same seed the same motion for any values that move alike."""
     texts, given = tuple(c.to_toml() for c in cases), tuple(values.items())
     step = 5 * PIECE
-    pieces = [Piece(texts, given, seed, motion, k, min(k + step, runs)) for k in range(0, runs, step)]
+    code = code_of(cases)
+    pieces = [Piece(texts, given, seed, motion, k, min(k + step, runs), code) for k in range(0, runs, step)]
     found = do_pieces(pieces, objectives, workers, tell)
     good = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if not isinstance(rows, str)]
     bad = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if isinstance(rows, str)]

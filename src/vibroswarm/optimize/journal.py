@@ -32,6 +32,7 @@ from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
 from vibroswarm.plain_files import entry, number, read_bytes, read_json, texts
+from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
 
 SEARCH: Final = "search.toml"
@@ -104,6 +105,7 @@ class Journal:
 
     def _make(self) -> None:
         head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
+        write_code(self.folder, (cell.scenario for cell in self.search.cases))
         try:
             for name, content in (
                 (SEARCH, self._text),

@@ -7,9 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from vibroswarm.code_files import is_code, name_in
 from vibroswarm.study.varied import LABEL, PRESET, Point
 
-PLAIN: Final = ("floor.source", "strategy.name", PRESET, LABEL)
+PLAIN: Final = ("floor.source", "strategy.name", "network.name", PRESET, LABEL)
 """Fields whose values say what they are."""
 DIGITS: Final = 6
 MOST_DIGITS: Final = 17
@@ -24,6 +25,8 @@ def told(words: Mapping[str, str]) -> str:
 
 def in_digits(value: Any, digits: int = DIGITS) -> str:
     """One value as it is told; a long one by its length and a hash."""
+    if is_code(value):
+        return name_in(value)
     text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     if len(text) <= LONGEST:
         return text

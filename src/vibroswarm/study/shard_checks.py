@@ -16,13 +16,11 @@ from vibroswarm.study.simulate_batch import SAMPLES
 from vibroswarm.study.spec import Study
 from vibroswarm.tables import Schema, check_table, read_frame
 
-NEVER_UNTOLD: Final = frozenset(
-    {"decision", "alpha", "beta", "received", "consensus", "right", "wrong", "undecided"}
-)
-"""A simulation always knows these."""
+NEVER_UNTOLD: Final = frozenset({"decision", "received", "consensus", "right", "wrong", "undecided"})
+"""A simulation always knows these; not every strategy keeps a posterior or a belief."""
 _NULLABLE: Final = (UNTOLD["robots"] | UNTOLD["runs"] | frozenset(WALK)) - NEVER_UNTOLD
 ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
-_OF_SAMPLES: Final = frozenset({"energy"})
+_OF_SAMPLES: Final = frozenset({"energy", "message", "alpha", "beta", "belief"})
 SAMPLE_ROWS: Final = Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample"))
 
 

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm import code_files
 from vibroswarm.draws import SEED_LIMIT
 from vibroswarm.errors import InputError, nearest, older, shown, whole_number_of
 from vibroswarm.floors.patterns import family
@@ -180,6 +181,13 @@ class Study:
         Raises:
             InputError: naming what is wrong, and what would be right.
         """
+        with code_files.beside(folder):
+            return cls._from_values(values, name, folder)
+
+    @classmethod
+    def _from_values(cls, values: Mapping[str, Any], name: str, folder: str | Path | None) -> Study:
+        code_files.tell(values)
+        blocks = {key: code_files.resolved_in(values[key]) for key in values if key in BLOCKS}
         for key in values:
             if key not in KEYS:
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
@@ -212,7 +220,7 @@ class Study:
                 raise InputError(f"{values[key]!r} is no {words[2:]}", field=key)
         return cls(
             base=base,
-            vary={key: values[key] for key in values if key in BLOCKS},
+            vary=blocks,
             runs=values.get("runs", None if until is not None else 100),
             until=precision,
             seed=values.get("seed", 1),
@@ -248,8 +256,18 @@ class Study:
         values |= {"motion": self.motion} if self.motion != "event" else {}
         values |= {"keep": list(self.keep)} if self.keep else {}
         floors = {name: list(rows) for name, rows in self._named_floors.items()}
-        values |= {"scenario": self._whole_base} | ({"floors": floors} if floors else {})
+        values |= {"scenario": self._with_tables(self._whole_base)} | ({"floors": floors} if floors else {})
         return as_toml(values | dict(self.vary))
+
+    def _with_tables(self, base: dict[str, Any]) -> dict[str, Any]:
+        """A base with the parameters of all code that cells name, so that cells are the same where it is not loaded."""
+        found = copy_of(base)
+        for cell in self.cells:
+            for kind in code_files.KINDS:
+                part = getattr(cell.scenario, kind)
+                if part.code is not None:
+                    found.setdefault(kind, {}).setdefault(part.name, part.defaults)
+        return found
 
     def with_runs(self, runs: int) -> Study:
         """The same cells with another number of runs."""

@@ -28,6 +28,7 @@ from vibroswarm.files import whole_file
 from vibroswarm.forked import check_threads
 from vibroswarm.leftovers import remove_leftovers
 from vibroswarm.plain_files import entry, read_json, read_text, texts
+from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Range, missing, plan_of
 from vibroswarm.study.shard_checks import check_shard
@@ -359,6 +360,7 @@ class Store:
                 }
                 with whole_file(head) as part:
                     part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+            write_code(self.folder, (cell.scenario for cell in self.study.cells))
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error

@@ -21,6 +21,7 @@ from typing import Any, Final, TypeGuard
 
 import numpy as np
 
+from vibroswarm import code_files
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.scenario import field_names
 
@@ -140,7 +141,7 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
         raise InputError("is a table of fields and their values", field=name)
     known, found = {*field_names(), PRESET, *may_have}, {}
     for key, value in block.items():
-        if key in known:
+        if key in known or _is_of_code(key):
             found[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
             found |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
@@ -150,6 +151,12 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
             hint = f", did you mean '{same[0]}'?" if same else nearest(key, known)
             raise InputError(f"there is no such field{hint}", field=f"{name}.{key}")
     return found
+
+
+def _is_of_code(name: str) -> bool:
+    """Whether a field is a parameter of code that is not loaded: ``strategy.voter.phase_s``."""
+    parts = name.split(".")
+    return len(parts) == 3 and parts[0] in code_files.KINDS and code_files.is_told(parts[1])
 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:

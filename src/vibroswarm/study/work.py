@@ -13,6 +13,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm import code_files
 from vibroswarm.forked import check_threads
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import Group, Texts
@@ -43,6 +44,8 @@ class Work:
     seed: int
     motion: str
     keep: tuple[str, ...]
+    code: tuple[tuple[str, str], ...] = ()
+    """Code of the user's that the cells need, and its text."""
 
     @property
     def name(self) -> str:
@@ -62,7 +65,23 @@ class Done:
 
 def work_of(study: Study, group: Group, first: int, last: int) -> Work:
     """The batch of these runs of a group."""
-    return Work(study.hash, group.number, group.texts, first, last, study.seed, study.motion, study.keep)
+    return Work(
+        study.hash,
+        group.number,
+        group.texts,
+        first,
+        last,
+        study.seed,
+        study.motion,
+        study.keep,
+        code_of(group),
+    )
+
+
+def code_of(group: Group) -> tuple[tuple[str, str], ...]:
+    """Code of the user's that a group of cells needs, and its text."""
+    cells = [cell.scenario for cell in group.cells]
+    return code_files.texts_of(code for one in cells for code in (one.strategy.code, one.network.code))
 
 
 def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
@@ -73,6 +92,7 @@ def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:
         RunError: this process was forked after polars had begun its threads.
     """
     check_threads()
+    code_files.install_all(work.code)
     first = scenario_of(work.observed[0][0][0])
     a_run = max(
         first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0

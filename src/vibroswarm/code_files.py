@@ -1,0 +1,265 @@
+"""Strategies and networks from files: ``voter.py:voter`` names an object in a file.
+
+A file is code, and runs when it is loaded. So nothing is loaded because a data file names it, unless the user has said
+that it is to be trusted; and what is kept of a result is the text of the file and its hash, not a path.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import linecache
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final, NamedTuple
+
+from vibroswarm import networks, strategies
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.networks import Network
+from vibroswarm.plain_files import read_text
+from vibroswarm.strategies import Strategy
+
+MODULE: Final = "vibroswarm_file"
+HASH: Final = " sha256:"
+
+
+class Kind(NamedTuple):
+    """What a file may hold."""
+
+    declared: type
+    register: Callable[[Any], Any]
+    known: Callable[[], Mapping[str, Any]]
+    group: str
+    """Of entry points of installed packages."""
+
+
+KINDS: Final = {
+    "strategy": Kind(Strategy, strategies.register, strategies.known, "vibroswarm.strategies"),
+    "network": Kind(Network, networks.register, networks.known, "vibroswarm.networks"),
+}
+
+_texts: dict[str, str] = {}
+"""Texts of what has been loaded, by their code."""
+_told: set[str] = set()
+"""Names of what is code, and was read of, loaded or not."""
+_trusted: list[Path | None] = []
+"""Where files lie that data files may name; of no entries while nothing is trusted."""
+
+
+@contextmanager
+def trusting(folder: Path | None = None) -> Iterator[None]:
+    """While this lasts, files that data files name are loaded, from ``folder`` or where the program runs."""
+    _trusted.append(folder)
+    try:
+        yield
+    finally:
+        _trusted.pop()
+
+
+@contextmanager
+def beside(folder: str | Path | None) -> Iterator[None]:
+    """While this lasts, a trusted file is looked for in this folder."""
+    if not _trusted or folder is None:
+        yield
+        return
+    with trusting(Path(folder)):
+        yield
+
+
+def is_code(text: object) -> bool:
+    """Whether a name is that of an object in a file: ``folder/voter.py:voter``, with or without its hash."""
+    if not isinstance(text, str):
+        return False
+    path, separator, name = text.partition(HASH)[0].rpartition(":")
+    return bool(separator) and path.endswith(".py") and name.isidentifier()
+
+
+def name_in(code: str) -> str:
+    """``voter``, of ``voter.py:voter sha256:...``."""
+    return code.partition(HASH)[0].rpartition(":")[2]
+
+
+def is_told(name: str) -> bool:
+    """Whether there is code of this name, loaded or not."""
+    return name in _told
+
+
+def tell(values: object) -> None:
+    """Take note of the code that some values of a data file name."""
+    if isinstance(values, str):
+        if HASH in values and is_code(values):
+            _told.add(name_in(values))
+    elif isinstance(values, Mapping):
+        for one in values.values():
+            tell(one)
+    elif isinstance(values, Iterable):
+        for one in values:
+            tell(one)
+
+
+def resolved(kind: str, spec: str) -> str:
+    """What a data file says of code, with its hash; it is loaded if it is trusted, and left if it has its hash.
+
+    Raises:
+        InputError: a file that is not trusted, cannot be loaded, or is not the one that was used.
+    """
+    name = name_in(spec)
+    _told.add(name)
+    known = KINDS[kind].known().get(name)
+    if known is not None and known.code and (known.code == spec or HASH not in spec):
+        return str(known.code)
+    if _trusted:
+        return str(load_file(kind, spec, _trusted[-1]).code)
+    if HASH in spec:
+        return spec
+    raise InputError(
+        f"{spec} is code; say --trust if you know what it does, so that it is run", field=f"{kind}.name"
+    )
+
+
+def resolved_in(values: Any, path: str = "") -> Any:
+    """The values of a data file, with the hashes of the code that they name; see ``resolved``.
+
+    Args:
+        path: dotted name of the table that these are.
+    """
+    if isinstance(values, str):
+        kind = path.split(".")[-2:-1]
+        is_named = path.endswith(".name") and kind and kind[0] in KINDS
+        return resolved(kind[0], values) if is_named and is_code(values) else values
+    if isinstance(values, Mapping):
+        return {key: resolved_in(one, f"{path}.{key}") for key, one in values.items()}
+    if isinstance(values, list | tuple):
+        return [resolved_in(one, path) for one in values]
+    return values
+
+
+def load_file(kind: str, spec: str, folder: Path | None = None) -> Any:
+    """The strategy or network that ``path.py:name`` says, made known.
+
+    Args:
+        kind: "strategy" or "network". folder: where a relative path begins.
+    Raises:
+        InputError: there is no such file or object, or it cannot be loaded: the file and line are named.
+    """
+    path_text, _, name = spec.partition(HASH)[0].rpartition(":")
+    path = Path(path_text) if folder is None else folder / path_text
+    text = read_text(path, f"a {kind}")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    wanted = spec.partition(HASH)[2]
+    if wanted and wanted != digest:
+        raise InputError(
+            f"'{path}' is not the file that was used: its SHA-256 begins with {digest[:12]}, that of then with "
+            f"{wanted[:12]}",
+            field=f"{kind}.code",
+        )
+    return install(kind, f"{path.name}:{name}{HASH}{digest}", text, str(path))
+
+
+def text_of(code: str) -> str | None:
+    """The text of a file that has been loaded."""
+    return _texts.get(code)
+
+
+def texts_of(codes: Iterable[str | None]) -> tuple[tuple[str, str], ...]:
+    """The codes among these that have been loaded, and their texts: what a worker needs."""
+    return tuple((code, _texts[code]) for code in sorted({code for code in codes if code in _texts}))
+
+
+def install_all(texts: Iterable[tuple[str, str]]) -> None:
+    """Make known what ``texts_of`` gave, in another process or on another machine."""
+    for code, text in texts:
+        if code not in _texts:
+            install(None, code, text)
+
+
+def install(kind: str | None, code: str, text: str, file: str | None = None) -> Any:
+    """Make the strategy or network of a text known: of a file of the user's, or of a copy that a worker was given.
+
+    Args:
+        kind: "strategy", "network", or None: either.
+    Raises:
+        InputError: the text cannot be loaded, or holds no such thing; the file and line are named.
+    """
+    name, digest = name_in(code), hashlib.sha256(text.encode()).hexdigest()
+    file = file or code.partition(HASH)[0].rpartition(":")[0]
+    if code.partition(HASH)[2] != digest:
+        raise InputError(f"'{code}' is not what this text is", field=file)
+    module_name = f"{MODULE}_{digest[:16]}"
+    module = sys.modules.get(module_name) or _module(module_name, text, file)
+    found: Any = vars(module).get(name)
+    kinds = [one for one in KINDS.values() if isinstance(found, one.declared)]
+    if not kinds or (kind is not None and kinds[0] is not KINDS[kind]):
+        wanted = tuple(one.declared for one in KINDS.values()) if kind is None else KINDS[kind].declared
+        there = [one for one, value in vars(module).items() if isinstance(value, wanted)]
+        what = (
+            f"is no {kind or 'strategy or network'}"
+            if name in vars(module)
+            else f"is not there{nearest(name, there)}"
+        )
+        raise InputError(f"'{name}' {what}; the file has {', '.join(there) or 'none'}", field=file)
+    if found.name != name:
+        raise InputError(f"'{name}' calls itself '{found.name}'; give both one name", field=file)
+    known = kinds[0].known().get(name)
+    if known is None:
+        known = kinds[0].register(replace(found, source=text, code=code))
+    elif known.source != text:
+        whose = "another file has been loaded with" if known.source else "vibroswarm has"
+        raise InputError(f"{whose} a {kind} '{name}' already; give yours another name", field=file)
+    _texts[code] = text
+    _told.add(name)
+    return known
+
+
+def load_installed() -> None:
+    """Make known what installed packages offer as entry points (``vibroswarm.strategies``, ``vibroswarm.networks``).
+
+    Raises:
+        InputError: one cannot be loaded, or is none.
+    """
+    for kind, (declared, register, known, group) in KINDS.items():
+        for point in entry_points(group=group):
+            try:
+                found: Any = point.load()
+            except Exception as error:
+                raise InputError(
+                    f"cannot be loaded: {type(error).__name__}: {error}", field=point.value
+                ) from None
+            if not isinstance(found, declared):
+                raise InputError(f"is no {kind}", field=point.value)
+            if vars(found)["name"] not in known():
+                register(found)
+
+
+def _module(name: str, text: str, file: str) -> ModuleType:
+    module = ModuleType(name)
+    module.__file__ = file
+    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    sys.modules[name] = module
+    try:
+        exec(compile(text, file, "exec"), vars(module))  # noqa: S102  (the user asked for it by name)
+    except KeyboardInterrupt:
+        del sys.modules[name]
+        raise
+    except BaseException as error:
+        del sys.modules[name]
+        said = (
+            str(error)
+            if isinstance(error, InputError)
+            else f"cannot be loaded: {type(error).__name__}: {error}"
+        )
+        raise InputError(f"{said}{_line_of(error, file)}", field=file) from None
+    return module
+
+
+def _line_of(error: BaseException, file: str) -> str:
+    """`` (line 12)`` of the file, if the error has come from there."""
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f" (line {error.lineno})"
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return f" (line {lines[-1]})" if lines else ""
