@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +12,13 @@ from drawn_scenarios import Draw, draws
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-from vibroswarm.optimize.followed import LOOK_S, PIECE_S, outcomes_of
 
 from vibroswarm.inference.cost_outcomes import Outcomes, from_result
 from vibroswarm.motion import contract
 from vibroswarm.motion.contract import Source
 from vibroswarm.motion.event import EVENT, EventRun
-from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.optimize import followed
+from vibroswarm.optimize import simulate_runs
+from vibroswarm.optimize.simulate_runs import PIECE_S, outcomes_of
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -80,13 +80,10 @@ def test_runs_in_any_order_and_alone(motion: str) -> None:
         equal(row(together, k), alone)
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch, together: bool) -> None:
+def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
-    for name in ("PIECE_S", "LOOK_S"):
-        monkeypatch.setattr(followed, name, 1.0)  # so that no run is moved beyond its end already
-    if together:
-        monkeypatch.setattr(followed, "can_follow", lambda state: False)
+    for name in ("PIECE_S", "MARGIN_S"):
+        monkeypatch.setattr(simulate_runs, name, 1.0)  # so that no run is moved beyond its end already
     scenario = Draw(strategy="none", robots=12).scenario()
     runs = list(range(150))
     result = simulate(scenario, 1, runs, energies=False)
@@ -97,6 +94,20 @@ def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch, togeth
     assert at_the_end.sum() > 3
 
 
+@pytest.mark.parametrize("strategy", ["none", "soft"])
+@pytest.mark.parametrize(("piece_s", "margin_s"), [(0.5, 0.5), (7.3, 1.0), (1000.0, 500.0)])
+def test_where_one_looks_does_not_matter(
+    monkeypatch: pytest.MonkeyPatch, strategy: str, piece_s: float, margin_s: float
+) -> None:
+    scenario, runs = Draw(strategy=strategy, loss=0.1).scenario(), list(range(12))
+    (usual,) = outcomes_of([scenario], 6, runs)
+    monkeypatch.setattr(simulate_runs, "PIECE_S", piece_s)
+    monkeypatch.setattr(simulate_runs, "MARGIN_S", margin_s)
+    monkeypatch.setattr(simulate_runs, "_kept", threading.local())
+    (found,) = outcomes_of([scenario], 6, runs)
+    equal(found, usual)
+
+
 def test_where_a_run_stops_does_not_matter() -> None:
     scenario = Draw(strategy="soft").scenario()
     early = scenario.with_values({"run.stop": "all_decided"})
@@ -105,29 +116,25 @@ def test_where_a_run_stops_does_not_matter() -> None:
     assert (one.end_s < 150.0).any()
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch, together: bool) -> None:
+def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
     reached: list[float] = []
-    for name in ("_follow_alone", "_follow_together"):
-        right = getattr(followed, name)
+    finish = simulate_runs._Course.finish
 
-        def then_note(state: KernelRun, course: Any, r: int, right: Any = right) -> None:
-            right(state, course, r)
-            reached.append(state.time_s)
+    def then_note(course: Any, r: int) -> None:
+        reached.append(course.loop.notes.time_s[: course.loop.bounds[1]].max())
+        finish(course, r)
 
-        monkeypatch.setattr(followed, name, then_note)
-    if together:
-        monkeypatch.setattr(followed, "can_follow", lambda state: False)
-    look_s = PIECE_S if together else LOOK_S
+    monkeypatch.setattr(simulate_runs._Course, "finish", then_note)
+    monkeypatch.setattr(simulate_runs._Course, "next_look_s", lambda course, now_s: now_s + PIECE_S)
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     (found,) = outcomes_of([scenario], 3, range(20))
     moved_s = np.array(reached)
-    assert (moved_s >= np.minimum(found.end_s, 1200.0)).all()
     decided_s = found.decision_time_s.max(axis=1)
     early = (found.decision != -1).all(axis=1) & (decided_s < 1000.0)
     assert early.sum() > 10
-    assert (moved_s[early] <= np.maximum(decided_s + look_s, found.end_s)[early] + 0.03).all()
-    assert (moved_s[(found.decision == -1).any(axis=1)] == 1200.0).all()
+    assert (moved_s[early] <= np.maximum(decided_s + PIECE_S, found.end_s)[early] + 0.03).all()
+    assert (moved_s[(found.decision == -1).any(axis=1)] > 1190.0).all()
+    assert (moved_s[early] < 1000.0).any()
 
 
 def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> None:

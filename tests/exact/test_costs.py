@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from vibroswarm.optimize.followed import outcomes_of
 
 from vibroswarm import preset, simulate
 from vibroswarm.errors import InputError
 from vibroswarm.inference.cost_outcomes import Outcomes, from_result, from_tables
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, several
+from vibroswarm.optimize.simulate_runs import outcomes_of
 from vibroswarm.optimize.truth import scored_of
 
 NAN = math.nan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,34 +13,38 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
-from vibroswarm.strategies.program import (
-    GATE_OWN,
-    GATE_RECEIVED,
-    GATE_TOTAL,
-    NONE,
-    POSITIVE,
-    SOFT,
-    Mind,
-    MindProgram,
-    begin_mind,
-    conclude,
-    counted,
-    decide,
-    may_decide,
-    needs_belief,
-    receive,
-    sample,
-)
 
 from vibroswarm.robot.believe import belief_below
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import none, positive, soft
+from vibroswarm.strategies.bayes import (
+    GATE_OWN,
+    GATE_RECEIVED,
+    GATE_TOTAL,
+    begin,
+    decided,
+    is_enough,
+    on_counts,
+)
+from vibroswarm.strategies.belief_table import beliefs
+from vibroswarm.strategies.world import Draws, Reading, World
 
-PROGRAM = MindProgram(
-    strategy=NONE,
-    eta=1500.0,
-    kappa=2.0,
+WORLD = World(
+    robot=0,
+    robots=5,
+    t_end_s=1200.0,
+    tick_s=0.02,
+    tick_ms=20,
+    width_m=1.0,
+    height_m=1.0,
+    rows=5,
+    columns=5,
+    tile_width_m=0.2,
+    tile_height_m=0.2,
+    left_m=0.0,
+    bottom_m=0.0,
+    decision_boundary=0.5,
     boundary=0.5,
     credible_threshold=0.95,
     min_observations=10,
@@ -48,18 +53,42 @@ PROGRAM = MindProgram(
     revise=False,
     prior_alpha=1,
     prior_beta=1,
+    false_positive=0.0,
+    false_negative=0.0,
+    hold_s=30.0,
+    beliefs=beliefs(0.5, 6000),
 )
+SOFT = SimpleNamespace(eta=1500.0, kappa=2.0)
 bits = st.integers(0, 1)
 counts = st.integers(1, 5000)
 
 
-def mind(
-    alpha: int = 1, beta: int = 1, decision: int = -1, own: int = 0, received: int = 0, message: int = 0
-) -> Mind:
-    return Mind(alpha, beta, decision, own, received, message)
+def state(
+    alpha: int = 1, beta: int = 1, decision: int = -1, own: int = 0, received: int | None = None
+) -> SimpleNamespace:
+    """A robot's state; with ``received``, the counts are made to agree with it, all zeros."""
+    if received is not None:
+        alpha, beta = 1, 1 + own + received
+    return SimpleNamespace(alpha=alpha, beta=beta, decision=decision, own=own)
 
 
-def belief_in(one: Mind) -> float:
+def sampled(
+    strategy: Any,
+    before: SimpleNamespace,
+    reading: int,
+    world: World = WORLD,
+    u: float = 0.5,
+    p: SimpleNamespace = SOFT,
+) -> SimpleNamespace:
+    """The state after an own sample, and the bit that is sent: of a module of ``strategies``."""
+    after, out = SimpleNamespace(**vars(before)), SimpleNamespace(bit=7)
+    x = Reading(reading, math.nan, 1.0, 0, 0.5, 0.5, 0.0, 0.0)
+    assert strategy.on_sample(after, 0, x, out, Draws(1, 0, 0, 6, 0, 0, 0, u), p, world)
+    after.message = out.bit
+    return after
+
+
+def belief_in(one: SimpleNamespace) -> float:
     return belief_below(one.alpha, one.beta, 0.5)
 
 
@@ -97,7 +126,7 @@ def test_without_weight_a_robot_says_what_it_reads(o: int) -> None:
     for u in (2.0**-53, 0.5, 1 - 2.0**-53):
         assert soft.message(o, 1, 1, 0.5, 1500.0, 2.0, u) == o  # p = 1/2
         assert soft.message(o, 3, 9, 0.97, 1e12, 2.0, u) == o  # eta without end
-    assert none.message(o) == o
+    assert sampled(none, state(), o).message == o
 
 
 def test_the_message_is_one_where_the_number_lies_below_the_probability() -> None:
@@ -123,42 +152,42 @@ def test_a_number_that_tells_early_tells_the_same(
 
 
 @settings(deadline=None, max_examples=100)
-@given(bits, bits, counts, counts, st.integers(0, 30), st.booleans(), st.sampled_from([NONE, POSITIVE, SOFT]))
-def test_the_belief_counts_only_where_it_is_said_to(
-    o: int, decision: int, alpha: int, beta: int, own: int, revise: bool, strategy: int
-) -> None:
-    program = PROGRAM._replace(strategy=strategy, revise=revise)
-    for one in (mind(alpha, beta, -1, own), mind(alpha, beta, decision, own)):
-        after = {conclude(one, belief, o, 0.5, program) for belief in (0.0, 0.3, 0.5, 0.97, 1.0)}
-        if not needs_belief(one, program):
-            assert len(after) == 1
-        elif may_decide(one, program):
-            assert len({mind.decision for mind in after}) > 1
+@given(bits, counts, counts, st.integers(0, 30), st.booleans())
+def test_a_decision_comes_only_past_the_gate(o: int, alpha: int, beta: int, own: int, revise: bool) -> None:
+    """Nothing else of the belief is heeded by those without soft feedback."""
+    world = WORLD._replace(revise=revise)
+    before = state(alpha, beta, -1, own)
+    for strategy in (none, positive):
+        after = sampled(strategy, before, o, world)
+        if not is_enough(after, world):
+            assert after.decision == -1
+            assert after.message == o
 
 
 def test_positive_feedback_says_the_decision_once_there_is_one() -> None:
     for o in (0, 1):
-        assert positive.message(o, -1) == o
-        assert positive.message(o, 0) == 0
-        assert positive.message(o, 1) == 1
+        assert sampled(positive, state(), o).message == o
+        assert sampled(positive, state(decision=0), o).message == 0
+        assert sampled(positive, state(decision=1), o).message == 1
 
 
 @pytest.mark.parametrize("threshold", [0.5, 0.75, 0.95, 0.99])
 def test_decide_is_strict(threshold: float) -> None:
-    program = PROGRAM._replace(credible_threshold=threshold)
+    world = WORLD._replace(credible_threshold=threshold)
     above = float(np.nextafter(threshold, 1))
-    assert decide(threshold, program) == -1
-    assert decide(above, program) == 0
-    assert decide(0.5, program) == -1
-    assert decide(1.0, program) == 0
-    assert decide(0.0, program) == 1
+    assert decided(threshold, -1, world) == -1
+    assert decided(above, -1, world) == 0
+    assert decided(0.5, -1, world) == -1
+    assert decided(1.0, -1, world) == 0
+    assert decided(0.0, -1, world) == 1
+    assert decided(0.5, 1, world) == 1
 
 
 def test_decide_is_strict_on_the_other_side() -> None:
     """With beliefs whose difference to 1 is exact."""
-    program = PROGRAM._replace(credible_threshold=0.75)
-    assert decide(0.25, program) == -1
-    assert decide(0.25 - 2.0**-53, program) == 1
+    world = WORLD._replace(credible_threshold=0.75)
+    assert decided(0.25, -1, world) == -1
+    assert decided(0.25 - 2.0**-53, -1, world) == 1
 
 
 @pytest.mark.parametrize(
@@ -174,67 +203,72 @@ def test_decide_is_strict_on_the_other_side() -> None:
 )
 def test_the_gates_count(gate: int, current: bool, expected: int) -> None:
     """Three own samples, the current one among them, and five received bits."""
-    program = PROGRAM._replace(gate=gate, gate_counts_current=current)
-    assert counted(mind(own=3, received=5), program) == expected
+    one = state(own=3, received=5)
+    world = WORLD._replace(gate=gate, gate_counts_current=current)
+    assert is_enough(one, world._replace(min_observations=expected - 1))
+    assert not is_enough(one, world._replace(min_observations=expected))
 
 
 @pytest.mark.parametrize("current", [False, True])
 @pytest.mark.parametrize("gate", [GATE_TOTAL, GATE_RECEIVED, GATE_OWN])
 def test_more_than_the_least_number_is_needed(gate: int, current: bool) -> None:
-    before = mind(1, 60, own=8, received=12)  # the sample below is the ninth
+    before = state(own=8, received=12)  # the sample below is the ninth
     full = {GATE_TOTAL: 20, GATE_RECEIVED: 12, GATE_OWN: 8}[gate] + (current and gate != GATE_RECEIVED)
-    program = PROGRAM._replace(gate=gate, gate_counts_current=current, min_observations=full)
-    assert sample(before, 0, 0.5, program).decision == -1
-    assert sample(before, 0, 0.5, program._replace(min_observations=full - 1)).decision == 0
+    world = WORLD._replace(gate=gate, gate_counts_current=current, min_observations=full)
+    assert sampled(none, before, 0, world).decision == -1
+    assert sampled(none, before, 0, world._replace(min_observations=full - 1)).decision == 0
 
 
 def test_a_sample_observes_tests_and_composes_in_this_order() -> None:
     """The own bit is in the posterior that is tested, and the decision in the message."""
-    program = PROGRAM._replace(strategy=POSITIVE, min_observations=0)
-    before = mind(1, 4, received=3)  # p = 15/16
+    world = WORLD._replace(min_observations=0)
+    before = state(1, 4)  # p = 15/16
     assert belief_in(before) < 0.95
-    after = sample(before, 0, 0.5, program)
+    after = sampled(positive, before, 0, world)
     assert (after.alpha, after.beta) == (1, 5)
     assert belief_in(after) == pytest.approx(31 / 32)
-    assert (after.decision, after.own, after.received, after.message) == (0, 1, 3, 0)
-    assert sample(after, 1, 0.5, program).message == 0  # says its decision from now on
-    assert sample(after, 1, 0.5, program._replace(strategy=NONE)).message == 1
-    silent = sample(before, 1, 0.5, program)
+    assert (after.decision, after.own, after.message) == (0, 1, 0)
+    assert sampled(positive, after, 1, world).message == 0  # says its decision from now on
+    assert sampled(none, after, 1, world).message == 1
+    silent = sampled(positive, before, 1, world)
     assert (silent.decision, silent.message) == (-1, 1)
 
 
 def test_the_soft_message_uses_the_posterior_with_the_own_sample() -> None:
-    program = PROGRAM._replace(strategy=SOFT, eta=1.0, kappa=1.0)
-    before = mind(1, 4)
-    after = sample(before, 0, 0.5, program)
-    p = soft.probability(0, 1, 5, belief_in(after), 1.0, 1.0)
-    assert sample(before, 0, float(np.nextafter(p, 0)), program).message == 1
-    assert sample(before, 0, p, program).message == 0
+    p = SimpleNamespace(eta=1.0, kappa=1.0)
+    before = state(1, 4)
+    after = sampled(soft, before, 0, p=p)
+    share = soft.probability(0, 1, 5, belief_in(after), 1.0, 1.0)
+    assert sampled(soft, before, 0, u=float(np.nextafter(share, 0)), p=p).message == 1
+    assert sampled(soft, before, 0, u=share, p=p).message == 0
 
 
 def test_a_received_bit_counts_as_an_own_one_and_decides_nothing() -> None:
-    heard = receive(receive(mind(1, 400, own=50), 0, 1), 1, 0)
-    assert (heard.own, heard.received, heard.decision) == (50, 2, -1)
+    heard = state(1, 400, own=50)
+    on_counts(heard, 0, 1, SOFT, WORLD)
+    on_counts(heard, 1, 0, SOFT, WORLD)
+    assert (heard.own, heard.decision) == (50, -1)
     assert (heard.alpha, heard.beta) == (2, 401)
-    own = sample(heard, 0, 0.5, PROGRAM)
+    own = sampled(none, heard, 0)
     assert (own.alpha, own.beta) == (2, 402)
 
 
-@pytest.mark.parametrize("strategy", [NONE, POSITIVE, SOFT])
+@pytest.mark.parametrize("strategy", [none, positive, soft])
 @pytest.mark.parametrize("revise", [False, True])
-def test_only_soft_feedback_may_revise(strategy: int, revise: bool) -> None:
-    program = PROGRAM._replace(strategy=strategy, revise=revise)
-    sure_of_one = mind(200, 20, decision=0, own=50, received=170)
-    after = sample(sure_of_one, 1, 0.5, program)
-    assert after.decision == (1 if strategy == SOFT and revise else 0)
-    unsure = mind(100, 100, decision=0, own=50, received=150)
-    assert sample(unsure, 1, 0.5, program).decision == 0  # never undecided again
+def test_only_soft_feedback_may_revise(strategy: Any, revise: bool) -> None:
+    world = WORLD._replace(revise=revise)
+    sure_of_one = state(200, 20, decision=0, own=50)
+    after = sampled(strategy, sure_of_one, 1, world)
+    assert after.decision == (1 if strategy is soft and revise else 0)
+    unsure = state(100, 100, decision=0, own=50)
+    assert sampled(strategy, unsure, 1, world).decision == 0  # never undecided again
 
 
 def test_begin_is_the_prior() -> None:
-    first = begin_mind(PROGRAM._replace(prior_alpha=3, prior_beta=2))
+    first = SimpleNamespace(alpha=0, beta=0, decision=0, own=0)
+    begin(first, 0, Draws(1, 0, 0, 14, 0, 0, 0, -1.0), SOFT, WORLD._replace(prior_alpha=3, prior_beta=2))
     assert (first.alpha, first.beta) == (3, 2)
-    assert (first.decision, first.own, first.received) == (-1, 0, 0)
+    assert (first.decision, first.own) == (-1, 0)
 
 
 SHORT: dict[str, Any] = {"run.t_end_s": 400.0, "decision.min_observations": 40, "strategy.soft.kappa": 1.0}

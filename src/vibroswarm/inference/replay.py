@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import read_only
+from vibroswarm.compiled import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, final_frame
 from vibroswarm.inference.generate import draws
 from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
@@ -46,7 +46,7 @@ def infer(
     timeline = timeline_of(scenario, motion)
     strategy = strategy_of(scenario.strategy.name)
     log = empty_log(timeline.robot.size, strategy.state_type)
-    messages = np.zeros(timeline.robot.size, strategy.message_type)
+    messages = zero_rows(timeline.robot.size, strategy.message_type)
     swarm = _replayed(scenario, seed, timeline, observations, messages, log)
     columns = inference_columns(messages, log)
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]

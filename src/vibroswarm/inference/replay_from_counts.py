@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel, signed
+from vibroswarm.compiled import kernel, signed
 from vibroswarm.draws import LOSS, uniform
 from vibroswarm.inference.agents import Swarm, begin_agent, of_beginning, of_sample, world_for
 from vibroswarm.inference.hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
-from vibroswarm.inference.rows import Log, Session
+from vibroswarm.inference.rows import Log, Marks, Session
 from vibroswarm.strategies.world import Reading, World
 
 
@@ -54,21 +54,20 @@ def choose(
     return ones, zeros
 
 
-@allocating_kernel
+# It allocates nothing: a kernel that counts references would drop those of arrays in tuples that its parts give.
+@kernel
 def replay_from_counts(
-    session: Session, swarm: Swarm, messages: NDArray[np.void], log: Log, world: World, slack_s: float,
+    session: Session, swarm: Swarm, messages: NDArray[np.void], marks: Marks, log: Log, world: World, slack_s: float,
     seed: int, run: int,
 ) -> int:  # fmt: skip
     """One run from the prior to its end; gives how many messages that were received nobody can have sent.
 
     Args:
-        swarm: of one run, messages: (rows,), log: (rows,); overwritten. seed: of which messages are lost, and of what
-            the strategy draws.
+        swarm: of one run, messages: (rows,), marks, log: (rows,); overwritten. seed: of which messages are lost,
+            and of what the strategy draws.
     """
     rows, robots = session.robot.size, swarm.params.size
-    heard = np.zeros((robots, rows), dtype=np.uint8)
-    before = np.zeros(robots, dtype=np.int64)  # from here on messages may be left over
-    since = np.zeros(robots, dtype=np.int64)  # from here on they are new
+    heard, before, since = marks
     unsent = 0
     for i in range(robots):
         begin_agent(swarm.agents[i])

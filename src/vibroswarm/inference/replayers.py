@@ -54,7 +54,7 @@ class Replayer(ABC):
         self.swarm = empty_swarm(self.strategy, network, scenario, runs)
         self.taken = np.zeros(runs, dtype=np.int64)
         self.log = empty_log(0, self.strategy.state_type) if log is None else log
-        self.messages = np.zeros(0, self.strategy.message_type) if messages is None else messages
+        self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
         self.entry: Callable[..., int] | None = None
         self.calls = 0
         self.course = np.empty((rows if self.strategy.steer is not None else 0, 2))
@@ -122,7 +122,7 @@ class CountsReplayer(Replayer):
         self.loss = loss_of(scenario)
         self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
         if messages is None:
-            self.messages = np.zeros(rows, self.strategy.message_type)
+            self.messages = zero_rows(rows, self.strategy.message_type)
         self.counts = Counts(
             np.empty(longest + 1, dtype=np.int32),
             np.empty(longest, dtype=np.int32),

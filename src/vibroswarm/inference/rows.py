@@ -126,6 +126,17 @@ class Counts(NamedTuple):
     """(rows of the longest run + 1, words): the same as ``ones_sent`` for each robot that messages reach, in lanes."""
 
 
+class Marks(NamedTuple):
+    """What has been heard of a recorded run; all zeros before it begins."""
+
+    heard: NDArray[np.uint8]
+    """(robots, rows): 1 where a robot has heard the message of that row."""
+    before: NDArray[np.int64]
+    """(robots,): from this row on messages may be left over."""
+    since: NDArray[np.int64]
+    """(robots,): from this row on they are new."""
+
+
 class Session(NamedTuple):
     """One run's samples in the order of time, (rows,) each."""
 

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.compiled import zero_rows
 from vibroswarm.draws import Purpose, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
@@ -30,7 +31,7 @@ from vibroswarm.inference.outcomes import (
     run_table,
 )
 from vibroswarm.inference.replay import infer, inference_columns
-from vibroswarm.inference.rows import Session, empty_log
+from vibroswarm.inference.rows import Marks, Session, empty_log
 from vibroswarm.lab.recording import Recording, inside
 from vibroswarm.motion.contract import Motion
 from vibroswarm.motion.pose import pose
@@ -135,9 +136,10 @@ def _one(
         empty_swarm(strategy, network_of("ideal"), scenario, 1),
         empty_log(count, strategy.state_type),
     )
-    messages = np.zeros(count, strategy.message_type)
+    messages, robots = zero_rows(count, strategy.message_type), scenario.swarm.robots
+    marks = Marks(np.zeros((robots, count), np.uint8), np.zeros(robots, np.int64), np.zeros(robots, np.int64))
     missing = kernels(strategy, network_of("ideal"), "replay_from_counts").replay_from_counts(
-        session, swarm, messages, log, world_of(scenario, count), SLACK_S, seed, run
+        session, swarm, messages, marks, log, world_of(scenario, count), SLACK_S, seed, run
     )
     ends = recording.ends.filter(pl.col("run") == run)
     return final_frame(ends, swarm), int(missing), inference_columns(messages, log)
