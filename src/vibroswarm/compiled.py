@@ -42,7 +42,18 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
-ABOVE: Final = ("analysis", "cli", "page", "plots", "study", "optimize", "lab", "calibrate", "paper")
+ABOVE: Final = (
+    "analysis",
+    "cli",
+    "page",
+    "plots",
+    "study",
+    "optimize",
+    "lab",
+    "calibrate",
+    "paper",
+    "testing",
+)
 """Rooms that stand above the simulation: they hold no kernel and change no table of a result."""
 
 

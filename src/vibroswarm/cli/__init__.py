@@ -39,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
     from vibroswarm.cli import (
         bench,
         calibrate,
+        check,
         detect,
         evaluate,
         floors,
@@ -73,6 +74,7 @@ def parser() -> argparse.ArgumentParser:
     lab.add_parser(commands)
     calibrate.add_parser(commands)
     scenario.add_parser(commands)
+    check.add_parser(commands)
     floors.add_parser(commands)
     bench.add_parser(commands)
     for command in commands.choices.values():

@@ -1,0 +1,234 @@
+"""How a swarm decides over a motion, tick by tick and in plain Python: slow, and shares nothing with the kernels.
+
+At each control period, robots that walk first read what has arrived and was sent at an earlier one, in the order of
+time and sender; then a timer that is due is called; a robot whose stop ends takes its sample. A robot stands from the
+first period of its stop to that of its sample, both included, and at time 0, and reads nothing then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import namedtuple
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.draws import Purpose, uniform
+from vibroswarm.inference.agents import sizes_of, world_of
+from vibroswarm.scenario import Scenario
+from vibroswarm.strategies import Strategy
+from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.base import arrays_of
+from vibroswarm.strategies.world import Draws, Reading, World
+
+
+@dataclass
+class PlainRobot:
+    """One robot, and what became of it."""
+
+    number: int
+    world: World
+    state: Any
+    arrays: Any
+    unread: list[PlainMessage] = field(default_factory=list)
+    samples: int = 0
+    sent: int = 0
+    received: int = 0
+    timers: int = 0
+    opinion: int = -1
+    decision: int = -1
+    decided_s: float = math.nan
+    belief: float = math.nan
+    belief_at_decision: float = math.nan
+
+
+@dataclass(frozen=True)
+class PlainMessage:
+    """What was sent, when, by whom, and the how many-th of its sender it is."""
+
+    content: Any
+    sender: int
+    tick: int
+    number: int
+
+
+@dataclass
+class PlainRun:
+    """What ``plain_run`` found: a row a sample, in the order of time and robot, and the robots at the end."""
+
+    rows: list[dict[str, Any]]
+    robots: list[PlainRobot]
+
+
+def plain_run(
+    scenario: Scenario, seed: int, samples: pl.DataFrame, ends: pl.DataFrame, observations: pl.DataFrame
+) -> PlainRun:
+    """One run of a motion under a scenario's strategy, over an ideal network or one that loses messages.
+
+    Args:
+        samples, ends, observations: of that run alone.
+    """
+    return _Plain(scenario, seed, samples, ends, observations).run()
+
+
+class _Plain:
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        samples: pl.DataFrame,
+        ends: pl.DataFrame,
+        observations: pl.DataFrame,
+    ) -> None:
+        self.scenario, self.seed, self.number = scenario, seed, int(ends["run"][0])
+        self.strategy: Strategy = strategy_of(scenario.strategy.name)
+        self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
+        self.loss = scenario.network.params.share if scenario.network.name == "loss" else 0.0
+        self.tick_ms = scenario.run.control_period_ms
+        self.end = self.tick(float(ends["end_s"].to_numpy().max()))
+        self.at: dict[tuple[int, int], int] = {}
+        self.standing: set[tuple[int, int]] = {(i, 0) for i in range(scenario.swarm.robots)}
+        for k, row in enumerate(samples.iter_rows(named=True)):
+            first, last = self.tick(row["stop_start_s"]), self.tick(row["time_s"])
+            self.at[row["robot"], last] = k
+            self.standing |= {(row["robot"], tick) for tick in range(first, last + 1)}
+        for row in ends.iter_rows(named=True):
+            if row["stop_start_s"] is not None:
+                first = self.tick(row["stop_start_s"])
+                self.standing |= {(row["robot"], tick) for tick in range(first, self.end + 1)}
+        self.samples, self.observation = samples, observations["observation"].to_list()
+        self.rows: list[dict[str, Any]] = []
+        world = world_of(scenario, samples.height)
+        self.robots = [self._robot(i, world._replace(robot=i)) for i in range(scenario.swarm.robots)]
+        self.agreed_since: int | None = None
+        self.settled = False
+
+    def tick(self, time_s: float) -> int:
+        return round(time_s * 1000.0 / self.tick_ms)
+
+    def _robot(self, i: int, world: World) -> PlainRobot:
+        sizes = sizes_of(self.scenario)
+        declared = arrays_of(self.strategy.arrays)
+        made = {name: np.zeros(one.size(sizes), one.kind) for name, one in declared.items()}
+        arrays = namedtuple("arrays", made)(**made)
+        robot = PlainRobot(i, world, self._row(self.strategy.state_type), arrays)
+        draws = Draws(self.seed, self.number, i, int(Purpose.BEGINNING), 0, 0, 0, -1.0)
+        self.strategy.begin(robot.state, arrays, draws, self.params, world)
+        return robot
+
+    @staticmethod
+    def _row(kind: np.dtype[np.void]) -> Any:
+        return np.zeros(1, kind).view(np.recarray)[0]
+
+    def run(self) -> PlainRun:
+        for tick in range(1, self.end):
+            self.settle(tick)
+            sent: list[PlainMessage] = []
+            for robot in self.robots:
+                if (robot.number, tick) in self.at:
+                    sent += self.sample(robot, tick)
+                elif (robot.number, tick) not in self.standing:
+                    self.read(robot, tick)
+                    sent += self.timer(robot, tick)
+            for message in sent:
+                for robot in self.robots:
+                    if robot.number != message.sender and not self.is_lost(robot, message):
+                        robot.unread.append(message)
+        self.settle(self.end)
+        return PlainRun(self.rows, self.robots)
+
+    def is_lost(self, robot: PlainRobot, message: PlainMessage) -> bool:
+        number = uniform(
+            self.seed, self.number, robot.number, int(Purpose.LOSS), message.number, message.sender
+        )
+        return number < self.loss
+
+    def read(self, robot: PlainRobot, tick: int) -> None:
+        for message in robot.unread:
+            draws = Draws(
+                self.seed, self.number, robot.number, int(Purpose.HEARING), message.number, message.sender, 16, -1.0
+            )  # fmt: skip
+            if self.strategy.on_message is not None:
+                self.strategy.on_message(
+                    robot.state, robot.arrays, message.content, message.sender, tick * self.tick_ms / 1000.0, draws,
+                    self.params, robot.world,
+                )  # fmt: skip
+            else:
+                assert self.strategy.on_counts is not None
+                bit = int(message.content.bit)
+                self.strategy.on_counts(robot.state, bit, 1 - bit, self.params, robot.world)
+            robot.received += 1
+        robot.unread.clear()
+
+    def timer(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
+        if self.strategy.on_timer is None or not robot.state.next_s * 1000.0 / self.tick_ms - 1e-9 <= tick:
+            return []
+        out = self._row(self.strategy.message_type)
+        draws = Draws(self.seed, self.number, robot.number, int(Purpose.TIMER), robot.timers, 0, 0, -1.0)
+        time_s = tick * self.tick_ms / 1000.0
+        sends = self.strategy.on_timer(
+            robot.state, robot.arrays, time_s, out, draws, self.params, robot.world
+        )
+        robot.timers += 1
+        self.ask(robot, tick, time_s)
+        return self.post(robot, tick, out) if sends else []
+
+    def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
+        k = self.at[robot.number, tick]
+        row, number = self.samples.row(k, named=True), robot.samples
+        out = self._row(self.strategy.message_type)
+        draws = Draws(self.seed, self.number, robot.number, int(Purpose.MESSAGE), number, 0, 0, -1.0)
+        x = Reading(
+            self.observation[k], math.nan, row["time_s"], number, row["x_m"], row["y_m"], row["heading_rad"], 0.0
+        )  # fmt: skip
+        sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
+        robot.samples += 1
+        self.ask(robot, tick, row["time_s"])
+        if self.strategy.steer is not None:
+            draws = draws._replace(purpose=int(Purpose.STEERING))
+            self.strategy.steer(robot.state, robot.arrays, x, draws, self.params, robot.world)
+        self.rows.append(
+            {
+                "robot": robot.number,
+                "sample": number,
+                "sends": bool(sends),
+                "message": out,
+                "state": robot.state.copy(),
+                "received": robot.received,
+                "belief": robot.belief,
+                "decision": robot.opinion,
+            }
+        )
+        return self.post(robot, tick, out) if sends else []
+
+    def post(self, robot: PlainRobot, tick: int, content: Any) -> list[PlainMessage]:
+        robot.sent += 1
+        return [PlainMessage(content, robot.number, tick, robot.sent - 1)]
+
+    def ask(self, robot: PlainRobot, tick: int, time_s: float) -> None:
+        given = (robot.state, robot.arrays, self.params, robot.world)
+        robot.belief = math.nan if self.strategy.belief is None else float(self.strategy.belief(*given))
+        new = int(self.strategy.decision(*given))
+        if new == robot.opinion:
+            return
+        robot.opinion = new
+        if self.strategy.decides == "once":
+            robot.decision, robot.decided_s, robot.belief_at_decision = new, time_s, robot.belief
+            return
+        agreed = new != -1 and all(one.opinion == new for one in self.robots)
+        if not self.settled:
+            self.agreed_since = tick if agreed else None
+
+    def settle(self, tick: int) -> None:
+        """Opinions that have agreed for long enough are the swarm's decision."""
+        if self.settled or self.agreed_since is None:
+            return
+        if (tick - self.agreed_since) * self.tick_ms / 1000.0 < self.scenario.decision.hold_s:
+            return
+        self.settled = True
+        for robot in self.robots:
+            robot.decision, robot.decided_s = robot.opinion, self.agreed_since * self.tick_ms / 1000.0
+            robot.belief_at_decision = robot.belief
