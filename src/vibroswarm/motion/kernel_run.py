@@ -102,7 +102,8 @@ class KernelRun(ABC):
             until_s: as in ``advance``. take: given the samples. take_moves: given the moves, in order; they are
                 then not in the rows.
         """
-        since, moves = self.tick, list[NDArray[np.void]]()
+        since = self.tick
+        moves: list[NDArray[np.void]] = []
 
         def keep_moves(rows: NDArray[np.void]) -> None:
             moves.append(rows[rows["until"] >= since])
@@ -183,7 +184,8 @@ class KernelRun(ABC):
         Returns: whether anyone samples at the last control period before ``time_s``.
         """
         until, since, sampled = self.until_tick(until_s), self.tick, False
-        ended, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
+        ended: list[NDArray[np.void]] = []
+        segments: list[NDArray[np.void]] = []
 
         def taken(rows: NDArray[np.void]) -> None:
             nonlocal sampled

@@ -159,8 +159,9 @@ def let_end(
 ) -> None:
     """Let the moves under way end at tick ``until`` (-1: go on), with robots that head there (rad, (robots,))."""
     for i in range(headings.size):
-        move = moves[under_way[i].place]
-        move.until, move.turned_rad = until, headings[i] - move.heading_rad
+        if under_way[i].place >= 0:
+            move = moves[under_way[i].place]
+            move.until, move.turned_rad = until, headings[i] - move.heading_rad
 
 
 class MoveColumns:
