@@ -103,14 +103,16 @@ def plain(scenario: Scenario, seed: int, result: Result) -> Any:
 
 @settings(
     deadline=None,
-    max_examples=60,
+    max_examples=30,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
     database=None,
 )
 @given(draws, st.sampled_from(STRATEGIES), st.integers(0, 2**63 - 1), st.integers(0, 2**32 - 1))
 def test_kernels_equal_the_plain_account(draw: Draw, strategy: str, seed: int, run: int) -> None:
-    scenario = draw.scenario(run__t_end_s=60.0)
+    scenario = draw.scenario()
+    periods_s = 1500 * scenario.tick_s  # the account is slow
+    scenario = scenario.with_values({"run.t_end_s": min(scenario.run.t_end_s, periods_s)})
     if strategy not in ("none", "positive", "soft"):
         scenario = scenario.with_values({"strategy.name": strategy, "decision.hold_s": 4.0})
     assert differs(scenario, seed, run) == []
@@ -119,10 +121,10 @@ def test_kernels_equal_the_plain_account(draw: Draw, strategy: str, seed: int, r
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])
 @pytest.mark.parametrize("loss", [0.0, 0.2])
-@pytest.mark.parametrize("robots", [1, 2, 5, 20])
+@pytest.mark.parametrize("robots", [1, 2, 9])
 def test_each_strategy_equals_the_plain_account(strategy: str, stop: str, loss: float, robots: int) -> None:
     draw = Draw(stop=stop, loss=loss, robots=robots, floor="border")
-    scenario = draw.scenario(run__t_end_s=40.0)
+    scenario = draw.scenario(run__t_end_s=25.0)
     values = {"strategy.name": strategy, "decision.hold_s": 2.0}
     assert differs(scenario.with_values(values), 5, 3) == []
 
@@ -264,7 +266,7 @@ def test_the_comparison_is_sensitive(name: str, values: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("strategy", ["none", "voter", "uses_all"])
 def test_reading_one_period_too_early_shows(monkeypatch: pytest.MonkeyPatch, strategy: str) -> None:
-    scenario = Draw(robots=12).scenario(run__t_end_s=60.0).with_values({"strategy.name": strategy})
+    scenario = Draw(robots=6).scenario(run__t_end_s=15.0, decision__min_observations=4).with_values({"strategy.name": strategy})
     result = simulate(scenario, 8, 1)
     right = _Plain.tick
     monkeypatch.setattr(_Plain, "read", early(_Plain.read))

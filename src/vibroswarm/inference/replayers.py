@@ -56,7 +56,7 @@ class Replayer(ABC):
         self.log = empty_log(0, self.strategy.state_type) if log is None else log
         self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
         self.entry: Callable[..., int] | None = None
-        self.calls = 0
+        self.calls, self.is_new = 0, True
         self.course = np.empty((rows if self.strategy.steer is not None else 0, 2))
 
     @abstractmethod
@@ -78,6 +78,15 @@ class Replayer(ABC):
         Raises:
             RunError: the strategy did what none may.
         """
+
+    def clear(self) -> None:
+        """All zeros, as states and arrays are before ``begin``."""
+        if self.is_new:
+            self.is_new = False
+            return
+        self.swarm.states.view(np.uint8)[:] = 0
+        for one in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
+            one[:] = 0
 
     def call(self, arguments: tuple[Any, ...]) -> int:
         """What the kernel gives for these arguments, which are of the same types at each call."""
@@ -140,6 +149,8 @@ class CountsReplayer(Replayer):
         limit_s: float = np.inf,
     ) -> None:
         """``Replayer.go_on``."""
+        if begins:
+            self.clear()
         arguments = (
             rows, readings, self.taken, self.swarm, self.messages, self.counts, self.log, self.course, self.world,
             self.seed, self.loss, self.reach, begins, ends, limit_s,
@@ -206,6 +217,8 @@ class MessagesReplayer(Replayer):
     def _go_on(
         self, rows: Rows, readings: Readings, stops: Stops, begins: bool, ends: bool, limit_s: float
     ) -> int:
+        if begins:
+            self.clear()
         arguments = (
             rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course, self.world,
             self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,

@@ -70,6 +70,8 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
             until_s = max(course.until_s(state.time_s) for course in courses)
         for course in courses:
             course.finish(r)
+    for loop in loops:
+        _keep(loop)
     return [course.outcomes() for course in courses]
 
 
@@ -85,12 +87,16 @@ def _loop_of(scenario: Scenario, seed: int) -> ClosedLoop:
     loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
     found = next((one for one in loops if one.scenario is scenario and one.seed == seed), None)
     if found is None:
-        found = ClosedLoop(scenario, seed)
-        del loops[: len(loops) + 1 - KEPT]
-    else:
-        loops.remove(found)
-    loops.append(found)
+        return ClosedLoop(scenario, seed)
+    loops.remove(found)  # while it is used: the same scenario may be asked for twice at once
     return found
+
+
+def _keep(loop: ClosedLoop) -> None:
+    """Keep a loop that is used no more."""
+    loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
+    del loops[: len(loops) + 1 - KEPT]
+    loops.append(loop)
 
 
 class _Course:
