@@ -344,8 +344,10 @@ class Choice(Section):
             if isinstance(table, Mapping) and (is_chosen or code_files.is_told(name)):
                 return dict(table)
             fields = [f"{one}.{field}" for one, known in there.items() for field in known.params.model_fields]
-            whole = {field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields}
-            close = nearest(name, [*there, *whole, "name"])
+            whole = {"name": f"{cls.kind}.name"} | {
+                field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields
+            }
+            close = nearest(name, [*there, *whole])
             for last, right in whole.items():
                 close = close.replace(f"'{last}'", f"'{right}'")
             raise InputError(f"there is no such field{close}", field=where)

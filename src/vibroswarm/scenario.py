@@ -171,7 +171,7 @@ class Scenario(Section):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
                 place.pop(last, None)
-            elif type(value) is int and isinstance(place.get(last), float):
+            elif type(value) is int and isinstance(place.get(last), float) and abs(value) <= 2**53:
                 place[last] = float(value)  # also of code that is not loaded, whose types nobody knows
             else:
                 place[last] = value

@@ -266,7 +266,11 @@ def test_the_comparison_is_sensitive(name: str, values: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("strategy", ["none", "voter", "uses_all"])
 def test_reading_one_period_too_early_shows(monkeypatch: pytest.MonkeyPatch, strategy: str) -> None:
-    scenario = Draw(robots=6).scenario(run__t_end_s=15.0, decision__min_observations=4).with_values({"strategy.name": strategy})
+    scenario = (
+        Draw(robots=6)
+        .scenario(run__t_end_s=15.0, decision__min_observations=4)
+        .with_values({"strategy.name": strategy})
+    )
     result = simulate(scenario, 8, 1)
     right = _Plain.tick
     monkeypatch.setattr(_Plain, "read", early(_Plain.read))

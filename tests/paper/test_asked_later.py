@@ -96,7 +96,7 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
     for column in ("paper", "calibrated"):
         pair = [shared[column, 8, sharing.HERE, name].scenario for name in ("none", "positive")]
         assert set(differences(*pair)) == {"strategy.name"}
-        assert pair[0].network.loss == 0.0  # all hear all, in `calibrated` too
+        assert pair[0].network.name == "ideal"  # all hear all, in `calibrated` too
     pool = experiments_beside.cells(Settings())
     like = pool["paper", *experiments_beside.AS_TEXT, 9, "none"].scenario
     assert differences(pool["pool", 9].scenario, like) == {"robot.speed_redraw": "robot"}

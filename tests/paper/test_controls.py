@@ -142,7 +142,7 @@ def test_what_the_controls_change() -> None:
     assert turning[0] == pytest.approx(turning[1])
     assert still.robot.full_speed_m_s == pytest.approx(0.05 * free.robot.full_speed_m_s)
     lossy = scenario_of("paper", {"network.name": "loss", "network.loss.share": 0.1}, control="no-messages")
-    assert lossy.network.loss == 1.0
+    assert lossy.network.params.share == 1.0
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "paper.md"

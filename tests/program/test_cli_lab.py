@@ -13,7 +13,7 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.lab.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario import Scenario, value_of
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
 FLOOR = ["--floor", str(SHIPPED / "floor.txt")]
@@ -170,8 +170,7 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
     assert made.sensor.rms_threshold == Scenario().sensor.rms_threshold  # what robots are told is the base's
     assert made.run.t_end_s == 120.0
     for name, value in about["fields"].items():
-        section, field = name.split(".")
-        found = getattr(getattr(made, section), field)
+        found = value_of(made, name)
         assert (list(found) if isinstance(found, tuple) else found) == value
     assert {one["name"] for one in about["figures"]} >= {"veer_rad_s", "sensor.edge_reach_m", "threshold_mm"}
     assert about["motion_runs"] == 240

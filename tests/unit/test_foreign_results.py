@@ -32,7 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "floor.tiles": ("01", "10"), "floor.source": "ours", "strategy.name": "positive", "swarm.robots": 3,
         "decision.min_observations": 10, "decision.gate": "own", "run.t_end_s": 100.0,
     })  # fmt: skip
-    result = simulate(scenario, 7, 2, segments=True)
+    result = simulate(scenario, 7, 2, segments=True, moves=True)
     result.write(folder / "result")
     write_rugbot(result, folder / "log.csv")
     log = read_log(folder / "log.csv")

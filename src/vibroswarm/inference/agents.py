@@ -233,8 +233,14 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     """What became of each robot, in the order of the ends."""
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(swarm).items()
-    found = [
-        pl.Series(name, column, nan_to_null=column.dtype == np.float64).cast(kinds[name])
-        for name, column in columns
-    ]
+    found = [as_column(name, column, kinds[name]) for name, column in columns]
     return pl.DataFrame([ends["run"], ends["robot"], *found])
+
+
+def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
+    """A column of a table, what is not a number being null; by no thread of polars, which a forked process lacks."""
+    if values.dtype == np.float64 and kind != pl.Float64:
+        if np.isnan(values).any():
+            return pl.Series(name, [None if np.isnan(one) else int(one) for one in values], dtype=kind)
+        values = values.astype(np.int64)
+    return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)

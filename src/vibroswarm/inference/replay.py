@@ -9,7 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import read_only, zero_rows
-from vibroswarm.inference.agents import Swarm, final_frame
+from vibroswarm.inference.agents import Swarm, as_column, final_frame
 from vibroswarm.inference.generate import draws
 from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
 from vibroswarm.inference.rows import Log, Readings, Rows, empty_log
@@ -139,15 +139,14 @@ def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
         "decision": log.decision,
     }
     if "bit" in (messages.dtype.names or ()):
-        bits = pl.Series(messages["bit"].astype(np.uint8))
-        said = pl.Series(log.sends == 1)
-        columns["message"] = bits.zip_with(said, pl.Series([None] * count, dtype=pl.UInt8)) if count else bits
+        bits = messages["bit"].astype(np.float64)
+        bits[log.sends == 0] = np.nan
+        columns["message"] = bits
     for name in ("alpha", "beta"):
         if name in (log.states.dtype.names or ()):
             columns[name] = log.states[name].astype(np.uint32)
-    found = [
-        pl.Series(name, columns.get(name, [None] * count), dtype=kind)
+    return [
+        as_column(name, columns.get(name, np.full(count, np.nan)), kind)
         for name, kind in INFERENCE.items()
         if name not in ("run", "robot", "sample")
     ]
-    return [column.fill_nan(None) if column.dtype == pl.Float64 else column for column in found]
