@@ -63,6 +63,19 @@ def default_words(value: object) -> str:
     )
 
 
+def tables_of(kind: type[fields.Choice]) -> list[str]:
+    """The tables of a section's parts, one for each that has parameters."""
+    lines = []
+    for name, one in kind.known().items():
+        if not one.params.model_fields:
+            continue
+        lines += ["", f"### [{kind.kind}.{name}]", "", f"{one.about[:1].upper()}{one.about[1:]}.", ""]
+        lines += ["| field | default | what it is |", "|---|---|---|"]
+        for field, info in one.params.model_fields.items():
+            lines.append(f"| `{field}` | {default_words(info.default)} | {info.description or ''} |")
+    return lines
+
+
 def reference() -> str:
     """The whole document."""
     words = field_docs()
@@ -80,7 +93,10 @@ def reference() -> str:
             "|---|---|---|",
         ]
         for name, field in kind.model_fields.items():
-            lines.append(f"| `{name}` | {default_words(field.default)} | {words[kind.__name__][name]} |")
+            told = words[kind.__name__].get(name) or words["Choice"][name]
+            lines.append(f"| `{name}` | {default_words(field.default)} | {told} |")
+        if issubclass(kind, fields.Choice):
+            lines += tables_of(kind)
     return "\n".join(lines) + "\n"
 
 

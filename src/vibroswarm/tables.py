@@ -43,6 +43,8 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(("x_m", "y_m", "left_m", "bottom_m"), _PLACE),
     "heading_rad": (-1e9, 1e9),
     "turn_rate_rad_s": (-1e6, 1e6),
+    "turned_rad": (-1e9, 1e9),
+    "ray_m": (0.0, 1e6),
     "speed_m_s": (-1e3, 1e3),
     **dict.fromkeys(("rows", "columns"), (1.0, 1e8)),
     **dict.fromkeys(("tile_width_m", "tile_height_m"), (1e-12, 1e4)),

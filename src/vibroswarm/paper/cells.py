@@ -26,7 +26,7 @@ from vibroswarm.floors.source import is_random
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s, run_figures
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario import Scenario, field_names, value_of
 from vibroswarm.study.compare import second_seed
 from vibroswarm.study.executors import processors
 from vibroswarm.study.result import StudyResult, run
@@ -97,11 +97,10 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     """Fields in which a scenario differs from another, by dotted name."""
     found: dict[str, Any] = {}
-    there = base.model_dump(exclude_none=True)
-    for section, values in scenario.model_dump(exclude_none=True).items():
-        for name, value in values.items():
-            if value != there[section].get(name):
-                found[f"{section}.{name}"] = list(value) if isinstance(value, tuple) else value
+    for name in field_names():
+        value = value_of(scenario, name)
+        if value is not None and value != value_of(base, name):
+            found[name] = list(value) if isinstance(value, tuple) else value
     return found
 
 
