@@ -67,8 +67,8 @@ def tables_of(kind: type[fields.Choice]) -> list[str]:
     """The tables of a section's parts, one for each that has parameters."""
     lines = []
     for name, one in kind.known().items():
-        if not one.params.model_fields:
-            continue
+        if not one.params.model_fields or one.code:
+            continue  # without parameters, or a file of somebody's
         lines += ["", f"### [{kind.kind}.{name}]", "", f"{one.about[:1].upper()}{one.about[1:]}.", ""]
         lines += ["| field | default | what it is |", "|---|---|---|"]
         for field, info in one.params.model_fields.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from functools import cache
 from pathlib import Path
@@ -66,3 +66,15 @@ def long_record(make_record: Callable[..., RunRecord]) -> RunRecord:
 def functions() -> ModuleType:
     """Functions with a known optimum for methods of optimisation (``search_functions``)."""
     return _beside("search_functions")
+
+
+@pytest.fixture(autouse=True)
+def nothing_of_others_stays() -> Iterator[None]:
+    """Strategies and networks that a test makes known are unknown again after it."""
+    from vibroswarm import networks, strategies
+
+    before = {room: set(room.known()) for room in (strategies, networks)}
+    yield
+    for room, names in before.items():
+        for name in set(room.known()) - names:
+            room.base.forget(name)

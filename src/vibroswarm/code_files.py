@@ -174,8 +174,7 @@ def texts_of(codes: Iterable[str | None]) -> tuple[tuple[str, str], ...]:
 def install_all(texts: Iterable[tuple[str, str]]) -> None:
     """Make known what ``texts_of`` gave, in another process or on another machine."""
     for code, text in texts:
-        if code not in _texts:
-            install(None, code, text)
+        install(None, code, text)
 
 
 def install(kind: str | None, code: str, text: str, file: str | None = None) -> Any:

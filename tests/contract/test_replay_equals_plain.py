@@ -5,6 +5,7 @@ The account (``vibroswarm.testing.plain_run``) calls the strategies' functions a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,13 @@ from vibroswarm.presets import preset
 from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.strategies import array, known, register, strategy_in, u
+from vibroswarm.strategies import Strategy, array, register, u
+from vibroswarm.strategies.base import forget
 from vibroswarm.testing import check_strategy, plain_run
 from vibroswarm.testing.plain import _Plain
 from vibroswarm.testing.strategy import differences
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
-for example in ("voter", "avoider"):
-    load_file("strategy", str(EXAMPLES / f"{example}.py:{example}"))
 
 
 # A strategy that uses all that there is: arrays, senders, times, numbers, a timer that sends beside the samples.
@@ -86,9 +86,22 @@ def belief(s: Any, a: Any, p: Any, w: Any) -> float:
     return float(1.0 / (1.0 + s.score * s.score))
 
 
-if "uses_all" not in known():
-    register(strategy_in(__name__, "uses_all"))
-STRATEGIES = tuple(known())
+STRATEGIES = ("none", "positive", "soft", "voter", "avoider", "uses_all")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def strategies_of_others() -> Iterator[None]:
+    """Strategies that are not of the package, while this file is tested."""
+    for example in ("voter", "avoider"):
+        load_file("strategy", str(EXAMPLES / f"{example}.py:{example}"))
+    space = globals()
+    parts = {
+        one: space[one] for one in ("begin", "on_message", "on_sample", "on_timer", "decision", "belief")
+    }
+    register(Strategy("uses_all", state=State, arrays=Arrays, message=Message, **parts))
+    yield
+    for name in ("voter", "avoider", "uses_all"):
+        forget(name)
 
 
 def differs(scenario: Scenario, seed: int, run: int) -> list[str]:

@@ -351,7 +351,7 @@ def test_the_page_of_a_search_is_read_from_its_warnings_down(
     folded = page.locator("pre[aria-label='search.toml']")
     assert not folded.is_visible()
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
-    assert folded.inner_text().startswith("format = 1")
+    assert folded.inner_text().startswith("format = 2")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     page.emulate_media(media="print")
     assert folded.evaluate("(e) => getComputedStyle(e).whiteSpace") == "pre-wrap"

@@ -14,9 +14,9 @@ import sys
 import threading
 from typing import Final
 
-LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.")
+LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.", "vibroswarm_made.none_ideal_")
 """Where the kernels are that the other process compiles."""
-NOT_THERE: Final = "vibroswarm.inference.follow"
+NOT_THERE: Final = "vibroswarm.inference.closed_loop"
 """Kernels of a search, which this process compiles."""
 LONGEST_S: Final = 60.0
 """Nobody waits longer for it; what it takes three seconds for, this process does as well by itself."""

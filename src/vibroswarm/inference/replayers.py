@@ -94,7 +94,7 @@ class Replayer(ABC):
             with told(self.strategy, self.network):
                 came: int = self.module.replay(*arguments)
             self.calls += 1
-            if self.calls == 2:
+            if self.calls == 2 and not self.strategy.code:  # what a kernel raises tells its line only so
                 self.entry = entry_for(self.module.replay, *arguments)
             return came
         try:

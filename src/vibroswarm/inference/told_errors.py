@@ -6,13 +6,17 @@ import re
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+from vibroswarm.compiled import PACKAGE
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.networks import Network
 from vibroswarm.strategies import Strategy
 
-ALLOCATES = "NRT required"
+ALLOCATES = re.compile(
+    r"NRT required|function Function\(<built-in function (zeros|empty|ones|full|arange|array|linspace|copy)"
+)
 
 
 @contextmanager
@@ -68,7 +72,7 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
         "<source",
     )
     said = next((line for line in lines if not line.startswith(noise)), lines[0] if lines else repr(error))
-    if ALLOCATES in text:
+    if ALLOCATES.search(text):
         said = "makes an array; a robot's memory is fixed: loop over what there is, and keep arrays in Arrays"
     for file in files:
         found = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
@@ -78,10 +82,15 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in files]
-    if not frames:
+    frames = [
+        one for one in traceback.extract_tb(error.__traceback__) if PACKAGE not in Path(one.filename).parents
+    ]
+    if not frames or "site-packages" in frames[-1].filename:
         return None
-    return f"{frames[-1].filename}, line {frames[-1].lineno}, in {frames[-1].name}"
+    # A kernel that was kept tells of the file by the path that it had when it was compiled: the same text elsewhere.
+    last, by_name = frames[-1], {Path(file).name: file for file in files}
+    file = by_name.get(Path(last.filename).name) or next(iter(files))
+    return f"{file}, line {last.lineno}, in {last.name}"
 
 
 def _field(strategy: Strategy, network: Network) -> str:

@@ -98,6 +98,11 @@ def register(network: Network) -> Network:
     return network
 
 
+def forget(name: str) -> None:
+    """Make a network unknown again, if it was known."""
+    _known.pop(name, None)
+
+
 def names() -> tuple[str, ...]:
     """Names of all known networks."""
     return tuple(_known)

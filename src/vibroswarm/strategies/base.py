@@ -294,6 +294,11 @@ def register(strategy: Strategy) -> Strategy:
     return strategy
 
 
+def forget(name: str) -> None:
+    """Make a strategy unknown again, if it was known."""
+    _known.pop(name, None)
+
+
 def names() -> tuple[str, ...]:
     """Names of all known strategies, as they became known."""
     return tuple(_known)

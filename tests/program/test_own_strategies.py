@@ -1,0 +1,224 @@
+"""Strategies from outside the package, through the whole program: the examples, and files that are wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.result import Result
+from vibroswarm.strategies.base import forget
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
+VOTER, AVOIDER = (f"{EXAMPLES / name}.py:{name}" for name in ("voter", "avoider"))
+SHORT = ("--set", "run.t_end_s=120", "--set", "decision.min_observations=20", "--set", "decision.hold_s=5")
+
+
+def said(capsys: pytest.CaptureFixture[str], code: int, wanted: int) -> str:
+    text = capsys.readouterr()
+    assert code == wanted, text.err
+    return text.err if wanted else text.out
+
+
+@pytest.mark.parametrize("example", ["voter", "avoider"])
+def test_the_examples_are_short(example: str) -> None:
+    assert len((EXAMPLES / f"{example}.py").read_text(encoding="utf-8").splitlines()) < 60
+
+
+@pytest.mark.parametrize("spec", [VOTER, AVOIDER])
+def test_a_run_keeps_a_copy_and_can_be_made_again_only_if_trusted(
+    spec: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, name = tmp_path / "a run", spec.rpartition(":")[2]
+    assert main(["run", "--strategy", spec, *SHORT, "--out", str(out)]) == 0
+    assert (out / f"{name}.py").read_text(encoding="utf-8") == (EXAMPLES / f"{name}.py").read_text(
+        encoding="utf-8"
+    )
+    forget(name)
+    kept = Result.read(out)  # by a program that does not know it
+    assert kept.scenario.strategy.name == name
+    assert "sha256:" in str(kept.scenario.strategy.code)
+    again = ["run", "--scenario", str(out / "scenario.toml"), "--out", str(tmp_path / "again")]
+    capsys.readouterr()
+    assert "--trust" in said(capsys, main(again), 2)
+    assert main([*again, "--trust"]) == 0
+    assert Result.read(tmp_path / "again").same_tables(kept)
+    forget(name)
+    (out / f"{name}.py").write_text((out / f"{name}.py").read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    capsys.readouterr()
+    assert "is not the file that was used" in said(
+        capsys, main([*again[:-1], str(tmp_path / "b"), "--trust"]), 2
+    )
+
+
+def test_a_study_keeps_cells_apart_and_is_shown_without_the_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "voter.py"
+    mine.write_text((EXAMPLES / "voter.py").read_text(encoding="utf-8"), encoding="utf-8")
+    out = tmp_path / "a study"
+    study = ["evaluate", "--strategy", f"none,{mine}:voter", "--vary", "strategy.voter.phase_s=20,60", *SHORT]
+    study += ["--no-confirm", "--no-pictures", "--workers", "2", "--out", str(out)]
+    assert main([*study, "--runs", "12"]) == 0
+    table = pl.read_csv(out / "summary.csv")
+    voters = table.filter(pl.col("strategy.name").str.contains("voter"))
+    assert voters.height == 2
+    assert voters["decision_time_s"].n_unique() == 2, "cells that differ in a parameter were merged"
+    forget("voter")
+    capsys.readouterr()
+    assert main(["show", str(out)]) == 0
+    assert "4 cells" in capsys.readouterr().out
+    assert main([*study, "--runs", "14"]) == 0  # goes on
+    forget("voter")
+    mine.write_text(mine.read_text(encoding="utf-8").replace("0.05", "0.06"), encoding="utf-8")
+    capsys.readouterr()
+    assert "was another file then" in said(capsys, main([*study, "--runs", "16"]), 2)
+
+
+def test_processes_are_given_the_code_by_its_content(tmp_path: Path) -> None:
+    tables = []
+    for how in (["--workers", "1"], ["--executor", "processes", "--workers", "2"]):
+        out = tmp_path / how[-1]
+        command = ["evaluate", "--strategy", VOTER, *SHORT, "--runs", "8", "--no-confirm", "--no-pictures"]
+        assert main([*command, *how, "--out", str(out)]) == 0
+        tables.append((out / "summary.csv").read_bytes())
+        forget("voter")
+    assert tables[0] == tables[1]
+
+
+@pytest.mark.parametrize(("spec", "field"), [(VOTER, "voter.phase_s"), (AVOIDER, "avoider.leg_s")])
+def test_a_search_over_a_parameter(
+    spec: str, field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    search = tmp_path / "search.toml"
+    search.write_text(
+        f"""[scenario]
+strategy = {{ name = "{spec}" }}
+decision = {{ min_observations = 20, hold_s = 5.0 }}
+run = {{ t_end_s = 120 }}
+
+[space]
+"strategy.{field}" = {{ from = 5.0, to = 60.0 }}
+
+[objective]
+cost = "decision_time"
+
+[search]
+method = "random"
+budget = 40
+evaluations = 4
+fresh = 8
+""",
+        encoding="utf-8",
+    )
+    command = ["optimize", str(search), "--workers", "1", "--no-pictures", "--out", str(tmp_path / "found")]
+    capsys.readouterr()
+    assert "--trust" in said(capsys, main(command), 2)
+    assert main([*command, "--trust"]) == 0
+    assert f"Best: {field.rpartition('.')[2]} " in capsys.readouterr().out
+
+
+GOOD = """from vibroswarm.strategies import strategy_in, u
+import numpy as np
+
+count = 0
+
+
+class State:
+    n: int
+
+
+def begin(s, a, d, p, w):
+    s.n = 0
+
+
+def on_sample(s, a, x, out, d, p, w):
+    s.n += 1
+    return True
+
+
+def decision(s, a, p, w):
+    return -1
+
+
+mine = strategy_in(__name__, "mine")
+"""
+SAMPLE = "    s.n += 1\n    return True\n"
+RAISES = "    s.n += 1\n    if s.n == 3:\n        raise ValueError('three')\n    return True\n"
+BAD = {
+    "a syntax error": (GOOD.replace("class State:", "class State"), 2, "line 7"),
+    "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 26\)"),
+    "no strategy": (GOOD.replace("mine = ", "other = "), 2, "'mine' is not there.*the file has other"),
+    "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 11.*takes 1 arguments"),
+    "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 16.*s.m: no such field"),
+    "text for a decision": (GOOD.replace("return -1", "return 'yes'"), 2, "cannot be compiled"),
+    "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
+    "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
+    "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws by itself"),
+    "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*changes count"),
+    "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 16.*makes an array"),
+    "a name that is taken": (GOOD.replace("mine = ", "soft = ").replace('"mine"', '"soft"'), 2, "vibroswarm has"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", list(BAD))
+def test_a_bad_file_is_said_with_its_line(
+    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, code, words = BAD[what]
+    file = tmp_path / "a file.py"
+    file.write_text(text, encoding="utf-8")
+    name = "soft" if what == "a name that is taken" else "mine"
+    out = tmp_path / "out"
+    found = said(capsys, main(["run", "--strategy", f"{file}:{name}", *SHORT, "--out", str(out)]), code)
+    assert re.search(words, found), found
+    last = [line for line in found.splitlines() if line.startswith("vibroswarm: error: ")]
+    assert len(last) == 1
+    assert "Traceback" not in found
+    assert not out.exists(), "nothing half-written is left"
+
+
+def test_a_file_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = said(capsys, main(["run", "--strategy", f"{tmp_path / 'no.py'}:mine"]), 2)
+    assert "no.py" in found
+
+
+def test_one_that_never_decides_leaves_all_undecided(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(GOOD, encoding="utf-8")
+    assert main(["run", "--strategy", f"{file}:mine", *SHORT, "--out", str(tmp_path / "out")]) == 0
+    assert (Result.read(tmp_path / "out").robots["decision"] == -1).all()
+
+
+def test_in_a_study_it_is_said_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(BAD["raises"][0], encoding="utf-8")
+    command = [
+        "evaluate",
+        "--strategy",
+        f"none,{file}:mine",
+        *SHORT,
+        "--runs",
+        "8",
+        "--no-confirm",
+        "--no-pictures",
+    ]
+    found = said(capsys, main([*command, "--out", str(tmp_path / "out")]), 1)
+    assert "in on_sample: ValueError: three" in found
+
+
+@pytest.mark.parametrize("spec", ["soft", VOTER, AVOIDER])
+def test_check_passes(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "passes: 6 of 6 checks hold." in said(capsys, main(["check", spec]), 0)
+
+
+def test_check_fails_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(BAD["raises"][0], encoding="utf-8")
+    assert main(["check", f"{file}:mine"]) == 1
+    shown = capsys.readouterr().out
+    assert shown.startswith("'mine' fails")
+    assert "ValueError: three" in shown
