@@ -8,8 +8,7 @@ A network is one file, as a strategy is: it declares its parameters and has one 
 ``lost`` is for networks in which messages are lost by themselves: it is asked for each message and receiver, in any
 order. ``send`` is called for each message in the order of tick and sender, and may remember what went before in ``n``,
 a row of the network's State; it fills ``arrival_tick``, one for each robot: the tick from which on the message can be
-read (later than ``tick``; never: -1). ``x_m`` and ``y_m`` say where the robots are; they are empty without
-``needs_places``.
+read (later than ``tick``; never: -1). ``x_m`` and ``y_m`` are to say where the robots are; they are empty so far.
 ``p`` is the Params, ``w`` a ``World`` whose ``robot`` is the receiver or the sender; ``u(d, k)`` is the k-th number.
 """
 
@@ -39,7 +38,6 @@ class Network:
 
     Args:
         name: as scenarios call it. params, state: classes of annotated fields. about: one line.
-        needs_places: ``send`` is told where the robots are.
     """
 
     name: str
@@ -47,7 +45,6 @@ class Network:
     state: type = NoState
     lost: Hook | None = None
     send: Hook | None = None
-    needs_places: bool = False
     about: str = ""
     source: str = field(default="", compare=False)
     """The text of the file it comes from, where that is not of this package."""

@@ -1,0 +1,141 @@
+"""No field can be forgotten: each changes the hash and keeps cells apart; motion is shared only where it may be."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated, Any
+
+import pytest
+from pydantic import Field
+
+from vibroswarm import networks, strategies
+from vibroswarm.optimize.evaluate import Piece
+from vibroswarm.scenario import Scenario, field_names, kind_of, value_of
+from vibroswarm.simulation import OF_MOTION
+from vibroswarm.strategies import Strategy, none
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.spec import Study
+
+
+def fields() -> ModuleType:
+    """The test of the fields, which knows a good other value of each."""
+    path = Path(__file__).parents[1] / "unit" / "test_scenario.py"
+    spec = importlib.util.spec_from_file_location("test_scenario_fields", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FIELDS = fields()
+NAMES = field_names()
+ONE_MOTION = ("run.t_end_s",)
+"""Of cells that differ in these, the longest moves, and the others see its beginning."""
+
+
+class Params:
+    """Of a strategy that is made known here and nowhere else."""
+
+    first: Annotated[float, Field(ge=0, le=10)] = 1.0
+    second: Annotated[int, Field(ge=0, le=10)] = 2
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_more() -> Iterator[None]:
+    shown = none.none
+    strategies.register(
+        Strategy(
+            "probe",
+            state=shown.state,
+            begin=shown.begin,
+            on_counts=shown.on_counts,
+            on_sample=shown.on_sample,
+            decision=shown.decision,
+            params=Params,
+        )
+    )
+    yield
+    strategies.base.forget("probe")
+
+
+def pair(name: str) -> tuple[Scenario, Scenario]:
+    """Two scenarios that differ in a field alone."""
+    part = name.split(".")
+    base = Scenario()
+    if len(part) == 3:  # a parameter matters where its table is the chosen one
+        base = base.with_values({f"{part[0]}.name": part[1]})
+        value = value_of(base, name)
+        return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
+    other = FIELDS.changed(name)
+    if name == "floor.tiles":
+        return base, other
+    return other.with_values({name: FIELDS.default(name)}), other
+
+
+def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:
+    """Motions and replays of a study of two cells."""
+    values = [value_of(one, name), value_of(other, name)]
+    study = Study(one.model_dump(exclude_none=True), {"grid": {name: values}}, runs=1)
+    assert [cell.scenario.hash for cell in study.cells] == [one.hash, other.hash]
+    plan = plan_of(study)
+    return len(plan.groups), plan.inferences
+
+
+@pytest.mark.parametrize("name", [*NAMES, "strategy.probe.first", "strategy.probe.second"])
+def test_a_field_changes_hash_and_plan(name: str) -> None:
+    one, other = pair(name)
+    assert one.hash != other.hash
+    assert one.to_toml() != other.to_toml(), "what a worker is given, and what is kept by its text"
+    pieces = {Piece((each.to_toml(),), (), 1, "event", 0, 1) for each in (one, other)}
+    assert len(pieces) == 2
+    if value_of(one, name) is None:  # it cannot be said in a grid
+        return
+    motions, replays = groups_of(one, other, name)
+    assert replays == 2, "cells that differ were merged"
+    moves = name.partition(".")[0] in OF_MOTION and name not in ONE_MOTION
+    assert motions == (2 if moves else 1)
+
+
+def test_all_parameters_of_all_that_is_known_are_among_the_fields() -> None:
+    for kind, room in (("strategy", strategies), ("network", networks)):
+        for name, one in room.known().items():
+            for field in one.params.model_fields:
+                assert f"{kind}.{name}.{field}" in field_names()
+
+
+def test_a_table_that_is_not_chosen_changes_nothing() -> None:
+    one, other = Scenario(), Scenario().with_values({"strategy.soft.eta": 3.0})
+    assert one.hash == other.hash
+    assert groups_of(one, other, "strategy.soft.eta") == (1, 1)
+    assert other.with_values({"strategy.name": "soft"}).strategy.params.eta == 3.0, "it is kept"
+
+
+def test_cells_that_end_when_all_have_decided_move_by_themselves() -> None:
+    early = Scenario().with_values({"run.stop": "all_decided"})
+    other = early.with_values({"decision.credible_threshold": 0.9})
+    assert groups_of(early, other, "decision.credible_threshold") == (2, 2)
+
+
+def test_a_key_that_leaves_a_field_out_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Negative control."""
+    right = Scenario.hash.fget  # type: ignore[attr-defined]
+
+    def forgetful(scenario: Scenario) -> str:
+        return str(right(scenario.with_values({"strategy.probe.second": 2})))
+
+    one, other = pair("strategy.probe.second")
+    monkeypatch.setattr(Scenario, "hash", property(forgetful))
+    assert one.hash == other.hash
+    motions, replays = _forgotten(one, other)
+    assert (motions, replays) == (1, 1)
+
+
+def _forgotten(one: Scenario, other: Scenario) -> tuple[Any, Any]:
+    name = "strategy.probe.second"
+    values = [value_of(one, name), value_of(other, name)]
+    plan = plan_of(Study(one.model_dump(exclude_none=True), {"grid": {name: values}}, runs=1))
+    return len(plan.groups), plan.inferences
