@@ -1,4 +1,4 @@
-"""The two ways in which a user's wish can fail, and nothing else.
+"""The two ways in which a user's wish can fail.
 
 ``InputError`` is the user's to mend (exit code 2); ``RunError`` is a failure of the machine or of the
 program while it worked (exit code 1). Both are printed as one message, never as a traceback.
@@ -26,6 +26,10 @@ class InputError(ValueError):
 
 class RunError(RuntimeError):
     """Something failed while the work was being done: a full disk, a folder that cannot be written."""
+
+
+class CodeError(RunError):
+    """A strategy or network of the user's failed while it ran: the same run would fail again."""
 
 
 def nearest(word: object, known: Iterable[str]) -> str:

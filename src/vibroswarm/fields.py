@@ -328,7 +328,9 @@ class Choice(Section):
             )
         for key in sorted(set(given) - {"name", "code"}):
             table = cls._table(key, given[key], is_chosen=key == name)
-            if key != name and key in there and not there[key].code and table == there[key].params():
+            empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
+            usual = key != name and key in there and not there[key].code and table == there[key].params()
+            if empty or usual:
                 del given[key]  # as it would be without: what is equal is written alike
             else:
                 given[key] = table

@@ -8,9 +8,12 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from vibroswarm import preset, simulate
 from vibroswarm.cli import main
+from vibroswarm.errors import CodeError
 from vibroswarm.result import Result
 from vibroswarm.strategies.base import forget
+from vibroswarm.study.result import StudyResult
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 VOTER, AVOIDER = (f"{EXAMPLES / name}.py:{name}" for name in ("voter", "avoider"))
@@ -193,21 +196,41 @@ def test_one_that_never_decides_leaves_all_undecided(tmp_path: Path) -> None:
     assert (Result.read(tmp_path / "out").robots["decision"] == -1).all()
 
 
-def test_in_a_study_it_is_said_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "mine.py"
-    file.write_text(BAD["raises"][0], encoding="utf-8")
-    command = [
-        "evaluate",
-        "--strategy",
-        f"none,{file}:mine",
-        *SHORT,
-        "--runs",
-        "8",
-        "--no-confirm",
-        "--no-pictures",
-    ]
-    found = said(capsys, main([*command, "--out", str(tmp_path / "out")]), 1)
-    assert "in on_sample: ValueError: three" in found
+RARELY = "    s.n += 1\n    if u(d, 0) < 0.002:\n        raise ValueError('rare')\n    return True\n"
+
+
+def test_runs_that_fail_in_a_study_are_told_and_nothing_else_is_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "mine.py", tmp_path / "out"
+    file.write_text(GOOD.replace(SAMPLE, RARELY), encoding="utf-8")
+    command = ["evaluate", "--strategy", f"none,{file}:mine", *SHORT, "--runs", "40", "--out", str(out)]
+    found = said(capsys, main(command), 1)
+    failing = [run for run in range(40) if fails(f"{file}:mine", run)]  # each by itself
+    assert 2 < len(failing) < 38
+    assert f"{len(failing)} runs failed" in found
+    assert "line 18, in on_sample: ValueError: rare" in found
+    kept = StudyResult.open(out)
+    assert {one["first"] for one in kept.store.failures} == set(failing)
+    assert kept.runs(1)["run"].to_list() == [run for run in range(40) if run not in failing]
+    assert kept.cells["there"].to_list() == [40, 40 - len(failing)]
+    assert f"{len(failing)} runs of mine failed and are in no figure" in (out / "report.html").read_text(
+        encoding="utf-8"
+    )
+    file.write_text(GOOD.replace(SAMPLE, RAISES), encoding="utf-8")
+    forget("mine")
+    alone = [*command[:-1], str(tmp_path / "b"), "--no-pictures"]
+    assert "40 runs failed" in said(capsys, main(alone), 1)
+    assert pl.read_csv(tmp_path / "b" / "summary.csv")["name"].to_list() == ["none"]
+
+
+def fails(spec: str, run: int) -> bool:
+    scenario = preset("paper").with_values({"strategy.name": spec, "run.t_end_s": 120.0})
+    try:
+        simulate(scenario, 1, [run])
+    except CodeError:
+        return True
+    return False
 
 
 @pytest.mark.parametrize("spec", ["soft", VOTER, AVOIDER])

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from vibroswarm.study.store import Store
 
 
+MOST_FAILED = 5
+"""Batches that are named one by one."""
+
+
 def add_parser(commands: Any) -> None:
     """Make the command known."""
     parser = commands.add_parser(
@@ -109,7 +113,12 @@ def _words(about: dict[str, Any]) -> str:
         f"{about['bytes'] / 1e6:.1f} MB; kept: {', '.join(about['keeps'])}.",
     ]
     lines += [f"Damaged, and to be made again: {words}" for words in about["damaged"]]
-    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in about["failed_batches"]]
+    failed = about["failed_batches"]
+    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
+    if len(failed) > MOST_FAILED:
+        lines.append(
+            f"... and {len(failed) - MOST_FAILED} more batches that failed, in {about['folder']}/failures."
+        )
     if about["left_over_files"]:
         lines.append(f"{about['left_over_files']} files of writers that were killed; they count for nothing.")
     for made in about["made_by"]:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from vibroswarm.study.outcome import Outcome
@@ -66,15 +66,37 @@ def check_style(style: str) -> None:
 def do_study(study: Study, arguments: argparse.Namespace) -> int:
     """Plan, run, sum up, draw, say."""
     check_style(arguments.style)
-    result = run_study_of(study, arguments)
+    result = run_study_of(study, arguments, bear_failures=True)
     if result is None:
         return 0
-    second = None if arguments.no_confirm else _second_block(result, arguments)
-    return say_outcome(result, second, arguments)
+    second = None if arguments.no_confirm or not _has_runs(result) else _second_block(result, arguments)
+    if _has_runs(result):
+        say_outcome(result, second, arguments)
+    _check_failures(arguments.out is not None, result, second)
+    return 0
 
 
-def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | None:
-    """Plan and run; None where only a share or a batch was wanted, which is then said."""
+def _has_runs(result: StudyResult) -> bool:
+    return bool(result.cells["there"].sum())
+
+
+def _check_failures(kept: bool, *results: StudyResult | None) -> None:
+    """Raise RunError where runs failed, once all else is done and said."""
+    from vibroswarm.study.runner import failures_in_words
+
+    for one in results:
+        if one is not None and one.store.failures:
+            raise RunError(failures_in_words(one.store, kept))
+
+
+def run_study_of(
+    study: Study, arguments: argparse.Namespace, *, bear_failures: bool = False
+) -> StudyResult | None:
+    """Plan and run; None where only a share or a batch was wanted, which is then said.
+
+    Args:
+        bear_failures: give the result also where runs failed.
+    """
     from vibroswarm.cli.scenarios import whole_number
     from vibroswarm.cli.warned import warn_of
     from vibroswarm.study.runner import Share, run_batch
@@ -94,7 +116,7 @@ def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | N
         store = run_batch(study, arguments.out, arguments.batch)
         print(f"Batch {arguments.batch} is done and kept in {store.folder}.")
         return None
-    result = _run(study, arguments, workers, share)
+    result = _run(study, arguments, workers, share, bear_failures)
     if share is not None:
         _say_share(result, share)
         return None
@@ -102,7 +124,11 @@ def run_study_of(study: Study, arguments: argparse.Namespace) -> StudyResult | N
 
 
 def _run(
-    study: Study, arguments: argparse.Namespace, workers: int | None, share: Share | None
+    study: Study,
+    arguments: argparse.Namespace,
+    workers: int | None,
+    share: Share | None,
+    bear_failures: bool,
 ) -> StudyResult:
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.result import run
@@ -117,6 +143,7 @@ def _run(
             share=share,
             mixed=arguments.mixed,
             tell=tell,
+            bear_failures=bear_failures and share is None,
         )
 
 
@@ -129,7 +156,12 @@ def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyRe
     workers = None if arguments.workers is None else int(arguments.workers)
     with study_progress("again, on other seeds", workers) as tell:
         return second_block(
-            result, executor=arguments.executor, workers=workers, mixed=arguments.mixed, tell=tell
+            result,
+            executor=arguments.executor,
+            workers=workers,
+            mixed=arguments.mixed,
+            tell=tell,
+            bear_failures=True,
         )
 
 

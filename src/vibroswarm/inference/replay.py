@@ -41,7 +41,7 @@ def infer(
         observations: the observation table of the motion, row by row.
     Raises:
         ValueError: the rows of motion and observations are not the same.
-        RunError: the strategy did what none may.
+        CodeError: the strategy did what none may.
     """
     timeline = timeline_of(scenario, motion)
     strategy = strategy_of(scenario.strategy.name)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import entry_for, read_only, zero_rows
-from vibroswarm.errors import RunError
+from vibroswarm.errors import CodeError
 from vibroswarm.inference.agents import empty_swarm, world_of
 from vibroswarm.inference.generate import kernels
 from vibroswarm.inference.rows import DONE, NO_ROOM, WHY, Counts, Log, Mail, Readings, Rows, Stops, empty_log
@@ -76,7 +76,7 @@ class Replayer(ABC):
             stops: of no rows, where this replay does not need them. begins: from time 0. ends: also hear what is
                 heard after the last sample. limit_s: no further.
         Raises:
-            RunError: the strategy did what none may.
+            CodeError: the strategy did what none may.
         """
 
     def clear(self) -> None:
@@ -106,7 +106,7 @@ class Replayer(ABC):
     def check(self, came: int) -> None:
         """Refuse what a strategy may not do."""
         if came != DONE:
-            raise RunError(f"strategy '{self.strategy.name}': {WHY[came]}")
+            raise CodeError(f"strategy '{self.strategy.name}': {WHY[came]}")
 
 
 class CountsReplayer(Replayer):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vibroswarm.compiled import PACKAGE
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.networks import Network
 from vibroswarm.strategies import Strategy
 
@@ -24,7 +24,7 @@ def told(strategy: Strategy, network: Network) -> Iterator[None]:
     """Errors of the functions of a strategy and a network as one sentence each.
 
     Raises:
-        InputError: a function cannot be compiled. RunError: it has raised.
+        InputError: a function cannot be compiled. CodeError: it has raised.
     """
     try:
         yield
@@ -39,7 +39,7 @@ def told(strategy: Strategy, network: Network) -> Iterator[None]:
         place = _place(error, files)
         if place is None:
             raise
-        raise RunError(f"{place}: {type(error).__name__}: {error}") from None
+        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
 
 
 def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:

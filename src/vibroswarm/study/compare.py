@@ -131,12 +131,15 @@ def second_block(
     workers: int | None = None,
     mixed: bool = False,
     tell: Tell | None = None,
+    bear_failures: bool = False,
 ) -> StudyResult:
     """The study on other seeds: fresh motion, fresh floors, fresh noise; kept inside the study's folder."""
     runs = min(min(result.runs_of(cell) for cell in result.selected), MOST_AGAIN)
     study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
     folder: Path = result.store.folder / SECOND
-    again = run(study, folder, executor=executor, workers=workers, mixed=mixed, tell=tell)
+    again = run(
+        study, folder, executor=executor, workers=workers, mixed=mixed, tell=tell, bear_failures=bear_failures
+    )
     return replace(again, selected=result.selected)
 
 
@@ -148,13 +151,21 @@ def comparisons(result: StudyResult, again: StudyResult | None = None) -> list[C
     first, second = _Figures(result), None if again is None else _Figures(again)
     found = []
     for cell, reference, name in pairs:
-        blocks = [
-            compare(of(cell), of(reference), tuple(FIGURES)) for of in (first, second) if of is not None
-        ]
-        for k, paired in enumerate(blocks[0]):
-            found.append((cell, reference, name, paired, blocks[1][k] if second is not None else None))
+        blocks = [_pair(of, cell, reference) for of in (first, second)]
+        for k, paired in enumerate(blocks[0] or ()):
+            found.append((cell, reference, name, paired, blocks[1][k] if blocks[1] else None))
     corrected = holm([paired.p_value for *_, paired, _ in found])
     return [_compared(*entry, p) for entry, p in zip(found, corrected, strict=True)]
+
+
+def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
+    """Two cells compared in all figures; None where no run of both is there."""
+    if of is None or not {cell.number, reference.number} <= set(of.result.selected):
+        return None
+    one, other = of(cell), of(reference)
+    if one.join(other, on="run", how="semi").is_empty():
+        return None
+    return compare(one, other, tuple(FIGURES))
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:

@@ -50,6 +50,8 @@ class Outcome:
     again: StudyResult | None
     cells: tuple[CellOutcome, ...]
     comparisons: tuple[Compared, ...]
+    without_runs: tuple[Cell, ...] = ()
+    """Cells of which no run is there; they are in no table."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -66,8 +68,15 @@ class Outcome:
         ))  # fmt: skip
         store = self.result.store
         cells = self.result.cells
+        if store.failures:
+            found.append(_failed_words(self.result))
+        if self.again is not None and self.again.store.failures:
+            found.append(f"on other seeds, {_failed_words(self.again)}")
+        if self.without_runs:
+            names = ", ".join(cell.name for cell in self.without_runs)
+            found.append(f"there are no runs of {names}.")
         lost = int((cells["wanted"] - cells["there"]).sum())
-        if lost:
+        if lost and not store.failures:
             found.append(
                 f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing and in no figure; say the same again."
             )
@@ -119,13 +128,35 @@ def outcome_of(result: StudyResult, again: StudyResult | None = None) -> Outcome
         again: the second block of seeds, see ``compare``.
     """
     cells = []
+    result, without_runs = _with_runs(result)
+    again = None if again is None or not again.cells["there"].sum() else _with_runs(again)[0]
     for number in result.selected:
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
         settled = result.settled(number)
         figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
         cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), settled))
-    return Outcome(result, again, tuple(cells), tuple(comparisons(result, again)))
+    return Outcome(result, again, tuple(cells), tuple(comparisons(result, again)), without_runs)
+
+
+def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
+    """The cells of which there are runs, and the others."""
+    there = dict(result.cells.select("cell", "there").iter_rows())
+    if all(there.values()) or not any(there.values()):
+        return result, ()
+    kept = tuple(number for number in result.selected if there[number])
+    return replace(result, selected=kept), tuple(result.cell(number) for number in there if not there[number])
+
+
+def _failed_words(result: StudyResult) -> str:
+    """How many runs of which cells failed, and why the first did."""
+    failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
+    names = dict.fromkeys(cell.name for one in failures for cell in groups[one["group"]].cells)
+    runs = sum(one["last"] - one["first"] for one in failures)
+    return (
+        f"{runs:,} runs of {', '.join(names)} failed and are in no figure, so that figures of the others may be biased "
+        f"({failures[0]['why']})."
+    )
 
 
 _SETTLED: Final = {

@@ -325,9 +325,9 @@ def _samples(outcome: Outcome) -> Iterator[Named]:
 
 def _density(outcome: Outcome, one: CellOutcome) -> Callable[[str], Picture]:
     def draw(style: str) -> Picture:
-        runs = min(one.summary.runs, AGAIN)
-        result = outcome.result.result(one.cell.number, runs)
-        arena, floor = one.cell.scenario.arena, result.floor(0)
+        chosen = outcome.result.runs_there(one.cell.number, AGAIN)
+        result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
+        arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
         fixed = not one.cell.scenario.floor.drawn_by_run
         return draw_density(
             result.motion.select("x_m", "y_m"),
@@ -347,7 +347,7 @@ def _belief(outcome: Outcome, style: str) -> Picture:
     frames, shown = [], AGAIN
     for one in outcome.cells:
         shown = min(one.summary.runs, AGAIN)
-        result = outcome.result.result(one.cell.number, shown)
+        result = outcome.result.result(one.cell.number, outcome.result.runs_there(one.cell.number, shown))
         robots = one.cell.scenario.swarm.robots
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, one)

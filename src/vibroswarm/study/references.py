@@ -104,20 +104,20 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
         cells = [cell for cell in group.cells if cell.number in result.selected]
         made: Result | None = None
         for cell in cells:
-            count = min(runs, result.runs_of(cell.number))
-            if count < FEWEST:
+            chosen = result.runs_there(cell.number, runs)
+            if len(chosen) < FEWEST:
                 yield cell, None
                 continue
-            made = _one(result, group, cell, count, made)
+            made = _one(result, group, cell, chosen, made)
             yield cell, made
 
 
-def _one(result: StudyResult, group: Group, cell: Cell, count: int, made: Result | None) -> Result:
+def _one(result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None) -> Result:
     # Cells of a group may differ in their end, and in how many runs they have.
-    if made is None or made.scenario.run != cell.scenario.run or made.runs.height != count:
-        return result.result(cell.number, count)
+    if made is None or made.scenario.run != cell.scenario.run or made.runs["run"].to_list() != runs:
+        return result.result(cell.number, runs)
     if group.first.run.stop != "t_end":
-        return result.result(cell.number, count)
+        return result.result(cell.number, runs)
     return replay(made, cell.scenario)
 
 

@@ -205,6 +205,12 @@ class StudyResult:
             self.cell(cell).scenario, self.study.seed, runs, motion=self.study.motion, segments=segments
         )
 
+    def runs_there(self, cell: int, most: int) -> list[int]:
+        """The first ``most`` runs of a cell that are there: all from 0, unless some failed."""
+        ranges = sorted(self.store.ranges(self._group_of[cell].number))
+        there = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
+        return [run for run in there if run < self.runs_of(cell)][:most]
+
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:
         """The table ``robots``, ``runs``, ``cells`` or ``samples`` as a pandas frame.
 
@@ -313,9 +319,19 @@ def run(
     share: Share | None = None,
     mixed: bool = False,
     tell: Tell | None = None,
+    bear_failures: bool = False,
 ) -> StudyResult:
     """Run a study and give its result; see ``runner.run_study``. Without a folder it lasts as long as the result."""
     kept = _Passing() if folder is None else None
     where = kept.folder / "study" if kept is not None else Path(folder or "")
-    store = run_study(study, where, executor=executor, workers=workers, share=share, mixed=mixed, tell=tell)
+    store = run_study(
+        study,
+        where,
+        executor=executor,
+        workers=workers,
+        share=share,
+        mixed=mixed,
+        tell=tell,
+        bear_failures=bear_failures,
+    )
     return StudyResult(study, store, tuple(cell.number for cell in study.cells), kept)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from vibroswarm.compiled import is_cached
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.forked import check_threads
 from vibroswarm.study.executors import GO_ON, Workers, check_worker, workers_for
 from vibroswarm.study.looks import settled
@@ -20,6 +21,8 @@ from vibroswarm.study.store import Store
 from vibroswarm.study.work import Cancelled, Done, Work, do, work_of
 
 TRIES: Final = 2
+MOST_HALVINGS: Final = 100
+"""How often batches are cut in half to find the runs in which the user's code fails."""
 
 
 class Share(NamedTuple):
@@ -61,13 +64,14 @@ def run_study(
     share: Share | None = None,
     mixed: bool = False,
     tell: Tell | None = None,
+    bear_failures: bool = False,
 ) -> Store:
     """Do what is missing of a study, and keep it in ``folder``; may be stopped and called again at any moment.
 
     Args:
         executor, workers: see ``executors.workers_for``.
         share: only this share of the blocks. mixed: also go on where other versions began.
-        tell: called as batches come back.
+        tell: called as batches come back. bear_failures: give the store also where runs failed, which it tells.
     Raises:
         InputError: another study is there, nobody answers at ``executor``, or a worker has other versions.
         RunError: the disk is full, the cluster is gone, or batches failed twice; what was done is kept.
@@ -98,9 +102,8 @@ def run_study(
         InputError, RunError
     ):  # a number of runs that is there already, in a folder that is only read
         store.write_head()
-    failures = store.failures
-    if failures:
-        raise RunError(_told_failures(failures, store))
+    if store.failures and not bear_failures:
+        raise RunError(failures_in_words(store))
     return store
 
 
@@ -117,7 +120,8 @@ def _until_settled(runner: _Runner, plan: Plan, precision: Precision) -> None:
 def _compile_first(study: Study, plan: Plan) -> None:
     """Compile here what several processes would each compile for themselves; nothing where it is kept already."""
     if not is_cached():
-        do(work_of(study, plan.groups[0], 0, 1))
+        with suppress(CodeError):
+            do(work_of(study, plan.groups[0], 0, 1))
 
 
 def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
@@ -155,7 +159,7 @@ class _Runner:
 
     def __init__(self, store: Store, crew: Workers, mixed: bool, tell: Tell) -> None:
         self.store, self.crew, self.mixed, self.tell = store, crew, mixed, tell
-        self.done = self.wanted = self.failed = 0
+        self.done = self.wanted = self.failed = self.halvings = 0
 
     def do(self, wanted: Sequence[tuple[Group, int]], share: Share | None) -> None:
         """Do what is missing of the runs wanted."""
@@ -173,9 +177,7 @@ class _Runner:
                 if not finished:
                     self.crew.check()
                 for future in finished:
-                    work, tries = under_way.pop(future)
-                    if not self._keep(future, work, tries):
-                        waiting.append((work, tries + 1))
+                    waiting += self._keep(future, *under_way.pop(future))
                 self.tell(Told(self.done, self.wanted, self.failed))
         except BaseException:
             self._keep_what_is_done(under_way)
@@ -187,10 +189,12 @@ class _Runner:
         except Exception as error:  # whatever an executor says when it is closed or cut off
             raise _gone(error) from error
 
-    def _keep(self, future: Future[Done], work: Work, tries: int) -> bool:
-        """Keep a batch that came back; false: it is to be done again."""
+    def _keep(self, future: Future[Done], work: Work, tries: int) -> list[tuple[Work, int]]:
+        """Keep a batch that came back; what is to be done again, whole or in halves."""
         try:
             done = future.result()
+        except CodeError as error:
+            return self._halves(work, str(error))
         except (InputError, RunError):
             raise
         except (BrokenExecutor, CancelledError) as error:
@@ -199,14 +203,24 @@ class _Runner:
             raise
         except BaseException as error:  # a panic of polars is no Exception
             if tries < TRIES:
-                return False
+                return [(work, tries + 1)]
             self.store.add_failure(work, f"{type(error).__name__}: {error}")
             self.failed += 1
-            return True
+            return []
         check_worker(done.versions, self.mixed)
         self.store.add(done)
         self.done += work.last - work.first
-        return True
+        return []
+
+    def _halves(self, work: Work, why: str) -> list[tuple[Work, int]]:
+        """A batch in which the user's code failed, in halves, so that the runs in which it does not are kept."""
+        middle = (work.first + work.last) // 2
+        if middle > work.first and self.halvings < MOST_HALVINGS:
+            self.halvings += 1
+            return [(replace(work, first=middle), 1), (replace(work, last=middle), 1)]
+        self.store.add_failure(work, why)
+        self.failed += 1
+        return []
 
     def _keep_what_is_done(self, under_way: dict[Future[Done], tuple[Work, int]]) -> None:
         for future in under_way:
@@ -222,14 +236,19 @@ def _gone(error: BaseException) -> RunError:
     return RunError(f"the workers are gone ({why}); {GO_ON}")
 
 
-def _told_failures(failures: Sequence[dict[str, object]], store: Store) -> str:
-    first = failures[0]
+def failures_in_words(store: Store, kept: bool = True) -> str:
+    """How many runs of a store failed, why the first of them did, and what can be done."""
+    failures = store.failures
+    first, runs = failures[0], sum(one["last"] - one["first"] for one in failures)
     batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
+    words = f"{runs:,} run{'s' * (runs != 1)} failed, in {batches}"
+    if not kept:
+        return f"{words}; the first is run {first['first']} with seed {first['seed']} ({first['why']})."
     return (
-        f"{batches} failed twice, all else is kept; the first is batch {first['batch']} with seed {first['seed']} "
-        f"({first['why']}). Run it alone with --batch {first['batch']}; say the same again to try all of them again. "
-        f"They are listed in '{store.folder}/failures'."
+        f"{words}; all else is kept. The first is batch {first['batch']} with seed {first['seed']} ({first['why']}). "
+        f"Run it alone with --batch {first['batch']}; say the same again to try all of them again. They are listed "
+        f"in '{store.folder}/failures'."
     )
 
 
-__all__ = ["Cancelled", "Share", "Told", "run_batch", "run_study"]
+__all__ = ["Cancelled", "Share", "Told", "failures_in_words", "run_batch", "run_study"]
