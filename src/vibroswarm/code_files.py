@@ -1,4 +1,4 @@
-"""Strategies and networks from files: ``voter.py:voter`` names an object in a file.
+"""Strategies, networks, tasks and sources of motion from files: ``voter.py:voter`` names an object in a file.
 
 A file is code, and runs when it is loaded. So nothing is loaded because a data file names it, unless the user has said
 that it is to be trusted; and what is kept of a result is the text of the file and its hash, not a path.
@@ -18,11 +18,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
 
-from vibroswarm import networks, strategies
+from vibroswarm import networks, strategies, tasks
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.networks import Network
 from vibroswarm.plain_files import read_text
 from vibroswarm.strategies import Strategy
+from vibroswarm.tasks import Task
 
 MODULE: Final = "vibroswarm_file"
 HASH: Final = " sha256:"
@@ -38,9 +39,10 @@ class Kind(NamedTuple):
     """Of entry points of installed packages."""
 
 
-KINDS: Final = {
+KINDS: Final[dict[str, Kind]] = {
     "strategy": Kind(Strategy, strategies.register, strategies.known, "vibroswarm.strategies"),
     "network": Kind(Network, networks.register, networks.known, "vibroswarm.networks"),
+    "task": Kind(Task, tasks.register, tasks.known, "vibroswarm.tasks"),
 }
 
 _texts: dict[str, str] = {}
@@ -140,10 +142,10 @@ def resolved_in(values: Any, path: str = "") -> Any:
 
 
 def load_file(kind: str, spec: str, folder: Path | None = None) -> Any:
-    """The strategy or network that ``path.py:name`` says, made known.
+    """What ``path.py:name`` says, made known.
 
     Args:
-        kind: "strategy" or "network". folder: where a relative path begins.
+        kind: one of ``KINDS``. folder: where a relative path begins.
     Raises:
         InputError: there is no such file or object, or it cannot be loaded: the file and line are named.
     """
@@ -178,10 +180,10 @@ def install_all(texts: Iterable[tuple[str, str]]) -> None:
 
 
 def install(kind: str | None, code: str, text: str, file: str | None = None) -> Any:
-    """Make the strategy or network of a text known: of a file of the user's, or of a copy that a worker was given.
+    """Make what a text holds known: of a file of the user's, or of a copy that a worker was given.
 
     Args:
-        kind: "strategy", "network", or None: either.
+        kind: one of ``KINDS``, or None: any.
     Raises:
         InputError: the text cannot be loaded, or holds no such thing; the file and line are named.
     """
@@ -197,7 +199,7 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
         wanted = tuple(one.declared for one in KINDS.values()) if kind is None else KINDS[kind].declared
         there = [one for one, value in vars(module).items() if isinstance(value, wanted)]
         what = (
-            f"is no {kind or 'strategy or network'}"
+            f"is no {kind or ', '.join(KINDS)}"
             if name in vars(module)
             else f"is not there{nearest(name, there)}"
         )
@@ -216,7 +218,7 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
 
 
 def load_installed() -> None:
-    """Make known what installed packages offer as entry points (``vibroswarm.strategies``, ``vibroswarm.networks``).
+    """Make known what installed packages offer as entry points (groups ``vibroswarm.strategies``, ...).
 
     Raises:
         InputError: one cannot be loaded, or is none.

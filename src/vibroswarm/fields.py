@@ -42,6 +42,7 @@ from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 from vibroswarm.networks import known as known_networks
 from vibroswarm.strategies import known as known_strategies
+from vibroswarm.tasks import known as known_tasks
 
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -305,9 +306,12 @@ class Choice(Section):
         given = dict(values)
         name = given.get("name", cls.model_fields["name"].default)
         spec = name if code_files.is_code(name) else given.get("code")
-        if isinstance(spec, str) and code_files.is_code(spec) and name in (spec, code_files.name_in(spec)):
-            given["code"] = spec = code_files.resolved(cls.kind, spec)
-            given["name"] = name = code_files.name_in(spec)
+        if isinstance(spec, str) and code_files.is_code(spec):
+            if name in (spec, code_files.name_in(spec)):
+                given["code"] = spec = code_files.resolved(cls.kind, spec)
+                given["name"] = name = code_files.name_in(spec)
+            else:  # another has been chosen since
+                spec = None
         there = cls.known()
         if isinstance(name, str) and name in there:
             mine = there[name].code or None
@@ -470,6 +474,15 @@ class NetworkChoice(Choice):
     known = staticmethod(known_networks)
     name: str = "ideal"
     """All hear all (ideal), or each message and receiver is lost with a probability (loss)."""
+
+
+class TaskChoice(Choice):
+    """What is asked of the floor; by name: ``fill_ratio``: does more than ``decision_boundary`` vibrate?"""
+
+    kind = "task"
+    known = staticmethod(known_tasks)
+    name: str = "fill_ratio"
+    """Which decision is right: by the share of tiles that vibrate (fill_ratio)."""
 
 
 class Run(Section):

@@ -94,15 +94,15 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
 SCHEMAS: Final = {name: Schema(columns, UNTOLD[name], KEYS[name]) for name, columns in TABLES.items()}
 
 
-def write_code(folder: Path, scenarios: Iterable[Scenario]) -> None:
-    """Write copies of the files that strategies and networks come from; nothing here ever runs them.
+def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None:
+    """Write copies of the files of the user's that were used; nothing here ever runs them.
 
+    Args:
+        motion: the source of motion, which may be one of them.
     Raises:
         RunError: the disk is full or failed.
     """
-    for code, text in code_files.texts_of(
-        one for s in scenarios for one in (s.strategy.code, s.network.code)
-    ):
+    for code, text in code_files.texts_of([motion, *(one for s in scenarios for one in s.codes)]):
         with whole_file(folder / code.partition(":")[0]) as part:
             part.write_text(text, encoding="utf-8")
 
@@ -188,7 +188,7 @@ class Result:
         (folder / MARKER).write_text(self.scenario.to_toml(), encoding="utf-8")
         about = self._about()
         (folder / "result.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-        write_code(folder, [self.scenario])
+        write_code(folder, [self.scenario], self.source)
         metadata = {"vibroswarm": json.dumps(about), "scenario": self.scenario.to_toml()}
         for name in TABLES:
             frame = getattr(self, name)

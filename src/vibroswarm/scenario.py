@@ -32,6 +32,7 @@ from vibroswarm.fields import (
     Sensor,
     StrategyChoice,
     Swarm,
+    TaskChoice,
     Walk,
 )
 from vibroswarm.floors.floor import Floor
@@ -43,7 +44,7 @@ SCHEMA_VERSION = 2
 
 
 class Scenario(Section):
-    """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, duration.
+    """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
     Raises (through ``read``, ``from_toml`` and ``with_values``):
         InputError: naming the field, its value and what would be right.
@@ -60,6 +61,7 @@ class Scenario(Section):
     strategy: StrategyChoice = StrategyChoice()
     decision: Decision = Decision()
     network: NetworkChoice = NetworkChoice()
+    task: TaskChoice = TaskChoice()
     run: Run = Run()
 
     @model_validator(mode="after")
@@ -191,9 +193,21 @@ class Scenario(Section):
     def hash(self) -> str:
         """16 hexadecimal digits that change with any field, and with nothing else."""
         data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
-        data |= {"strategy": self.strategy.in_force, "network": self.network.in_force}
+        data |= {one.kind: one.in_force for one in self.choices}
         text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The sections that are chosen by name: strategy, network and task."""
+        return tuple(
+            one for name in type(self).model_fields if isinstance(one := getattr(self, name), Choice)
+        )
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Files of the user's that it needs, as ``code_files`` names them."""
+        return tuple(one.code for one in self.choices if one.code is not None)
 
     @property
     def tick_s(self) -> float:

@@ -62,6 +62,7 @@ def simulate(
     """
     check_scenario(scenario)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
+    motion = code_files.resolved("motion", motion) if code_files.is_code(motion) else motion
     readings_boundary(scenario)  # what cannot be asked is refused before anything moves
     floors = floors_of(scenario, seed, chosen)
     wanted = Wanted(segments, moves)
@@ -160,12 +161,12 @@ def check_scenario(scenario: object) -> None:
             f"{shown(scenario)} is no Scenario; make one with preset('paper') or Scenario.read(file)",
             field="scenario",
         )
-    for kind, part in (("strategy", scenario.strategy), ("network", scenario.network)):
-        if part.code is not None and part.name not in code_files.KINDS[kind].known():
+    for part in scenario.choices:
+        if part.code is not None and part.name not in type(part).known():
             raise InputError(
-                f"'{part.code.partition(code_files.HASH)[0]}' is not loaded; name its file by --{kind}, or say --trust "
-                "to run the one that is named",
-                field=f"{kind}.name",
+                f"'{part.code.partition(code_files.HASH)[0]}' is not loaded; name its file by --{part.kind}, or say "
+                "--trust to run the one that is named",
+                field=f"{part.kind}.name",
             )
 
 

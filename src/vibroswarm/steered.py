@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm import code_files
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.closed_loop import ClosedLoop
@@ -73,7 +74,8 @@ def steerable(state: MotionState, motion: str) -> KernelRun:
     """
     if not isinstance(state, KernelRun):
         raise InputError(
-            f"'{motion}' cannot be steered, and the strategy steers; take 'event' or 'fixed-step'",
+            f"'{motion.partition(code_files.HASH)[0]}' cannot be steered, and the strategy steers; take 'event' or "
+            "'fixed-step'",
             field="motion",
         )
     return state

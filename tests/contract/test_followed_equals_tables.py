@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -148,9 +149,16 @@ def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> Non
     assert (kept.decision != found.decision).any()
 
 
-def test_a_source_that_is_no_kernel_goes_by_its_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def elsewhere() -> Iterator[None]:
     source: Any = Source("elsewhere", Elsewhere, EVENT.batch)
-    monkeypatch.setitem(contract._SOURCES, "elsewhere", source)
+    contract.register(source)
+    yield
+    contract.forget("elsewhere")
+
+
+@pytest.mark.usefixtures("elsewhere")
+def test_a_source_that_is_no_kernel_goes_by_its_tables() -> None:
     scenario = Draw(strategy="positive").scenario()
     (found,) = outcomes_of([scenario], 5, [1, 2], "elsewhere")
     equal(found, by_tables(scenario, 5, [1, 2]))
@@ -164,8 +172,8 @@ def test_a_source_that_is_no_kernel_goes_by_its_tables(monkeypatch: pytest.Monke
 class Elsewhere:
     """A run of a source that gives tables and nothing else."""
 
-    def __init__(self, *wanted: Any) -> None:
-        self.run: Any = EventRun(*wanted)
+    def __init__(self, *wanted: Any, **tables: Any) -> None:
+        self.run: Any = EventRun(*wanted, **tables)
 
     @property
     def time_s(self) -> float:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import Field
 
-from vibroswarm import networks, strategies
+from vibroswarm import networks, strategies, tasks
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario import Scenario, field_names, kind_of, value_of
 from vibroswarm.simulation import OF_MOTION
@@ -58,8 +58,12 @@ def one_more() -> Iterator[None]:
             params=Params,
         )
     )
+    tasks.register(tasks.Task("probe", truth=lambda floor, asked, p: 1, params=Params))
+    tasks.register(tasks.Task("another_task", truth=lambda floor, asked, p: 1))
     yield
     strategies.base.forget("probe")
+    tasks.base.forget("probe")
+    tasks.base.forget("another_task")
 
 
 def pair(name: str) -> tuple[Scenario, Scenario]:
@@ -85,7 +89,9 @@ def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:
     return len(plan.groups), plan.inferences
 
 
-@pytest.mark.parametrize("name", [*NAMES, "strategy.probe.first", "strategy.probe.second"])
+@pytest.mark.parametrize(
+    "name", [*NAMES, "strategy.probe.first", "strategy.probe.second", "task.probe.second"]
+)
 def test_a_field_changes_hash_and_plan(name: str) -> None:
     one, other = pair(name)
     assert one.hash != other.hash
@@ -101,7 +107,7 @@ def test_a_field_changes_hash_and_plan(name: str) -> None:
 
 
 def test_all_parameters_of_all_that_is_known_are_among_the_fields() -> None:
-    for kind, room in (("strategy", strategies), ("network", networks)):
+    for kind, room in (("strategy", strategies), ("network", networks), ("task", tasks)):
         for name, one in room.known().items():
             for field in one.params.model_fields:
                 assert f"{kind}.{name}.{field}" in field_names()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,10 +73,11 @@ STANDING = Source("standing", init)
 
 
 @pytest.fixture(autouse=True)
-def known(monkeypatch: pytest.MonkeyPatch) -> None:
+def known() -> Iterator[None]:
     """The source is known by its name, as long as a test lasts."""
-    monkeypatch.setattr(contract, "_SOURCES", dict(contract._SOURCES))
     register(STANDING)
+    yield
+    contract.forget("standing")
 
 
 @pytest.mark.parametrize("check", TABLE_CHECKS, ids=lambda check: check.__name__)
@@ -122,12 +124,14 @@ def test_scenarios_run_on_it(stop: str) -> None:
 
 def test_a_name_is_taken_once() -> None:
     register(STANDING)
-    with pytest.raises(InputError, match="another source of motion has the name 'event'"):
+    with pytest.raises(InputError, match="there is a source of motion 'event' already"):
         register(Source("event", init))
     assert source("event") is not STANDING
-    for wrong in ("standing", None, Source("none", None)):  # type: ignore[arg-type]
+    for wrong in ("standing", None):
         with pytest.raises(InputError, match="is no Source"):
             register(wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no function init"):
+        Source("none", None)  # type: ignore[arg-type]
 
 
 def test_the_nearest_name_is_given() -> None:

@@ -17,12 +17,17 @@ from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.analysis.intervals import generator, mean_interval, wilson
 from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, truth_of
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.presets import preset
 from vibroswarm.simulation import simulate
 
 T_END = 100.0
 Cell = tuple[pl.DataFrame, pl.DataFrame]
+
+
+def truth_of(fill: float, boundary: float) -> int | None:
+    """1 above the boundary, 0 below, None on it: worked out here, not by the package."""
+    return None if abs(fill - boundary) < 1e-12 else int(fill > boundary)
 
 
 def cell(decisions: list[list[int]], times: list[list[float | None]], fill: float = 0.4) -> Cell:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from vibroswarm.inference.agents import FINALS
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table, truth_of
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline, timeline_of
 from vibroswarm.motion.contract import Motion, source
@@ -23,6 +23,11 @@ from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import floors_of, replay, simulate, summarise
 
 # The definitions
+
+
+def truth_of(fill: float, boundary: float) -> int | None:
+    """1 above the boundary, 0 below, None on it: worked out here, not by the package."""
+    return None if abs(fill - boundary) < 1e-12 else int(fill > boundary)
 
 
 def truths(fills: Mapping[int, float], boundary: float) -> pl.DataFrame:

@@ -40,12 +40,14 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.outcomes import truth_of
+from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.boundary import felt_on, readings_boundary, tiled_share
 from vibroswarm.observation.reading import error_rates
 from vibroswarm.scenario import Scenario
 
-Word = Literal["decidable", "wrong side", "on the boundary", "cannot be told from the boundary"]
+Word = Literal[
+    "decidable", "wrong side", "on the boundary", "cannot be told from the boundary", "not assessed"
+]
 
 ON = 1e-9
 """A share so near the boundary lies on it."""
@@ -79,6 +81,11 @@ class Decidability:
     mending_high: float | None = None
     """Thresholds between these two lean neither f nor its mirror to the wrong side; None: none does, or not asked."""
 
+    @property
+    def is_warning(self) -> bool:
+        """Whether a reader must be told."""
+        return self.verdict not in ("decidable", "not assessed")
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {name: plain(value) for name, value in self.__dict__.items()}
@@ -95,18 +102,20 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     size = (scenario.arena.width_m, scenario.arena.height_m)
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
-    truth = truth_of(fill, boundary)
+    truth = truth_on(scenario, floor, fill)
     felt = felt_on(sensor, floor, size)
     spilt = (felt.found + felt.spilt - felt.vibrating) / tiled
     share = expected_share(sensor, fill, tiled, spilt)
-    verdict = _side(share, tested, truth)
+    of_shares = scenario.task.name == "fill_ratio"
+    verdict = _side(share, tested, truth) if of_shares else "not assessed"
+    says = _words(verdict, share, boundary, tested, truth) if of_shares else _of_another_task(scenario)
     low, high, mend = None, None, ""
-    if scenario.decision.boundary_of == "readings":
+    if of_shares and scenario.decision.boundary_of == "readings":
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spilt) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
     return Decidability(
         verdict=verdict,
-        says=_words(verdict, share, boundary, tested, truth) + mend,
+        says=says + mend,
         boundary=boundary,
         tested=tested,
         truth=truth,
@@ -279,6 +288,10 @@ def _side(share: float, boundary: float, truth: int | None) -> Word:
     if truth is None or abs(share - boundary) < ON:
         return "on the boundary"
     return "decidable" if (share > boundary) == (truth == 1) else "wrong side"
+
+
+def _of_another_task(scenario: Scenario) -> str:
+    return f"Whether the task '{scenario.task.name}' can be decided from the share of ones is not worked out."
 
 
 def _margin(share: float, boundary: float, truth: int | None) -> float | None:

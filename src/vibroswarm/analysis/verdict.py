@@ -14,10 +14,12 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm import tasks
 from vibroswarm.errors import InputError, shown
 from vibroswarm.forked import check_threads
 from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
+from vibroswarm.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,10 @@ class Verdict:
     truth: int | None
     fill_ratio: float
     decision_boundary: float
+    answers: tuple[str, str]
+    """What the decisions 0 and 1 say, in words."""
+    of_shares: bool
+    """Whether the question is one of the share of tiles that vibrate."""
     right: int
     wrong: int
     undecided: int
@@ -96,6 +102,8 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         truth=summary["truth"],
         fill_ratio=fill,
         decision_boundary=result.scenario.decision.decision_boundary,
+        answers=answers_of(result.scenario),
+        of_shares=result.scenario.task.name == "fill_ratio",
         right=summary["right"],
         wrong=summary["wrong"],
         undecided=summary["undecided"],
@@ -105,6 +113,14 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
     )
+
+
+def answers_of(scenario: Scenario) -> tuple[str, str]:
+    """What the decisions 0 and 1 say of the floor; "no" and "yes" of a task whose code is not loaded."""
+    known = tasks.known().get(scenario.task.name)
+    boundary = f"{100 * scenario.decision.decision_boundary:.4g} %"
+    no, yes = known.answers if known is not None else ("no", "yes")
+    return no.replace("{boundary}", boundary), yes.replace("{boundary}", boundary)
 
 
 def _robot(row: dict[str, Any]) -> RobotVerdict:

@@ -86,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     robots = [whole_number(text, "--robots") for text in (arguments.robots or "").split(",") if text]
     arguments.robots = None
     base = scenario_from(arguments).with_values(_boundary_of(arguments))
+    if base.task.name != "fill_ratio":
+        raise InputError(f"asks for shares that vibrate; the task is '{base.task.name}'", field="task.name")
     fills, added = _fills(arguments.fills, base)
     study = Study.of(
         base,

@@ -34,7 +34,10 @@ def add_parser(commands: Any) -> None:
     what = add_scenario_options(parser)
     what.add_argument("--seed", metavar="S", default="1", help="same study and seed: same result (default 1)")
     what.add_argument(
-        "--motion", metavar="NAME", default="event", help="engine: event (default) or fixed-step"
+        "--motion",
+        metavar="NAME",
+        default="event",
+        help="engine: event (default), fixed-step, or FILE.py:NAME",
     )
     many = parser.add_argument_group("how many")
     many.add_argument("--runs", metavar="N", help="runs a cell (default 100)")
@@ -94,7 +97,7 @@ def study_from(arguments: argparse.Namespace) -> Study:
         runs=None if until is not None else whole_number(arguments.runs or "100", "--runs"),
         until=until,
         seed=whole_number(arguments.seed, "--seed"),
-        motion=arguments.motion,
+        motion=chosen("motion", arguments.motion),
         keep=("samples",) if arguments.keep_samples else (),
         folder=Path(),
     )
@@ -118,6 +121,8 @@ def _base_of_presets(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _varied(options: list[str]) -> dict[str, list[Any]]:
     """``FIELD=A,B`` as field and values."""
+    from vibroswarm import code_files
+    from vibroswarm.cli.scenarios import chosen
     from vibroswarm.scenario import parse_setting
 
     vary: dict[str, list[Any]] = {}
@@ -129,4 +134,7 @@ def _varied(options: list[str]) -> dict[str, list[Any]]:
         if name in vary:
             raise InputError("is varied twice", field=f"--vary {name}")
         vary[name] = [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
+        kind = name.removesuffix(".name")
+        if kind in code_files.KINDS:
+            vary[name] = [chosen(kind, one) if code_files.is_code(one) else one for one in vary[name]]
     return vary

@@ -29,6 +29,9 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> argparse._ArgumentG
         help="what robots tell each other: none, positive, soft, or FILE.py:NAME",
     )
     what.add_argument("--network", metavar="NAME", help="who hears what: ideal, loss, or FILE.py:NAME")
+    what.add_argument(
+        "--task", metavar="NAME", help="what is asked of the floor: fill_ratio, or FILE.py:NAME"
+    )
     what.add_argument("--energies", metavar="FILE", type=Path, help="draw from these measured energies (CSV)")
     what.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], dest="settings",

@@ -39,7 +39,10 @@ def add_parser(commands: Any) -> None:
         "--seed", metavar="S", default="1", help="same scenario and seed: same result (default 1)"
     )
     what.add_argument(
-        "--motion", metavar="NAME", default="event", help="engine: event (default) or fixed-step"
+        "--motion",
+        metavar="NAME",
+        default="event",
+        help="engine: event (default), fixed-step, or FILE.py:NAME",
     )
     out = parser.add_argument_group("what is shown and kept")
     out.add_argument("--out", metavar="DIR", type=Path, help="keep scenario, tables, picture and page here")
@@ -59,7 +62,7 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, keep, play back, and say the verdict."""
-    from vibroswarm.cli.scenarios import scenario_from, whole_number
+    from vibroswarm.cli.scenarios import chosen, scenario_from, whole_number
     from vibroswarm.files import check_folder
 
     scenario = scenario_from(arguments)
@@ -69,9 +72,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("says to replace a result, but --out names none", field="--force")
     if arguments.out is not None:
         check_folder(arguments.out, replace=arguments.force)
-    result = _simulate(scenario, seed, arguments.motion, keep=arguments.out is not None or speed is not None)
+    motion = chosen("motion", arguments.motion)
+    result = _simulate(scenario, seed, motion, keep=arguments.out is not None or speed is not None)
     if arguments.out is not None:
         _keep(result, arguments.out, replace=arguments.force)
+    if speed is not None and result.segments is None:
+        raise InputError(
+            f"'{arguments.motion}' does not tell where robots are between their samples", field="--watch"
+        )
     if speed is not None and not arguments.json:
         from vibroswarm.cli.watch import play
 
@@ -109,7 +117,8 @@ def _keep(result: Result, out: Path, *, replace: bool) -> None:
     with whole_folder(out, replace=replace) as part:
         result.write_into(part)
         write_run_picture(result, part / "run.png")
-        write_run_page(result, part / "run.html")
+        if result.segments is not None:
+            write_run_page(result, part / "run.html")
 
 
 def _say(result: Result, arguments: argparse.Namespace) -> None:
@@ -121,7 +130,7 @@ def _say(result: Result, arguments: argparse.Namespace) -> None:
 
     found = verdict(result)
     decidable = decidability(result.scenario, floor=result.floor())
-    warnings = [] if decidable.verdict == "decidable" else [decidable.says]
+    warnings = [decidable.says] if decidable.is_warning else []
     if arguments.json:
         about = {
             "scenario_hash": result.scenario.hash,
@@ -140,5 +149,8 @@ def _say(result: Result, arguments: argparse.Namespace) -> None:
         print("Nothing was kept; --out DIR keeps scenario, tables, picture and page.")
     else:
         print(f"Kept in {arguments.out}: scenario, tables and run.png.")
-        print(f"Watch it: open {(arguments.out / 'run.html').resolve()} in a browser.")
+        if result.segments is not None:
+            print(f"Watch it: open {(arguments.out / 'run.html').resolve()} in a browser.")
+        else:
+            print(f"No page: '{arguments.motion}' does not tell where robots are between their samples.")
     sys.stdout.flush()

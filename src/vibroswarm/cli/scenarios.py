@@ -38,6 +38,8 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
         values["strategy.name"] = chosen("strategy", arguments.strategy)
     if getattr(arguments, "network", None) is not None:
         values["network.name"] = chosen("network", arguments.network)
+    if getattr(arguments, "task", None) is not None:
+        values["task.name"] = chosen("task", arguments.task)
     if arguments.energies is not None:
         vibrating, still = read_energies(arguments.energies)
         values |= {
@@ -53,13 +55,15 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
 
 
 def chosen(kind: str, text: str) -> str:
-    """The name of a strategy or network as a scenario has it; a file that is named is loaded.
+    """The name of a strategy, network, task or source of motion; a file that is named is loaded.
 
     Raises:
         InputError: there is none of that name, or the file cannot be loaded.
     """
     if code_files.is_code(text):
         return str(code_files.load_file(kind, text).code)
+    if kind == "motion":
+        import vibroswarm.simulation  # noqa: F401  (makes the engines known)
     known = code_files.KINDS[kind].known()
     if text not in known:
         code_files.load_installed()

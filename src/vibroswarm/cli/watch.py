@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.cli.words import decision_words
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.boundary import readings_boundary
@@ -139,12 +140,13 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:
     """A bar for each robot: full when it believes that less than the boundary vibrates."""
-    boundary = playback.scenario.decision.decision_boundary
+    boundary, answers = playback.scenario.decision.decision_boundary, answers_of(playback.scenario)
+    what = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
     block, rest = ("█", "─") if _fancy() else ("=", "-")
-    rows = [f"{'':3}{'0':<{BAR}}1   in 'less than {100 * boundary:g} %'"]
+    rows = [f"{'':3}{'0':<{BAR}}1   in '{what}'"]
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
         full = round(belief * BAR)
-        said = "" if decision == -1 else f"  decided: {decision_words(int(decision), boundary)}"
+        said = "" if decision == -1 else f"  decided: {decision_words(int(decision), answers)}"
         rows.append(
             f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{said}"
         )

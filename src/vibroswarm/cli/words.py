@@ -22,11 +22,13 @@ def percent(share: float) -> str:
     return f"{100 * share:.4g} %"
 
 
-def decision_words(decision: int | None, boundary: float) -> str:
-    """What a decision says about the floor."""
-    if decision is None or decision == -1:
-        return "undecided"
-    return f"{'more' if decision else 'less'} than {percent(boundary)} vibrates"
+def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
+    """What a decision says about the floor.
+
+    Args:
+        answers: ``verdict.answers_of`` its scenario.
+    """
+    return "undecided" if decision is None or decision == -1 else answers[decision]
 
 
 def headline(found: Verdict) -> str:
@@ -34,7 +36,7 @@ def headline(found: Verdict) -> str:
     if found.consensus is None:
         return "What the robots decided was not logged."
     robots = len(found.robots)
-    what = decision_words(found.decision, found.decision_boundary)
+    what = decision_words(found.decision, found.answers)
     together = "the robot decided" if robots == 1 else f"all {robots} robots decided"
     at = "" if found.consensus_time_s is None else f" by {found.consensus_time_s:.1f} s"
     if found.consensus == "right":
@@ -42,7 +44,8 @@ def headline(found: Verdict) -> str:
     if found.consensus == "wrong":
         return f"CONSENSUS, WRONG: {together} '{what}'{at}, and that is not so."
     if found.consensus == "agreed":
-        return f"CONSENSUS: {together} '{what}'{at}; the fill ratio is the boundary itself, neither is right."
+        why = "the fill ratio is the boundary itself, neither" if found.of_shares else "neither answer"
+        return f"CONSENSUS: {together} '{what}'{at}; {why} is right."
     decided = robots - found.undecided
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else f"{decided} decided"
     if found.consensus == "split":
@@ -60,7 +63,8 @@ def how_sure(found: Verdict) -> str:
             if any(r.samples for r in found.robots):
                 return "How sure: the robots keep no belief."
             return "No robot took a sample."
-        return f"How sure: no robot was; belief in 'less' is {_range(beliefs)}. {note}"
+        what = "less" if found.of_shares else found.answers[0]
+        return f"How sure: no robot was; belief in '{what}' is {_range(beliefs)}. {note}"
     return f"How sure: belief in the decision, when it fell, {_range(beliefs)}. {note}"
 
 
@@ -71,7 +75,7 @@ def _range(shares: list[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def robot_line(robot: RobotVerdict, boundary: float) -> str:
+def robot_line(robot: RobotVerdict, answers: tuple[str, str]) -> str:
     """One robot in one line of the table."""
     at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f} s"
     sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f} %"
@@ -80,7 +84,7 @@ def robot_line(robot: RobotVerdict, boundary: float) -> str:
         estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
     heard = "-" if robot.received is None else str(robot.received)
     return (
-        f"{robot.robot:>5}  {decision_words(robot.decision, boundary):<26} {at:>9} {sure:>8}   "
+        f"{robot.robot:>5}  {decision_words(robot.decision, answers):<26} {at:>9} {sure:>8}   "
         f"{estimate:<20} {robot.samples:>8} {heard:>6}"
     )
 
@@ -112,7 +116,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
         "",
         f"{'robot':>5}  {'decision':<26} {'at':>9} {'belief':>8}   "
         f"{'share of ones (95 %)':<20} {'own':>8} {'heard':>6}",
-        *(robot_line(robot, found.decision_boundary) for robot in found.robots),
+        *(robot_line(robot, found.answers) for robot in found.robots),
         "",
     ]
     return "\n".join(fill(line, WIDTH) if ". " in line else line for line in lines)

@@ -18,7 +18,6 @@ from vibroswarm.inference.outcomes import (
     estimate_of,
     numbers,
     right_of,
-    truths,
     wrong_of,
 )
 from vibroswarm.scenario import Scenario
@@ -129,15 +128,14 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
     time_s, alpha, beta = (
         numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "alpha", "beta")
     )
-    fills = runs["fill_ratio"].to_numpy()
     return Outcomes(
         run=runs["run"].to_numpy().astype(np.int64),
         decision=robots["decision"].to_numpy().astype(np.int64).reshape(shape),
         decision_time_s=time_s,
         estimate=estimate_of(alpha, beta),
         end_s=runs["end_s"].to_numpy(),
-        fill_ratio=fills,
-        truth=truths(scenario, fills),
+        fill_ratio=runs["fill_ratio"].to_numpy(),
+        truth=numbers(runs["truth"]),
         tiles=tiles,
         t_end_s=scenario.run.t_end_s,
         strategy=scenario.strategy.name,

@@ -4,7 +4,7 @@ All functions take arrays of shape (..., runs, robots) for robots and (..., runs
 
 | name | definition |
 |---|---|
-| truth | 1 where the fill ratio lies above the decision boundary, 0 below, nan on it |
+| truth | the right decision by the scenario's task; nan where neither is |
 | right, wrong | robots whose decision is, is not, the truth; none where the truth is nan |
 | consensus | incomplete: one is undecided; split: they differ; else right, wrong, or agreed if the truth is nan |
 | consensus_time_s | time of the last decision of a swarm that decided alike, else nan |
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario import Scenario
+from vibroswarm.tasks import Asked, task
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
@@ -80,27 +81,34 @@ def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, he
     return [known[id(floors[run])] for run in runs]
 
 
-def truth_of(fill_ratio: float, boundary: float) -> int | None:
-    """Return 1 where the fill ratio lies above the boundary, 0 below, None on it."""
-    truth = float(truth_at(fill_ratio, boundary))
-    return None if math.isnan(truth) else int(truth)
+def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) -> int | None:
+    """Return the right decision on a floor by the scenario's task: 1, 0, or None where neither is.
+
+    Args:
+        fill_ratio: of the floor inside the arena; without, it is worked out.
+    Raises:
+        CodeError: a task of the user's raised.
+    """
+    size = scenario.arena.width_m, scenario.arena.height_m
+    fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
+    asked = Asked(*size, fill_ratio, scenario.decision.decision_boundary)
+    return task(scenario.task.name).answer(floor, asked, scenario.task.params)
 
 
-def truth_at(fills: ArrayLike, boundaries: ArrayLike) -> Array:
-    """Return 1 where the fill ratio lies above the boundary, 0 below, nan on it; shape as the inputs broadcast."""
-    fill, boundary = np.asarray(fills, dtype=np.float64), np.asarray(boundaries, dtype=np.float64)
-    return np.where(np.abs(fill - boundary) < 1e-12, np.nan, (fill > boundary).astype(np.float64))
-
-
-def truths(scenario: Scenario, fills: ArrayLike) -> Array:
-    """Return the truth about fill ratios by the boundary of a scenario, shape of ``fills``."""
-    return truth_at(fills, scenario.decision.decision_boundary)
+def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
+    """Return the truth about the floor of each run, (runs,): 1, 0, or nan where neither decision is right."""
+    known: dict[int, float] = {}
+    for run, fill in zip(runs, fills, strict=True):
+        if id(floors[run]) not in known:
+            found = truth_on(scenario, floors[run], float(fill))
+            known[id(floors[run])] = math.nan if found is None else float(found)
+    return np.array([known[id(floors[run])] for run in runs])
 
 
 def fills_and_truth(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int]) -> tuple[Array, Array]:
     """Return the fill ratio inside the arena of each run's floor, and the truth about it, (runs,) each."""
     fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
-    return fills, truths(scenario, fills)
+    return fills, truths(scenario, floors, runs, fills)
 
 
 # Columns of robots and of runs

@@ -40,63 +40,19 @@ next ``advance``; ``join`` keeps the latest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Protocol
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.forked import check_threads
+from vibroswarm import code_files
+from vibroswarm.errors import InputError, shown
+from vibroswarm.motion.checked import checked, checked_batch
+from vibroswarm.motion.motion_tables import ENDS, MOTION, MOVES, SEGMENTS, Motion, join
+from vibroswarm.registry import Registry
 from vibroswarm.scenario import Scenario
-
-MOTION: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "robot": pl.UInt16,
-    "sample": pl.UInt32,
-    "stop_start_s": pl.Float64,
-    "time_s": pl.Float64,
-    "x_m": pl.Float64,
-    "y_m": pl.Float64,
-    "heading_rad": pl.Float64,
-    "drive_s": pl.Float32,
-    "turn_s": pl.Float32,
-    "avoid_s": pl.Float32,
-    "stop_s": pl.Float32,
-}
-SEGMENTS: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "robot": pl.UInt16,
-    "start_s": pl.Float64,
-    "x_m": pl.Float64,
-    "y_m": pl.Float64,
-    "heading_rad": pl.Float64,
-    "speed_m_s": pl.Float64,
-    "turn_rate_rad_s": pl.Float64,
-    "kind": pl.Enum(["drive", "turn", "avoid", "stop"]),
-}
-MOVES: Final[dict[str, Any]] = {**SEGMENTS, "turned_rad": pl.Float64, "ray_m": pl.Float64}
-ENDS: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "robot": pl.UInt16,
-    "end_s": pl.Float64,
-    "x_m": pl.Float64,
-    "y_m": pl.Float64,
-    "heading_rad": pl.Float64,
-    "stop_start_s": pl.Float64,
-}
-
-
-@dataclass(frozen=True)
-class Motion:
-    """The tables of a source, see the head of this module."""
-
-    samples: pl.DataFrame
-    ends: pl.DataFrame
-    segments: pl.DataFrame | None = None
-    moves: pl.DataFrame | None = None
 
 
 class MotionState(Protocol):
@@ -175,8 +131,16 @@ class Source:
     init: Init
     batch: Batch = None  # type: ignore[assignment]  # set at once
     about: str = field(default="", compare=False)
+    is_ours: bool = field(default=False, compare=False)
+    """An engine of this package: its tables are held to the contract by tests, not while it runs."""
+    source: str = field(default="", compare=False)
+    """The text of the file it comes from, where that is not of this package."""
+    code: str = field(default="", compare=False)
+    """That file's name, this one's name in it, and its hash."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not callable(self.init):
+            raise InputError(f"{shown(self.name)} has no name or no function init", field="source")
         if self.batch is None:
             object.__setattr__(self, "batch", partial(one_after_the_other, self.init))
 
@@ -194,55 +158,68 @@ def one_after_the_other(
     return join([init(scenario, seed, run, segments=segments, moves=moves).advance(end_s) for run in runs])
 
 
-_SOURCES: dict[str, Source] = {}
+_registry = Registry[Source]("source of motion", "motion")
+forget, names, known = _registry.forget, _registry.names, _registry.known
 
 
-def register(source: Source) -> None:
-    """Make a source known by its name, so that what stands below needs no import from above.
+def register(source: Source) -> Source:
+    """Make a source known by its name, so that what stands below needs no import from above; gives it back.
 
     Raises:
         InputError: it is no ``Source``, or another has that name.
     """
-    if not isinstance(source, Source) or not isinstance(source.name, str) or not callable(source.init):
+    if not isinstance(source, Source):
         raise InputError(f"{shown(source)} is no Source of a name and a function", field="source")
-    if _SOURCES.setdefault(source.name, source) != source:
-        raise InputError(f"another source of motion has the name {shown(source.name)}", field="source")
+    return _registry.register(source)
 
 
 def source(name: str) -> Source:
-    """The source of that name.
+    """The source of that name, or of a file that has been loaded (``FILE.py:NAME`` with its hash), ready to be used.
+
+    What a source that is not ours gives is checked, and what it raises is said with its file and line.
 
     Raises:
         InputError: there is none; the nearest is named.
     """
-    if not isinstance(name, str) or name not in _SOURCES:
+    if not code_files.is_code(name):
+        return _ready(_registry.get(name))
+    found = _registry.known().get(code_files.name_in(name))
+    if found is None or found.code != name:
         raise InputError(
-            f"there is no source of motion {shown(name)}{nearest(name, _SOURCES)}"
-            f" (there are {', '.join(sorted(_SOURCES))})",
+            f"'{name.partition(code_files.HASH)[0]}' is not loaded; name its file by --motion, or say --trust to run "
+            "the one that is named",
             field="motion",
         )
-    return _SOURCES[name]
+    return _ready(found)
 
 
-def join(pieces: Sequence[Motion]) -> Motion:
-    """Pieces of motion, in the order of runs and of time within a run, as one.
-
-    The ends of a run are those of its last piece, and so is what is said of a move that is in several.
-    """
-    check_threads()
-    ends = pl.concat([piece.ends for piece in pieces])
-    ends = ends.group_by("run", "robot", maintain_order=True).last()
-    segments = [piece.segments for piece in pieces if piece.segments is not None]
-    return Motion(
-        pl.concat([piece.samples for piece in pieces]),
-        ends.select(list(ENDS)),
-        pl.concat(segments) if segments else None,
-        _join_moves([piece.moves for piece in pieces if piece.moves is not None]),
-    )
+def _ready(found: Source) -> Source:
+    if found.is_ours:
+        return found
+    init, batch = partial(checked, found.init), found.batch
+    if isinstance(batch, partial) and batch.func is one_after_the_other:
+        return replace(found, init=init, batch=partial(one_after_the_other, init))
+    return replace(found, init=init, batch=partial(checked_batch, batch))
 
 
-def _join_moves(pieces: Sequence[pl.DataFrame]) -> pl.DataFrame | None:
-    if len(pieces) < 2:
-        return pieces[0] if pieces else None
-    latest = pl.concat(pieces).unique(["run", "robot", "start_s"], keep="last")
-    return latest.sort("run", "start_s", "robot")
+code_files.KINDS["motion"] = code_files.Kind(Source, register, known, "vibroswarm.motion")
+
+__all__ = [
+    "ENDS",
+    "MOTION",
+    "MOVES",
+    "SEGMENTS",
+    "Batch",
+    "Init",
+    "Motion",
+    "MotionState",
+    "Source",
+    "SteeredState",
+    "forget",
+    "join",
+    "known",
+    "names",
+    "one_after_the_other",
+    "register",
+    "source",
+]

@@ -669,5 +669,5 @@ class EventRun(KernelRun):
         return headings
 
 
-EVENT = Source("event", EventRun, partial(batch_of, EventRun), "from event to event")
+EVENT = Source("event", EventRun, partial(batch_of, EventRun), "from event to event", is_ours=True)
 register(EVENT)

@@ -97,6 +97,10 @@ class FixedStepRun(KernelRun):
 
 
 FIXED_STEP = Source(
-    "fixed-step", FixedStepRun, partial(batch_of, FixedStepRun), "every control period, one after the other"
+    "fixed-step",
+    FixedStepRun,
+    partial(batch_of, FixedStepRun),
+    "every control period, one after the other",
+    is_ours=True,
 )
 register(FIXED_STEP)

@@ -14,13 +14,14 @@ read (later than ``tick``; never: -1). ``x_m`` and ``y_m`` are to say where the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.errors import InputError, shown
+from vibroswarm.registry import Registry
 from vibroswarm.strategies.base import NAME, NoParams, as_params, row_type
 from vibroswarm.strategies.world import World
 from vibroswarm.strategies.written import check_function
@@ -80,45 +81,11 @@ class Network:
         return tuple(getattr(values, name, 0) for name in names)
 
 
-_known: dict[str, Network] = {}
-
-
-def register(network: Network) -> Network:
-    """Make a network known by its name; gives it back.
-
-    Raises:
-        InputError: another of that name is known.
-    """
-    if network.name in _known and _known[network.name] is not network:
-        raise InputError(f"there is a network '{network.name}' already", field="name")
-    _known[network.name] = network
-    return network
-
-
-def forget(name: str) -> None:
-    """Make a network unknown again, if it was known."""
-    _known.pop(name, None)
-
-
-def names() -> tuple[str, ...]:
-    """Names of all known networks."""
-    return tuple(_known)
-
-
-def known() -> Mapping[str, Network]:
-    """All known networks by name."""
-    return _known
-
-
-def network(name: str) -> Network:
-    """The network of that name.
-
-    Raises:
-        InputError: there is none; the nearest is named.
-    """
-    if name not in _known:
-        raise InputError(
-            f"there is no network {shown(name)}{nearest(name, _known)} (there are {', '.join(_known)})",
-            field="network.name",
-        )
-    return _known[name]
+_registry = Registry[Network]("network", "network.name")
+register, forget, names, known, network = (
+    _registry.register,
+    _registry.forget,
+    _registry.names,
+    _registry.known,
+    _registry.get,
+)

@@ -53,9 +53,9 @@ class Piece:
     """Code of the user's, and its text."""
 
 
-def code_of(cases: Sequence[Scenario]) -> tuple[tuple[str, str], ...]:
+def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ...]:
     """Code of the user's that these need, and its text."""
-    return code_files.texts_of(code for one in cases for code in (one.strategy.code, one.network.code))
+    return code_files.texts_of([motion, *(code for one in cases for code in one.codes)])
 
 
 def derived_seed(seed: int, purpose: str) -> int:
@@ -106,7 +106,7 @@ class Evaluator:
         numbers: str = "independent",
     ) -> None:
         self.archive, self.motion, self.numbers = archive, motion, numbers
-        self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases)
+        self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases, motion)
         self.seed = derived_seed(seed, "evaluations")
         self.next_run = 0
 
@@ -229,7 +229,7 @@ def figures_of(
     """Runs 0 to ``runs`` of one set of values; with the same seed the same motion for any values that move alike."""
     texts, given = tuple(c.to_toml() for c in cases), tuple(values.items())
     step = 5 * PIECE
-    code = code_of(cases)
+    code = code_of(cases, motion)
     pieces = [Piece(texts, given, seed, motion, k, min(k + step, runs), code) for k in range(0, runs, step)]
     found = do_pieces(pieces, objectives, workers, tell)
     good = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if not isinstance(rows, str)]

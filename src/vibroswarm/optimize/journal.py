@@ -105,7 +105,7 @@ class Journal:
 
     def _make(self) -> None:
         head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
-        write_code(self.folder, (cell.scenario for cell in self.search.cases))
+        write_code(self.folder, (cell.scenario for cell in self.search.cases), self.search.study.motion)
         try:
             for name, content in (
                 (SEARCH, self._text),

@@ -13,7 +13,7 @@ import numpy as np
 
 from vibroswarm.inference.closed_loop import ClosedLoop, move_on
 from vibroswarm.inference.cost_outcomes import Outcomes, end_s
-from vibroswarm.inference.outcomes import fill_ratios, truth_at
+from vibroswarm.inference.outcomes import fill_ratios, truths
 from vibroswarm.motion.contract import MotionState, source
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.observation.ground import grounds_of
@@ -108,6 +108,7 @@ class _Course:
         self.runs, self.grounds = runs, grounds_of(scenario, seed, runs, floors)
         arena = scenario.arena
         self.fills = np.array(fill_ratios(floors, list(runs), arena.width_m, arena.height_m))
+        self.truth = truths(scenario, floors, list(runs), self.fills)
         self.tiles = floors[runs[0]].tiles.size
         shape = (len(runs), scenario.swarm.robots)
         self.decision = np.empty(shape, dtype=np.int64)
@@ -150,7 +151,7 @@ class _Course:
             estimate=self.estimate,
             end_s=self.end_s,
             fill_ratio=self.fills,
-            truth=truth_at(self.fills, self.scenario.decision.decision_boundary),
+            truth=self.truth,
             tiles=self.tiles,
             t_end_s=self.scenario.run.t_end_s,
             strategy=self.scenario.strategy.name,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import polars as pl
 
+from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.errors import InputError
 from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
 from vibroswarm.page.record import RunRecord
@@ -63,6 +64,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         ray_range_m=rays.range_m,
         ray_disc_radius_m=rays.disc_radius_m,
         avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
+        truth=summary["truth"],
+        answers=None if scenario.task.name == "fill_ratio" else answers_of(scenario),
         details={
             "scenario": scenario.hash,
             "motion": result.source,

@@ -114,6 +114,7 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "prior_belief": float(betainc(*prior, tested)),
         "min_observations": int(record.min_observations),
         "gate": record.gate,
+        "answers": None if record.answers is None else list(record.answers),
     }
 
 

@@ -103,6 +103,10 @@ class RunRecord:
     ray_range_m: float = 0.15
     ray_disc_radius_m: float = 0.0055
     avoidance_threshold_m: float = 0.055
+    truth: int | None = None
+    """The right decision by the task; None: neither, or by the fill ratio where ``answers`` is not given."""
+    answers: tuple[str, str] | None = None
+    """What the decisions 0 and 1 say, where the question is not one of the fill ratio."""
     details: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -117,6 +121,8 @@ class RunRecord:
     @property
     def true_decision(self) -> int | None:
         """1 if most tiles vibrate, 0 if most are still, None where the fill ratio is the boundary."""
+        if self.answers is not None:
+            return self.truth
         if self.fill_ratio == self.decision_boundary:
             return None
         return int(self.fill_ratio > self.decision_boundary)

@@ -36,7 +36,8 @@ from typing import Any, Final, Literal, get_type_hints
 import numpy as np
 from pydantic import BaseModel, ConfigDict, create_model, field_validator
 
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.errors import InputError, shown
+from vibroswarm.registry import Registry
 from vibroswarm.strategies.world import Reading, World
 from vibroswarm.strategies.written import check_function
 
@@ -279,45 +280,11 @@ def as_params(declared: type, name: str) -> type[BaseModel]:
     )  # fmt: skip
 
 
-_known: dict[str, Strategy] = {}
-
-
-def register(strategy: Strategy) -> Strategy:
-    """Make a strategy known by its name; gives it back.
-
-    Raises:
-        InputError: another of that name is known.
-    """
-    if strategy.name in _known and _known[strategy.name] is not strategy:
-        raise InputError(f"there is a strategy '{strategy.name}' already", field="name")
-    _known[strategy.name] = strategy
-    return strategy
-
-
-def forget(name: str) -> None:
-    """Make a strategy unknown again, if it was known."""
-    _known.pop(name, None)
-
-
-def names() -> tuple[str, ...]:
-    """Names of all known strategies, as they became known."""
-    return tuple(_known)
-
-
-def known() -> Mapping[str, Strategy]:
-    """All known strategies by name."""
-    return _known
-
-
-def strategy(name: str) -> Strategy:
-    """The strategy of that name.
-
-    Raises:
-        InputError: there is none; the nearest is named.
-    """
-    if name not in _known:
-        raise InputError(
-            f"there is no strategy {shown(name)}{nearest(name, _known)} (there are {', '.join(_known)})",
-            field="strategy.name",
-        )
-    return _known[name]
+_registry = Registry[Strategy]("strategy", "strategy.name")
+register, forget, names, known, strategy = (
+    _registry.register,
+    _registry.forget,
+    _registry.names,
+    _registry.known,
+    _registry.get,
+)

@@ -64,7 +64,7 @@ class Outcome:
     def warnings(self) -> list[str]:
         """What a reader must know before believing a number."""
         found = list(dict.fromkeys(
-            f"{_floor_words(one)}: {one.decidable.says}" for one in self.cells if one.decidable.verdict != "decidable"
+            f"{_floor_words(one)}: {one.decidable.says}" for one in self.cells if one.decidable.is_warning
         ))  # fmt: skip
         store = self.result.store
         cells = self.result.cells

@@ -3,7 +3,7 @@
 Cells whose motion is the same (see ``simulation.OF_MOTION``) make a group; its motion runs once, is observed once for
 each floor and sensor, and replayed for each strategy. Of cells that differ in ``run.t_end_s`` only, the longest motion
 runs, and the others see its beginning. Runs that end when all have decided have a motion of their own, and so have
-cells whose strategy or network is of a file of the user's, which may fail.
+cells whose strategy, network or task is of a file of the user's, which may fail.
 
 The runs of a group are cut into blocks whose bounds do not depend on how many runs are asked for: small ones first, so
 that a short study keeps all workers busy, larger ones further on, so that a long one has not too many files. A batch is
@@ -136,7 +136,7 @@ def plan_of(study: Study) -> Plan:
         motion = _moving(cell.scenario)
         if cell.scenario.run.stop == "all_decided" or steers(cell.scenario):
             motion = deciding
-        elif codes := [code for code in (cell.scenario.strategy.code, cell.scenario.network.code) if code]:
+        elif codes := cell.scenario.codes:
             motion = "\n".join([motion, *codes])  # where these fail, no batch of the others is lost
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(deciding, []).append(cell)

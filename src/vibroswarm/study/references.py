@@ -105,7 +105,7 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
         made: Result | None = None
         for cell in cells:
             chosen = result.runs_there(cell.number, runs)
-            if len(chosen) < FEWEST:
+            if len(chosen) < FEWEST or cell.scenario.task.name != "fill_ratio":
                 yield cell, None
                 continue
             made = _one(result, group, cell, chosen, made)

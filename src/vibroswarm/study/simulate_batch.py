@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
-from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truth_at
+from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truths
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
@@ -120,7 +120,7 @@ class _SharedMotion:
         shape = (len(runs), self.timeline.robots)
         finals = {name: np.stack([one[name].reshape(shape) for one in each]) for name in each[0]}
         fills = np.array(fill_ratios(floors, list(runs), seen.arena.width_m, seen.arena.height_m))
-        truth = truth_at(fills, [[scenario.decision.decision_boundary] for scenario in scenarios])
+        truth = _truths_of(scenarios, floors, list(runs), fills)
         decided = finals["decision"], finals["decision_time_s"]
         walk = self.walk.figures(read.tile, read.observation, floors[runs[0]].tiles.size)
         of_runs = {
@@ -146,6 +146,18 @@ class _SharedMotion:
             inference, _ = infer(scenario, self.asked.seed, self.timeline, observations)
             found += samples_of(motion, observations, inference, same)
         return found
+
+
+def _truths_of(
+    scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], fills: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The truth for each scenario and run, (scenarios, runs); each question is asked once."""
+    known: dict[Any, NDArray[np.float64]] = {}
+    for scenario in scenarios:
+        question = (scenario.task.model_dump_json(), scenario.decision.decision_boundary)
+        if question not in known:
+            known[question] = truths(scenario, floors, runs, fills)
+    return np.stack([known[one.task.model_dump_json(), one.decision.decision_boundary] for one in scenarios])
 
 
 def samples_of(

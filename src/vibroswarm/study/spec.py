@@ -126,7 +126,11 @@ class Study:
                 continue
             object.__setattr__(self, name, whole_number_of(value, name, low, high))
         object.__setattr__(self, "floors", _floors(self.floors))
-        source(self.motion)
+        object.__setattr__(self, "vary", {k: code_files.resolved_in(v) for k, v in self.vary.items()})
+        if code_files.is_code(self.motion):
+            object.__setattr__(self, "motion", code_files.resolved("motion", self.motion))
+        else:
+            source(self.motion)
         for table in self.keep:
             if table not in KEEP:
                 raise InputError(
@@ -263,10 +267,9 @@ class Study:
         """A base with the parameters of all code that cells name, so that cells are the same where it is not loaded."""
         found = copy_of(base)
         for cell in self.cells:
-            for kind in code_files.KINDS:
-                part = getattr(cell.scenario, kind)
+            for part in cell.scenario.choices:
                 if part.code is not None:
-                    found.setdefault(kind, {}).setdefault(part.name, part.defaults)
+                    found.setdefault(part.kind, {}).setdefault(part.name, part.defaults)
         return found
 
     def with_runs(self, runs: int) -> Study:

@@ -360,7 +360,7 @@ class Store:
                 }
                 with whole_file(head) as part:
                     part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
-            write_code(self.folder, (cell.scenario for cell in self.study.cells))
+            write_code(self.folder, (cell.scenario for cell in self.study.cells), self.study.motion)
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error

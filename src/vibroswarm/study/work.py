@@ -74,14 +74,15 @@ def work_of(study: Study, group: Group, first: int, last: int) -> Work:
         study.seed,
         study.motion,
         study.keep,
-        code_of(group),
+        code_of(study, group),
     )
 
 
-def code_of(group: Group) -> tuple[tuple[str, str], ...]:
+def code_of(study: Study, group: Group) -> tuple[tuple[str, str], ...]:
     """Code of the user's that a group of cells needs, and its text."""
-    cells = [cell.scenario for cell in group.cells]
-    return code_files.texts_of(code for one in cells for code in (one.strategy.code, one.network.code))
+    return code_files.texts_of(
+        [study.motion, *(code for cell in group.cells for code in cell.scenario.codes)]
+    )
 
 
 def do(work: Work, cancelled: Callable[[], bool] = lambda: False) -> Done:

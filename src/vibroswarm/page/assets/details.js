@@ -20,7 +20,8 @@ const exactCm = (metres) => `${Number((100 * metres).toFixed(2))} cm`;
 
 function buildLeads() {
   const { boundary, credible_threshold: limit } = run.rule;
-  const claim = boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
+  const claim = ANSWERS ? `the answer is ${DECISION_WORDS[STILL]}`
+    : boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
   say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
     + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`);
   const { tested } = run.rule, moved = tested !== boundary;

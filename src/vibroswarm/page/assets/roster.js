@@ -4,7 +4,7 @@ const ROSTER_HEADS = [
   ["", ["#"]], ["Now", ["doing", "p"]], ["Decision", ["", "after", "p then"]],
   ["By the end", ["\u03b1", "\u03b2", "samples", "sent", "received"]],
 ];
-const ROSTER_WORDS = { "-1": "undecided", 0: "still", 1: "vibrating" };
+const ROSTER_WORDS = { "-1": "undecided", 0: ANSWERS ? ANSWERS[0] : "still", 1: ANSWERS ? ANSWERS[1] : "vibrating" };
 const rosterRows = [];
 
 function buildRoster(onChoose) {

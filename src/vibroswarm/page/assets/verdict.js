@@ -17,9 +17,10 @@ function verdictLine() {
   const side = DECISION_WORDS[robots[0]?.final.decision];
   const still = byDecision(STILL).length, vibrating = byDecision(VIBRATING).length, open = byDecision(-1).length;
   return {
-    right: `The swarm is right: the floor is ${side}.`,
+    right: `The swarm is right: ${ANSWERS ? "it says" : "the floor is"} ${side}.`,
     wrong: `The swarm is wrong: it says ${side}.`,
-    split: `The swarm is split: ${still}\u00a0say\u00a0still, ${vibrating}\u00a0say\u00a0vibrating.`,
+    split: `The swarm is split: ${still}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[STILL] : "still"}, `
+      + `${vibrating}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[VIBRATING] : "vibrating"}.`,
     incomplete: open === robots.length ? "No robot has decided." : `${open} of ${robots.length} robots never decided.`,
     agreed: `The swarm agrees: ${side}.`,
   }[run.outcome.consensus];
@@ -28,6 +29,10 @@ function verdictLine() {
 function verdictMore() {
   const fill = run.truth.fill_ratio, edge = run.rule.boundary;
   const share = `${percent(fill)} of the tiles vibrate`;
+  if (ANSWERS) {
+    const right = run.truth.decision;
+    return `${share}. ${right === null ? "Neither answer is right." : `Right is ${DECISION_WORDS[right]}.${rightAndWrong()}`}`;
+  }
   return run.truth.decision === null
     ? `${share}: exactly the boundary, so there is no majority to be right about.`
     : `${share}, ${run.truth.decision === STILL ? "below" : "above"} the boundary of ${percent(edge)}.${rightAndWrong()}`;

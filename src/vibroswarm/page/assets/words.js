@@ -10,8 +10,10 @@ const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
 const ratio = (share) => String(Number(share.toFixed(6)));
 
 // A decision is about the boundary: "mostly" only where that is one half.
-const DECISION_WORDS = run.rule.boundary === 0.5
-  ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
+const ANSWERS = run.rule.answers;
+const DECISION_WORDS = ANSWERS
+  ? { "-1": "undecided", 0: `\u201c${ANSWERS[0]}\u201d`, 1: `\u201c${ANSWERS[1]}\u201d` }
+  : run.rule.boundary === 0.5 ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
   : {
     "-1": "undecided",
     0: `less than ${percent(run.rule.boundary)} vibrating`,
