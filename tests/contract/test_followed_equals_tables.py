@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
+from vibroswarm import code_files, networks
 from vibroswarm.inference.cost_outcomes import Outcomes, from_result
 from vibroswarm.motion import contract
 from vibroswarm.motion.contract import Source
@@ -191,3 +193,51 @@ class Elsewhere:
 def row(outcomes: Outcomes, k: int) -> Outcomes:
     """One run alone."""
     return replace(outcomes, **{name: getattr(outcomes, name)[k : k + 1] for name in ARRAYS})
+
+
+SLOWLY = '''"""Every message is there after a while that depends on how many were sent before; some never."""
+from vibroswarm.networks import Network, u
+
+
+class State:
+    sent: int
+
+
+def send(n, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
+    n.sent += 1
+    for j in range(arrival_tick.size):
+        arrival_tick[j] = -1 if u(d, j) < 0.2 else tick + 1 + (7 * n.sent + 13 * j) % 90
+
+
+slowly = Network(name="slowly", state=State, send=send)
+'''
+EXAMPLE = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
+
+
+@settings(
+    deadline=None,
+    max_examples=60,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    database=None,
+)
+@given(draws, st.sampled_from(["voter", "none"]), st.booleans(), st.integers(0, 2**63 - 1))
+def test_timers_opinions_and_networks_that_remember(
+    own_files: None, draw: Draw, strategy: str, slowly: bool, seed: int
+) -> None:
+    """What is no strategy or network of the package: message by message, in one and as it comes."""
+    more: dict[str, Any] = {"network__name": "slowly"} if slowly else {}
+    drawn = replace(draw, stop="t_end", strategy=strategy)
+    scenario = drawn.scenario(decision__hold_s=4.0, strategy__voter__phase_s=9.0, **more)
+    by_tables_ = by_tables(scenario, seed, [3, 4])
+    for found in outcomes_of([scenario, scenario], seed, [3, 4]):
+        equal(found, by_tables_)
+
+
+@pytest.fixture
+def own_files(tmp_path: Path) -> Iterator[None]:
+    (tmp_path / "slowly.py").write_text(SLOWLY, encoding="utf-8")
+    code_files.load_file("strategy", f"{EXAMPLE}:voter")
+    code_files.load_file("network", f"{tmp_path / 'slowly.py'}:slowly")
+    yield
+    networks.base.forget("slowly")

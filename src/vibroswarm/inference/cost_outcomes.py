@@ -21,6 +21,7 @@ from vibroswarm.inference.outcomes import (
     wrong_of,
 )
 from vibroswarm.scenario import Scenario
+from vibroswarm.strategies import strategy
 
 POLL_S: Final = 20.0
 """How often the study's search checked whether all robots had decided."""
@@ -152,8 +153,13 @@ def end_s(last_decision_s: float, t_end_s: float) -> float:
 def _estimates(
     scenario: Scenario, runs: NDArray[np.int64], ends_s: Array, time_s: pl.Series, inference: pl.DataFrame
 ) -> Array:
-    """Return the posterior mean of each robot at its last sample up to the end of its run, (runs, robots)."""
+    """Return the posterior mean of each robot at its last sample up to the end of its run, (runs, robots).
+
+    That of a robot without a sample is its prior's; nan where the strategy keeps no posterior.
+    """
     robots, decision = scenario.swarm.robots, scenario.decision
+    if not {"alpha", "beta"} <= set(strategy(scenario.strategy.name).state_type.names or ()):
+        return np.full((runs.size, robots), np.nan)
     run = np.searchsorted(runs, inference["run"].to_numpy())
     at = np.flatnonzero(time_s.to_numpy() <= ends_s[run])
     who = run[at] * robots + inference["robot"].to_numpy()[at]

@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from vibroswarm.networks import ideal, loss  # noqa: F401  (these make themselves known)
 from vibroswarm.networks.base import Network, known, names, network, register
+from vibroswarm.strategies.world import u
 
-__all__ = ["Network", "known", "names", "network", "register"]
+__all__ = ["Network", "known", "names", "network", "register", "u"]
