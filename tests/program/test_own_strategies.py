@@ -85,7 +85,8 @@ def test_processes_are_given_the_code_by_its_content(tmp_path: Path) -> None:
     tables = []
     for how in (["--workers", "1"], ["--executor", "processes", "--workers", "2"]):
         out = tmp_path / how[-1]
-        command = ["evaluate", "--strategy", VOTER, *SHORT, "--runs", "8", "--no-confirm", "--no-pictures"]
+        both = f"none,{VOTER}"
+        command = ["evaluate", "--strategy", both, *SHORT, "--runs", "8", "--no-confirm", "--no-pictures"]
         assert main([*command, *how, "--out", str(out)]) == 0
         tables.append((out / "summary.csv").read_bytes())
         forget("voter")

@@ -99,7 +99,7 @@ def check_truth(outcomes: Outcomes) -> None:
     """
     if np.isnan(outcomes.truth).any():
         raise InputError(
-            "the fill ratio of a floor is the decision boundary itself, where no decision is right; "
+            "no decision is right on a floor: its fill ratio is the decision boundary itself, or its task says so; "
             "choose another floor or boundary",
             field="floor.source",
         )

@@ -18,7 +18,7 @@ from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
 from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
 from vibroswarm.scenario import Scenario
-from vibroswarm.simulation import floors_of, simulate, steers
+from vibroswarm.simulation import check_scenario, floors_of, simulate, steers
 from vibroswarm.study.plan import Texts
 from vibroswarm.study.rows import Columns, columns_of, walked
 from vibroswarm.study.texts import scenario_of
@@ -68,6 +68,9 @@ def simulate_batch(observed: Texts, asked: Asked) -> Iterator[BatchOutcomes]:
     Raises:
         Cancelled: between two steps.
     """
+    for inferences in observed:
+        for text, _ in inferences:
+            check_scenario(scenario_of(text))
     first = scenario_of(observed[0][0][0])
     if first.run.stop == "all_decided" or steers(first):
         ((text, cells),) = observed[0]

@@ -305,6 +305,11 @@ class Study:
         return list(dict.fromkeys(name for cell in self.cells for name in cell.point))
 
     @cached_property
+    def codes(self) -> tuple[str, ...]:
+        """Files of the user's that its cells or its motion need, as ``code_files`` names them."""
+        return tuple(sorted({self.motion, *(code for cell in self.cells for code in cell.scenario.codes)}))
+
+    @cached_property
     def hash(self) -> str:
         """16 hexadecimal digits of the cells, the seed and what is kept; not of the number of runs."""
         data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]

@@ -74,14 +74,7 @@ def work_of(study: Study, group: Group, first: int, last: int) -> Work:
         study.seed,
         study.motion,
         study.keep,
-        code_of(study, group),
-    )
-
-
-def code_of(study: Study, group: Group) -> tuple[tuple[str, str], ...]:
-    """Code of the user's that a group of cells needs, and its text."""
-    return code_files.texts_of(
-        [study.motion, *(code for cell in group.cells for code in cell.scenario.codes)]
+        code_files.texts_of(study.codes),
     )
 
 

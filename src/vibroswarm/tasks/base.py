@@ -13,6 +13,7 @@ Params. The robots' strategies do not see the task: they decide 0 or 1 by their 
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -74,7 +75,9 @@ class Task:
         except Exception as error:  # whatever a function of the user's raises
             if not self.code:
                 raise
-            raise CodeError(f"{where(self.truth)}: {type(error).__name__}: {error}") from None
+            file = self.truth.__code__.co_filename
+            lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == file]
+            raise CodeError(f"{where(self.truth, lines[-1])}: {type(error).__name__}: {error}") from None
         if found is not None and found not in (0, 1):
             raise CodeError(f"{where(self.truth)}: gives {shown(found)}; 0, 1 or None")
         return None if found is None else int(found)

@@ -1,0 +1,256 @@
+"""Tasks and sources of motion from outside the package, through the whole program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm import code_files, preset, tasks
+from vibroswarm.cli import main
+from vibroswarm.motion import contract
+from vibroswarm.result import Result
+from vibroswarm.simulation import simulate
+from vibroswarm.study.result import StudyResult
+
+SHORT = ("--set", "run.t_end_s=200", "--set", "decision.min_observations=10")
+HALVES = '''"""Does the left part of the floor vibrate more than the right?"""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from vibroswarm.tasks import Task
+
+
+class Params:
+    columns: Annotated[int, Field(ge=1)] = 2
+
+
+def truth(floor, asked, p):
+    left, right = (half.sum() for half in (floor.tiles[:, : p.columns], floor.tiles[:, -p.columns :]))
+    return None if left == right else int(left > right)
+
+
+halves = Task(name="halves", truth=truth, params=Params, answers=("it is the right", "it is the left"))
+'''
+STANDING = '''"""Robots that stand in a row, and sample every ten seconds."""
+
+import math
+
+import polars as pl
+
+from vibroswarm.motion.contract import ENDS, MOTION, Motion, Source
+
+
+class Standing:
+    def __init__(self, scenario, seed, run, segments=False, moves=False):
+        self.scenario, self.run, self.tick = scenario, run, 0
+
+    @property
+    def time_s(self):
+        return self.tick * self.scenario.tick_s
+
+    def advance(self, until_s):
+        since, s = self.tick, self.scenario
+        self.tick = max(self.tick, math.ceil(until_s / s.tick_s - 1e-9))
+        every, robots = round(10.0 / s.tick_s), range(s.swarm.robots)
+        place = [{"run": self.run, "robot": i, "x_m": 0.1 + 0.1 * i, "y_m": 0.5, "heading_rad": 0.0} for i in robots]
+        samples = [
+            one | {"sample": k, "time_s": (k + 1) * 10.0, "stop_start_s": k * 10.0, "stop_s": 10.0}
+            for k in range(max(since - 1, 0) // every, max(self.tick - 1, 0) // every)
+            for one in place
+        ]
+        spent = {"drive_s": 0.0, "turn_s": 0.0, "avoid_s": 0.0}
+        table = pl.DataFrame([row | spent for row in samples], schema=MOTION)
+        ends = pl.DataFrame([one | {"end_s": self.time_s, "stop_start_s": None} for one in place], schema=ENDS)
+        return Motion(table, ends)
+
+    def copy(self):
+        other = Standing(self.scenario, 0, self.run)
+        other.tick = self.tick
+        return other
+
+
+standing = Source("standing", Standing)
+'''
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    (tmp_path / "halves.py").write_text(HALVES, encoding="utf-8")
+    (tmp_path / "standing.py").write_text(STANDING, encoding="utf-8")
+    yield tmp_path  # type: ignore[misc]
+    as_in_another_process()
+
+
+def as_in_another_process() -> None:
+    """Nothing of these files is known, nor their texts."""
+    tasks.base.forget("halves")
+    contract.forget("standing")
+    code_files._texts.clear()
+
+
+def right_by_hand(result: Result, run: int) -> int | None:
+    tiles = np.array(result.floor(run).tiles, dtype=int)
+    left, right = int(tiles[:, :2].sum()), int(tiles[:, 3:].sum())
+    return None if left == right else int(left > right)
+
+
+def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, task = files / "out", f"{files / 'halves.py'}:halves"
+    command = ["run", "--task", task, *SHORT, "--set", "task.halves.columns=2", "--out", str(out)]
+    assert main(command) == 0
+    assert "it is the " in capsys.readouterr().out
+    result = Result.read(out)
+    assert "it is the left" in (out / "run.html").read_text(encoding="utf-8")
+    assert (out / "halves.py").read_text(encoding="utf-8") == HALVES
+    usual = simulate(
+        preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 10}), 1, 30
+    )
+    other = simulate(usual.scenario.with_values({"task.name": "halves"}), 1, 30)
+    assert other.robots.drop("belief_in_truth").equals(usual.robots.drop("belief_in_truth")), (
+        "nobody acts otherwise"
+    )
+    assert other.runs["truth"].to_list() == [right_by_hand(other, run) for run in range(30)]
+    assert set(other.runs["truth"].to_list()) == {None, 0, 1}
+    assert set(usual.runs["truth"].to_list()) == {0}
+    assert result.runs["truth"].to_list() == other.runs["truth"].to_list()[:1]
+
+
+def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, task = files / "a study", f"{files / 'halves.py'}:halves"
+    study = ["evaluate", *SHORT, "--vary", f"task.name=fill_ratio,{task}", "--no-confirm", "--out", str(out)]
+    assert main([*study, "--runs", "20"]) == 0
+    table = pl.read_csv(out / "summary.csv")
+    assert table["swarm_right"].n_unique() == 2
+    as_in_another_process()
+    capsys.readouterr()
+    assert main(["show", str(out)]) == 0
+    assert main(["sweep", str(out / "study.toml"), "--runs", "24", "--out", str(out)]) == 2
+    assert "--trust" in capsys.readouterr().err
+    again = ["sweep", str(out / "study.toml"), "--runs", "24", "--out", str(out), "--trust", "--no-pictures"]
+    assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
+    assert StudyResult.open(out).cells["there"].to_list() == [24, 24]
+
+
+def test_a_search_with_a_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    never_even = HALVES.replace("None if left == right else int(left > right)", "int(left > right)")
+    (files / "halves.py").write_text(never_even, encoding="utf-8")
+    search = files / "search.toml"
+    search.write_text(
+        """[scenario]
+task = { name = "halves.py:halves" }
+decision = { min_observations = 10 }
+run = { t_end_s = 100 }
+[space]
+"sample.sample_interval_ms" = { from = 1000.0, to = 5000.0 }
+[search]
+method = "random"
+budget = 20
+evaluations = 4
+fresh = 8
+""",
+        encoding="utf-8",
+    )
+    command = [
+        "optimize",
+        str(search),
+        "--workers",
+        "1",
+        "--no-pictures",
+        "--trust",
+        "--out",
+        str(files / "found"),
+    ]
+    assert main(command) == 0
+    assert "Best: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("None if left == right else int(left > right)", "7", "line 14, in truth: gives 7; 0, 1 or None"),
+        ("left, right =", "left, right, more =", "line 15, in truth: ValueError"),
+    ],
+)
+def test_a_task_that_is_wrong(
+    old: str, new: str, words: str, files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = files / "halves.py", files / "out"
+    file.write_text(HALVES.replace(old, new), encoding="utf-8")
+    assert main(["run", "--task", f"{file}:halves", *SHORT, "--out", str(out)]) == 1
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_commands_about_shares_refuse_another_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detect", "--task", f"{files / 'halves.py'}:halves", "--runs", "4"]) == 2
+    assert "asks for shares that vibrate" in capsys.readouterr().err
+
+
+def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion, out = f"{files / 'standing.py'}:standing", files / "out"
+    assert main(["run", "--motion", motion, *SHORT, "--out", str(out)]) == 0
+    assert "No page" in capsys.readouterr().out
+    result = Result.read(out)
+    assert result.source.startswith("standing.py:standing sha256:")
+    assert result.motion["time_s"].unique().to_list() == [10.0 * k for k in range(1, 20)]
+    study = files / "a study"
+    command = [
+        "evaluate",
+        "--motion",
+        motion,
+        *SHORT,
+        "--strategy",
+        "none,soft",
+        "--no-confirm",
+        "--out",
+        str(study),
+    ]
+    assert main([*command, "--runs", "8"]) == 0
+    as_in_another_process()
+    capsys.readouterr()
+    assert main(["show", str(study)]) == 0
+    again = ["sweep", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
+    assert main(again) == 2
+    assert "is not loaded" in capsys.readouterr().err
+    assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
+    table = json.loads((study / "study.json").read_text(encoding="utf-8"))
+    assert table["format"] == 2
+    assert main(["run", "--motion", motion, "--watch", *SHORT]) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("0.1 + 0.1 * i", "0.9 + 0.1 * i", "column 'x_m' leaves the arena"),
+        ("(k + 1) * 10.0", "(k + 3) * 10.0", "has times of 30 to 110 s"),
+        ('"drive_s": 0.0, ', "", "values that are missing"),
+        ("return Motion(table, ends)", "return table", "gives DataFrame, and no Motion"),
+        ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "column 'x_m' is missing"),
+        ("self.tick = max", "self.ticks = max", "its time_s is 0"),
+        ("every, robots =", "every, robots, more =", "line 21, in advance: ValueError"),
+        ("return Motion(table, ends)", "return Motion(table.reverse(), ends)", "is not sorted"),
+        ("return Motion(table, ends)", "return Motion(table, ends[1:])", "not one row for each of 5 robots"),
+    ],
+)  # fmt: skip
+def test_motion_that_is_wrong_is_refused(
+    old: str, new: str, words: str, files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = files / "standing.py", files / "out"
+    assert old in STANDING
+    file.write_text(STANDING.replace(old, new), encoding="utf-8")
+    assert main(["run", "--motion", f"{file}:standing", *SHORT, "--out", str(out)]) == 1
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_motion_cannot_be_steered_if_it_says_so(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    avoider = Path(__file__).parents[2] / "examples" / "strategies" / "avoider.py"
+    command = ["run", "--motion", f"{files / 'standing.py'}:standing", "--strategy", f"{avoider}:avoider"]
+    assert main(command) == 2
+    assert "cannot be steered" in capsys.readouterr().err
