@@ -246,3 +246,26 @@ def test_check_fails_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     shown = capsys.readouterr().out
     assert shown.startswith("'mine' fails")
     assert "ValueError: three" in shown
+
+
+COUNTS = GOOD.replace("class State:", "class Params:\n    lead: int = 4\n\n\nclass State:")
+
+
+def test_a_range_of_whole_numbers_is_one_also_without_the_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.py").write_text(COUNTS, encoding="utf-8")
+    study, out = tmp_path / "study.toml", tmp_path / "out"
+    study.write_text(
+        'runs = 3\nscenario = { strategy = { name = "mine.py:mine" }, run = { t_end_s = 60 } }\n'
+        '[grid]\n"strategy.mine.lead" = { from = 2, to = 8, steps = 3 }\n',
+        encoding="utf-8",
+    )
+    command = ["sweep", str(study), "--no-pictures", "--no-confirm", "--out", str(out)]
+    assert "--trust" in said(capsys, main(command), 2)
+    assert main([*command, "--trust"]) == 0
+    assert pl.read_csv(out / "summary.csv")["strategy.mine.lead"].to_list() == [2, 5, 8]
+    forget("mine")
+    capsys.readouterr()
+    assert main(["show", str(out)]) == 0
+    assert "Done: 9 of 9 runs" in capsys.readouterr().out

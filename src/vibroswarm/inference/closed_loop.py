@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.compiled import entry_for, kernel, read_only, signed, zero_rows
-from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
+from vibroswarm.inference.replayers import NOWHERE, replayer_of
 from vibroswarm.inference.rows import Readings, Rows, Stops
 from vibroswarm.inference.timeline import write_heard
 from vibroswarm.motion.contract import Motion, MotionState
@@ -127,7 +127,6 @@ class ClosedLoop:
         notes = Notes(*(read_only(column) for column in self.notes))
         self.readings = Readings(
             notes.observation,
-            NO_ENERGY,
             notes.x_m,
             notes.y_m,
             notes.heading_rad,

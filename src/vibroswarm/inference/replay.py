@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vibroswarm.compiled import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, as_column, final_frame
 from vibroswarm.inference.generate import draws
-from vibroswarm.inference.replayers import NO_ENERGY, NOWHERE, replayer_of
+from vibroswarm.inference.replayers import NOWHERE, replayer_of
 from vibroswarm.inference.rows import Log, Readings, Rows, empty_log
 from vibroswarm.inference.timeline import Timeline, timeline_of
 from vibroswarm.motion.contract import Motion
@@ -100,7 +100,6 @@ def _replay(
     numbers = timeline.message_numbers(seed) if draws(strategy) else NOWHERE
     readings = Readings(
         read_only(observation),
-        NO_ENERGY,
         timeline.x_m,
         timeline.y_m,
         timeline.heading_rad,

@@ -167,7 +167,6 @@ def take(
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
     x = Reading(
         signed(readings.observation[k]),
-        readings.energy[k] if readings.energy.size > 0 else np.nan,
         rows.time_s[k],
         number,
         readings.x_m[k] if readings.x_m.size > 0 else np.nan,

@@ -269,7 +269,6 @@ def replay(
                 hear_until(swarm, e, i, stops.stop_tick[k] - 1, mail, world, seed, run, links)
                 x = Reading(
                     signed(readings.observation[k]),
-                    readings.energy[k] if readings.energy.size > 0 else np.nan,
                     t_s, number, readings.x_m[k], readings.y_m[k], readings.heading_rad[k], 0.0,
                 )  # fmt: skip
                 beforehand = readings.numbers[k] if readings.numbers.size > 0 else -1.0

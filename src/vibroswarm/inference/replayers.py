@@ -23,7 +23,6 @@ from vibroswarm.strategies import Strategy
 from vibroswarm.strategies import strategy as strategy_of
 
 NOWHERE: Final = read_only(np.empty(0))
-NO_ENERGY: Final = read_only(np.empty(0, dtype=np.float32))
 
 
 class Replayer(ABC):

@@ -45,7 +45,6 @@ class Readings(NamedTuple):
     """What a strategy is told of each row, (rows,) each; of no rows where it is not told."""
 
     observation: NDArray[np.uint8]
-    energy: NDArray[np.float32]
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     heading_rad: NDArray[np.float64]

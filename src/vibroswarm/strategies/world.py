@@ -55,8 +55,6 @@ class Reading(NamedTuple):
 
     reading: int
     """0 or 1."""
-    energy: float
-    """The energy behind it; nan where only bits are known."""
     t_s: float
     number: int
     """Of the robot's samples, from 0."""

@@ -36,7 +36,7 @@ from vibroswarm.plain_files import read_text
 from vibroswarm.scenario import Scenario
 from vibroswarm.study.names import in_digits, names_of, told, words_of_points
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of
+from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of, with_whole
 
 if TYPE_CHECKING:
     from vibroswarm.study.result import StudyResult
@@ -126,7 +126,9 @@ class Study:
                 continue
             object.__setattr__(self, name, whole_number_of(value, name, low, high))
         object.__setattr__(self, "floors", _floors(self.floors))
-        object.__setattr__(self, "vary", {k: code_files.resolved_in(v) for k, v in self.vary.items()})
+        object.__setattr__(
+            self, "vary", {k: with_whole(code_files.resolved_in(v)) for k, v in self.vary.items()}
+        )
         if code_files.is_code(self.motion):
             object.__setattr__(self, "motion", code_files.resolved("motion", self.motion))
         else:
@@ -205,7 +207,9 @@ class Study:
         base = values.get("scenario", {})
         if isinstance(base, str):
             base = Scenario.read(Path(folder or ".") / base).model_dump(exclude_none=True)
-        elif not isinstance(base, Mapping):
+        elif isinstance(base, Mapping):
+            base = code_files.resolved_in(base)  # before its parameters are looked for among what is varied
+        else:
             raise InputError(
                 "is a table, as in a scenario file, or the name of such a file", field="scenario"
             )

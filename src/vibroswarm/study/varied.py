@@ -159,6 +159,20 @@ def _is_of_code(name: str) -> bool:
     return len(parts) == 3 and parts[0] in code_files.KINDS and code_files.is_told(parts[1])
 
 
+def with_whole(block: Any, name: str = "") -> Any:
+    """A block in which ranges of whole parameters of the user's code say so, for who reads it without the code."""
+    if not isinstance(block, Mapping):
+        return [with_whole(one, name) for one in block] if isinstance(block, list | tuple) else block
+    if {"from", "to"} <= set(block):
+        whole = "whole" not in block and _is_of_code(name) and _is_whole_field(name)
+        return (
+            {**block, "whole": True}
+            if whole and _is_whole(block["from"]) and _is_whole(block["to"])
+            else block
+        )
+    return {key: with_whole(one, f"{name}.{key}".strip(".")) for key, one in block.items()}
+
+
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
     """A block, or an entry of a ``list``, its fields by dotted names."""
     return fields_in(entry, "list", may_have=(LABEL, *_OF_SPREAD))
