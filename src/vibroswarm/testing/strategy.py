@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference import replayers
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
 from vibroswarm.observation.ground import grounds_of
@@ -17,6 +15,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.testing.findings import Finding, tried
 from vibroswarm.testing.plain import PlainRun, plain_run
 
 SEED: Final = 7
@@ -38,32 +37,16 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
 LONG: Final[dict[str, Any]] = {"run.t_end_s": 1200.0, "floor.source": "random:0.2", "swarm.robots": 5}
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What one check found: whether the strategy holds to it, and what is wrong."""
-
-    what: str
-    holds: bool
-    why: str = ""
-    only_told: bool = False
-    """It is worth knowing, and not wrong."""
-
-
 def check_strategy(name: str) -> list[Finding]:
     """All checks of a strategy that is known.
 
     Args:
         name: as scenarios call it.
     """
-    return [_tried(what, check, name) for what, check in CHECKS.items()]
-
-
-def _tried(what: str, check: Callable[[str], Iterator[str]], name: str) -> Finding:
-    try:
-        why = next(check(name), "")
-    except (InputError, RunError) as error:
-        why = str(error)
-    return Finding(what, not why, why, what in TOLD)
+    return [
+        tried(what, lambda check=check: check(name), what in TOLD)  # type: ignore[misc]
+        for what, check in CHECKS.items()
+    ]
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
