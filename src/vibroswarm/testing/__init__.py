@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from vibroswarm.testing.findings import Finding
 from vibroswarm.testing.motion import check_motion
+from vibroswarm.testing.network import check_network
 from vibroswarm.testing.plain import PlainRun, plain_run
 from vibroswarm.testing.strategy import check_strategy
+from vibroswarm.testing.task import check_task
 
-__all__ = ["Finding", "PlainRun", "check_motion", "check_strategy", "plain_run"]
+__all__ = [
+    "Finding",
+    "PlainRun",
+    "check_motion",
+    "check_network",
+    "check_strategy",
+    "check_task",
+    "plain_run",
+]
