@@ -141,24 +141,24 @@ def resolved_in(values: Any, path: str = "") -> Any:
     return values
 
 
-def load_file(kind: str, spec: str, folder: Path | None = None) -> Any:
+def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
     """What ``path.py:name`` says, made known.
 
     Args:
-        kind: one of ``KINDS``. folder: where a relative path begins.
+        kind: one of ``KINDS``, or None: any. folder: where a relative path begins.
     Raises:
         InputError: there is no such file or object, or it cannot be loaded: the file and line are named.
     """
     path_text, _, name = spec.partition(HASH)[0].rpartition(":")
     path = Path(path_text) if folder is None else folder / path_text
-    text = read_text(path, f"a {kind}")
+    text = read_text(path, f"a {kind or 'file of code'}")
     digest = hashlib.sha256(text.encode()).hexdigest()
     wanted = spec.partition(HASH)[2]
     if wanted and wanted != digest:
         raise InputError(
             f"'{path}' is not the file that was used: its SHA-256 begins with {digest[:12]}, that of then with "
             f"{wanted[:12]}",
-            field=f"{kind}.code",
+            field=f"{kind}.code" if kind else path_text,
         )
     return install(kind, f"{path.name}:{name}{HASH}{digest}", text, str(path))
 
@@ -194,8 +194,8 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
     module_name = f"{MODULE}_{digest[:16]}"
     module = sys.modules.get(module_name) or _module(module_name, text, file)
     found: Any = vars(module).get(name)
-    kinds = [one for one in KINDS.values() if isinstance(found, one.declared)]
-    if not kinds or (kind is not None and kinds[0] is not KINDS[kind]):
+    is_a = kind_of(found)
+    if is_a is None or kind not in (None, is_a):
         wanted = tuple(one.declared for one in KINDS.values()) if kind is None else KINDS[kind].declared
         there = [one for one, value in vars(module).items() if isinstance(value, wanted)]
         what = (
@@ -206,15 +206,20 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
         raise InputError(f"'{name}' {what}; the file has {', '.join(there) or 'none'}", field=file)
     if found.name != name:
         raise InputError(f"'{name}' calls itself '{found.name}'; give both one name", field=file)
-    known = kinds[0].known().get(name)
+    known = KINDS[is_a].known().get(name)
     if known is None:
-        known = kinds[0].register(replace(found, source=text, code=code))
+        known = KINDS[is_a].register(replace(found, source=text, code=code))
     elif known.source != text:
         whose = "another file has been loaded with" if known.source else "vibroswarm has"
-        raise InputError(f"{whose} a {kind} '{name}' already; give yours another name", field=file)
+        raise InputError(f"{whose} a {is_a} '{name}' already; give yours another name", field=file)
     _texts[code] = text
     _told.add(name)
     return known
+
+
+def kind_of(found: object) -> str | None:
+    """The one of ``KINDS`` that something is, or None."""
+    return next((kind for kind, one in KINDS.items() if isinstance(found, one.declared)), None)
 
 
 def load_installed() -> None:

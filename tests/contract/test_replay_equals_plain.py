@@ -26,7 +26,7 @@ from vibroswarm.strategies import Strategy, array, register, u
 from vibroswarm.strategies.base import forget
 from vibroswarm.testing import check_strategy, plain_run
 from vibroswarm.testing.plain import _Plain
-from vibroswarm.testing.strategy import differences
+from vibroswarm.testing.runs import differences
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 

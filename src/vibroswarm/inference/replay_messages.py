@@ -115,6 +115,7 @@ def post(
     mail.sender[m], mail.tick[m], mail.number[m] = i, tick, row.sent
     if HAS_SEND:
         d = of_sending(seed, run, i, row.sent)
+        mail.arrival[m, :] = -1  # whom a network leaves out hears nothing
         send(
             radio[0],
             i,

@@ -114,7 +114,7 @@ def _wrong(
 ) -> Iterator[str]:
     """What a piece of motion has wrong, in words."""
     if not isinstance(piece, Motion):
-        yield f"advance gives {type(piece).__name__}, and no Motion"
+        yield f"gives {type(piece).__name__}, and no Motion"
         return
     tick_s, end_s = scenario.tick_s, scenario.run.t_end_s
     if not math.isfinite(after_s) or after_s < min(until_s, end_s) - tick_s / 4:

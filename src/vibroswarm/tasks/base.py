@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel
 
 from vibroswarm.errors import CodeError, InputError, shown
@@ -78,7 +79,9 @@ class Task:
             file = self.truth.__code__.co_filename
             lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == file]
             raise CodeError(f"{where(self.truth, lines[-1])}: {type(error).__name__}: {error}") from None
-        if found is not None and found not in (0, 1):
+        if found is not None and not (
+            isinstance(found, int | np.integer | np.bool_) and int(found) in (0, 1)
+        ):
             raise CodeError(f"{where(self.truth)}: gives {shown(found)}; 0, 1 or None")
         return None if found is None else int(found)
 

@@ -1,8 +1,20 @@
-"""What every strategy must hold to, as functions that a test of one's own can call; ``vibroswarm check`` runs them."""
+"""What code of one's own must hold to, as functions that a test can call; ``vibroswarm check`` runs them."""
 
 from __future__ import annotations
 
+from vibroswarm.testing.findings import Finding
+from vibroswarm.testing.motion import check_motion
+from vibroswarm.testing.network import check_network
 from vibroswarm.testing.plain import PlainRun, plain_run
-from vibroswarm.testing.strategy import Finding, check_strategy
+from vibroswarm.testing.strategy import check_strategy
+from vibroswarm.testing.task import check_task
 
-__all__ = ["Finding", "PlainRun", "check_strategy", "plain_run"]
+__all__ = [
+    "Finding",
+    "PlainRun",
+    "check_motion",
+    "check_network",
+    "check_strategy",
+    "check_task",
+    "plain_run",
+]

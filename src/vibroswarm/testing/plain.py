@@ -1,23 +1,25 @@
 """How a swarm decides over a motion, tick by tick and in plain Python: slow, and shares nothing with the kernels.
 
-At each control period, robots that walk first read what has arrived and was sent at an earlier one, in the order of
-time and sender; then a timer that is due is called; a robot whose stop ends takes its sample. A robot stands from the
-first period of its stop to that of its sample, both included, and at time 0, and reads nothing then.
+At each control period, robots that walk first read what has arrived and was sent at an earlier one, in the order in
+which it arrived, was sent, and of the sender; then a timer that is due is called; a robot whose stop ends takes its
+sample. A robot stands from the first period of its stop to that of its sample, both included, and at time 0, and reads
+nothing then.
 """
 
 from __future__ import annotations
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.draws import Purpose, uniform
+from vibroswarm.draws import Purpose
 from vibroswarm.inference.agents import sizes_of, world_of
+from vibroswarm.networks import network as network_of
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies import Strategy
 from vibroswarm.strategies import strategy as strategy_of
@@ -53,6 +55,17 @@ class PlainMessage:
     sender: int
     tick: int
     number: int
+    arrival_tick: int = 0
+    """From which tick on its receiver can read it."""
+
+
+class TooEarly(NamedTuple):
+    """What a network said of a message and a receiver: it could be read at a tick at which it had just been sent."""
+
+    sender: int
+    receiver: int
+    tick: int
+    arrival_tick: int
 
 
 @dataclass
@@ -61,12 +74,14 @@ class PlainRun:
 
     rows: list[dict[str, Any]]
     robots: list[PlainRobot]
+    too_early: list[TooEarly]
+    """Messages that were there only at the next tick, although the network said earlier."""
 
 
 def plain_run(
     scenario: Scenario, seed: int, samples: pl.DataFrame, ends: pl.DataFrame, observations: pl.DataFrame
 ) -> PlainRun:
-    """One run of a motion under a scenario's strategy, over an ideal network or one that loses messages.
+    """One run of a motion under a scenario's strategy, over its network.
 
     Args:
         samples, ends, observations: of that run alone.
@@ -86,7 +101,9 @@ class _Plain:
         self.scenario, self.seed, self.number = scenario, seed, int(ends["run"][0])
         self.strategy: Strategy = strategy_of(scenario.strategy.name)
         self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
-        self.loss = scenario.network.params.share if scenario.network.name == "loss" else 0.0
+        self.network = network_of(scenario.network.name)
+        self.of_network = SimpleNamespace(**scenario.network.params.model_dump())
+        self.radio, self.too_early = self._row(self.network.state_type), list[TooEarly]()
         self.tick_ms = scenario.run.control_period_ms
         self.end = self.tick(float(ends["end_s"].to_numpy().max()))
         self.at: dict[tuple[int, int], int] = {}
@@ -134,20 +151,41 @@ class _Plain:
                     self.read(robot, tick)
                     sent += self.timer(robot, tick)
             for message in sent:
+                arrivals = self.arrivals(message)
                 for robot in self.robots:
-                    if robot.number != message.sender and not self.is_lost(robot, message):
-                        robot.unread.append(message)
+                    if robot.number != message.sender and arrivals[robot.number] >= 0:
+                        robot.unread.append(replace(message, arrival_tick=arrivals[robot.number]))
         self.settle(self.end)
-        return PlainRun(self.rows, self.robots)
+        return PlainRun(self.rows, self.robots, self.too_early)
+
+    def arrivals(self, message: PlainMessage) -> list[int]:
+        """From which tick on each robot can read a message; never: -1."""
+        i, tick, number = message.sender, message.tick, message.number
+        if self.network.send is None:
+            return [-1 if self.is_lost(robot, message) else tick + 1 for robot in self.robots]
+        said, nowhere = np.full(len(self.robots), -1), np.empty(0)
+        draws = Draws(self.seed, self.number, i, int(Purpose.NETWORK), number, 0, 0, -1.0)
+        self.network.send(
+            self.radio, i, tick, number, self.strategy.bytes_on_air, nowhere, nowhere, said, draws, self.of_network,
+            self.robots[i].world,
+        )  # fmt: skip
+        found: list[int] = said.tolist()
+        for receiver, arrival in enumerate(found):
+            if receiver != i and 0 <= arrival <= tick:
+                self.too_early.append(TooEarly(i, receiver, tick, arrival))
+        return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in found]
 
     def is_lost(self, robot: PlainRobot, message: PlainMessage) -> bool:
-        number = uniform(
-            self.seed, self.number, robot.number, int(Purpose.LOSS), message.number, message.sender
-        )
-        return number < self.loss
+        if self.network.lost is None:
+            return False
+        sender, number = message.sender, message.number
+        draws = Draws(self.seed, self.number, robot.number, int(Purpose.LOSS), number, sender, 16, -1.0)
+        return bool(self.network.lost(sender, robot.number, draws, self.of_network, robot.world))
 
     def read(self, robot: PlainRobot, tick: int) -> None:
-        for message in robot.unread:
+        there = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
+        robot.unread = [m for m in robot.unread if m.arrival_tick > tick]
+        for message in there:
             draws = Draws(
                 self.seed, self.number, robot.number, int(Purpose.HEARING), message.number, message.sender, 16, -1.0
             )  # fmt: skip
@@ -161,7 +199,6 @@ class _Plain:
                 bit = int(message.content.bit)
                 self.strategy.on_counts(robot.state, bit, 1 - bit, self.params, robot.world)
             robot.received += 1
-        robot.unread.clear()
 
     def timer(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         if self.strategy.on_timer is None or not robot.state.next_s * 1000.0 / self.tick_ms - 1e-9 <= tick:

@@ -1,0 +1,50 @@
+"""What every source of motion must hold to."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from typing import Final
+
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.motion.contract import Source
+from vibroswarm.motion.contract import source as source_of
+from vibroswarm.testing.findings import Finding, tried
+from vibroswarm.testing.motion_cases import SHORT_CASE, Check, motion_of
+from vibroswarm.testing.motion_segment_checks import MOVE_CHECKS, SEGMENT_CHECKS
+from vibroswarm.testing.motion_table_checks import TABLE_CHECKS, check_runs_differ
+
+TOLD: Final = (check_runs_differ,)
+"""Checks whose failure is no error: a recording is the same in every run."""
+
+
+def check_motion(name: str) -> list[Finding]:
+    """All checks of a source of motion that is known; those of segments and moves only where it gives them.
+
+    Args:
+        name: by which it is known.
+    Raises:
+        InputError: there is no such source.
+    """
+    source = source_of(name)  # once: tables are kept by source
+    return [
+        tried(words_of(check), lambda check=check: check(source), check in TOLD)  # type: ignore[misc]
+        for check in _that_apply(source)
+    ]
+
+
+def words_of(check: Check) -> str:
+    """What a check holds, from the first line of its docstring."""
+    return (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
+
+
+def _that_apply(source: Source) -> Iterator[Check]:
+    yield from TABLE_CHECKS
+    try:
+        motion = motion_of(source, SHORT_CASE)
+    except (InputError, RunError):  # the first check says so
+        return
+    if motion.segments is not None:
+        yield from SEGMENT_CHECKS
+        if motion.moves is not None:
+            yield from MOVE_CHECKS

@@ -1,0 +1,169 @@
+"""Scenarios in which sources of motion are checked, and what the checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.motion.contract import Motion, Source
+from vibroswarm.scenario import Scenario
+from vibroswarm.testing.findings import hold
+
+Check = Callable[[Source], None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario and its runs.
+
+    Args:
+        values: by which it differs from the default scenario.
+    """
+
+    name: str
+    values: dict[str, Any] = field(hash=False)
+    runs: tuple[int, ...] = (0, 1)
+    seed: int = 11
+
+    @property
+    def scenario(self) -> Scenario:
+        """The whole scenario."""
+        return Scenario().with_values(self.values)
+
+
+CASES: Final = (
+    Case("paper", {"run.t_end_s": 150.0}, (0, 3)),
+    Case("one robot", {"swarm.robots": 1, "run.t_end_s": 200.0}, (5,)),
+    Case(
+        "crowd",
+        {
+            "arena.width_m": 0.4,
+            "arena.height_m": 0.4,
+            "swarm.robots": 20,
+            "swarm.start_margin_m": 0.0,
+            "run.t_end_s": 60.0,
+        },
+    ),
+    Case(
+        "corridor",
+        {
+            "arena.width_m": 0.3,
+            "arena.height_m": 2.0,
+            "swarm.robots": 8,
+            "sample.timer": "always",
+            "run.t_end_s": 100.0,
+        },
+    ),
+    Case("hundred robots", {"swarm.robots": 100, "run.t_end_s": 15.0}, (0,)),
+    Case(
+        "cell",
+        {
+            "arena.width_m": 0.032,
+            "arena.height_m": 0.04,
+            "swarm.robots": 1,
+            "swarm.start_margin_m": 0.0,
+            "walk.avoidance_threshold_mm": 10.0,
+            "run.t_end_s": 40.0,
+        },
+    ),
+    Case(
+        "two in a cell",
+        {
+            "arena.width_m": 0.065,
+            "arena.height_m": 0.05,
+            "swarm.robots": 2,
+            "swarm.start_margin_m": 0.0,
+            "walk.avoidance_threshold_mm": 8.0,
+            "run.t_end_s": 40.0,
+        },
+    ),
+    Case(
+        "odd periods",
+        {
+            "run.control_period_ms": 13,
+            "run.t_end_s": 60.005,
+            "sample.stop_ms": 70.0,
+            "sample.sample_interval_ms": 777.0,
+            "sample.timer": "hold_in_turn",
+            "sample.interrupts_avoidance": False,
+            "robot.speed_redraw": "robot",
+            "robot.misalignment_min": -0.4,
+            "robot.misalignment_max": 0.4,
+            "walk.leg_min_ms": 0.0,
+        },
+    ),
+    Case(
+        "wide eyes",
+        {
+            "run.t_end_s": 80.0,
+            "sample.timer": "frozen_in_avoidance",
+            "walk.avoidance_threshold_mm": 120.0,
+            "rays.side_m": [0.01, 0.0, -0.005, 0.0],
+            "rays.angle_deg": [60.0, 0.0, -10.0, -90.0],
+            "rays.forward_m": 0.0,
+            "rays.disc_radius_m": 0.015,
+        },
+    ),
+)
+"""Few and short; together they hold every mode, crowds, corridors, and arenas little larger than a robot."""
+SHORT_CASE: Final = CASES[2]
+"""For checks of which one case is enough; much happens in it."""
+
+
+@lru_cache(maxsize=64)
+def motion_of(source: Source, case: Case) -> Motion:
+    """The case's runs, with segments and moves where the source gives them; made once for all checks."""
+    return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
+
+
+def same(one: Motion, other: Motion, words: str = "") -> None:
+    """Hold that every table is equal, bit by bit.
+
+    Args:
+        words: where this is.
+    """
+    at = f"{words}: " if words else ""
+    for name in ("samples", "ends", "segments", "moves"):
+        mine, theirs = getattr(one, name), getattr(other, name)
+        hold((mine is None) == (theirs is None), f"{at}one time there are {name}, another time none")
+        if mine is None:
+            continue
+        hold(mine.schema == theirs.schema, f"{at}columns of the {name} are of other kinds")
+        hold(
+            mine.height == theirs.height,
+            f"{at}{mine.height} rows of {name}, and {theirs.height} of the same run",
+        )
+        for column in mine.columns:
+            differs = mine[column].ne_missing(theirs[column])
+            if differs.any():
+                row = int(differs.arg_true()[0])
+                a, b = mine[column][row], theirs[column][row]
+                raise AssertionError(
+                    f"{at}{column} in row {row} of the {name} is {a!r}, and {b!r} in the same run"
+                )
+
+
+def part_of(motion: Motion, run: int) -> Motion:
+    """One run of a motion."""
+    here = pl.col("run") == run
+    tables = (motion.samples, motion.ends, motion.segments, motion.moves)
+    return Motion(*(table.filter(here) if table is not None else None for table in tables))  # type: ignore[arg-type]
+
+
+def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
+    """Times in s as whole control periods, of the same shape.
+
+    Raises:
+        AssertionError: they are not whole.
+    """
+    ticks = values.to_numpy().astype(float) / scenario.tick_s
+    whole = np.rint(ticks)
+    # Columns of 32 bits hold 24: a millionth of a long time is still far from half a period.
+    hold(np.abs(ticks - whole).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
+    return whole.astype(np.int64)

@@ -1,0 +1,138 @@
+"""What every run must hold to, whatever its strategy and its network are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.observation.ground import grounds_of
+from vibroswarm.result import Result
+from vibroswarm.scenario import Scenario
+from vibroswarm.simulation import simulate
+from vibroswarm.testing.plain import PlainRun, plain_run
+
+Scenarios = Iterable[tuple[str, Scenario]]
+"""Scenarios, and each in words."""
+
+SEED: Final = 7
+SHORT: Final[dict[str, Any]] = {
+    "run.t_end_s": 60.0,
+    "decision.min_observations": 10,
+    "decision.credible_threshold": 0.8,
+    "decision.hold_s": 5.0,
+    "walk.walk_duration_location_ms": 3000.0,
+    "sample.sample_interval_ms": 1500.0,
+}
+"""A minute in which much happens."""
+
+
+def same_again(scenarios: Scenarios) -> Iterator[str]:
+    """Where runs come out otherwise when they are done again, or beside others."""
+    for words, scenario in scenarios:
+        if not simulate(scenario, SEED, [0, 1]).same_tables(simulate(scenario, SEED, [0, 1])):
+            yield f"{words}: the same run came out otherwise when it was done again"
+        alone = simulate(scenario, SEED, [1])
+        both = simulate(scenario, SEED, [0, 1])
+        if not both.inference.filter(both.inference["run"] == 1).equals(alone.inference):
+            yield f"{words}: a run comes out otherwise beside another"
+
+
+def equals_plain(scenarios: Scenarios) -> Iterator[str]:
+    """Where a run and its plain form differ."""
+    for words, scenario in scenarios:
+        result = simulate(scenario, SEED, 1)
+        plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations)
+        for why in differences(result, plain):
+            yield f"{words}: compiled and as plain Python it does not do the same: {why}"
+
+
+def differences(result: Result, plain: PlainRun) -> Iterator[str]:
+    """Where the tables of a run and its plain form differ."""
+    inference = result.inference
+    for name in ("robot", "sample", "received", "decision"):
+        mine, theirs = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
+        if mine.size != theirs.size or (mine != theirs).any():
+            yield f"column {name}"
+    belief = inference["belief"].fill_null(float("nan")).to_numpy()
+    if not np.array_equal(
+        belief, np.array([row["belief"] for row in plain.rows], dtype=float), equal_nan=True
+    ):
+        yield "column belief"
+    for name in ("alpha", "beta"):
+        kept = inference[name].null_count() == 0 and bool(plain.rows)
+        if kept and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
+            yield f"column {name}"
+    said = [
+        int(row["message"].bit) if row["sends"] else None
+        for row in plain.rows
+        if "bit" in row["message"].dtype.names
+    ]
+    if said and inference["message"].to_list() != said:
+        yield "column message"
+    yield from _robots_differ(result, plain)
+
+
+def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
+    robots = result.robots
+    for name in ("decision", "sent", "samples", "received"):
+        if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:
+            yield f"{name} of the robots"
+    for name in ("alpha", "beta"):
+        if robots[name].null_count() == 0 and robots[name].to_list() != [
+            int(r.state[name]) for r in plain.robots
+        ]:
+            yield f"{name} of the robots at the end"
+    for name, theirs in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
+        mine = robots[name].fill_null(float("nan")).to_numpy()
+        if not np.array_equal(mine, np.array([getattr(r, theirs) for r in plain.robots]), equal_nan=True):
+            yield f"{name} of the robots"
+
+
+def in_pieces(scenarios: Scenarios) -> Iterator[str]:
+    """Where a run that is followed as it moves differs from one that is worked out at once."""
+    for words, scenario in scenarios:
+        result = simulate(scenario, SEED, 1)
+        floors = {0: result.floor(0)}
+        (ground,) = grounds_of(scenario, SEED, [0], floors)
+        rows = sample_rows(result.motion, scenario.run.control_period_ms)
+        found = []
+        for piece_s in (scenario.run.t_end_s, 7.0):
+            loop = ClosedLoop(scenario, SEED)
+            loop.begin(0, ground)
+            feed(loop, rows, result, piece_s)
+            found.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
+        if any(
+            (one != other).any() for one, other in zip(*found, strict=True) if one.dtype.names
+        ) and not all(_alike(one, other) for one, other in zip(*found, strict=True)):
+            yield f"{words}: in pieces it comes out otherwise than in one"
+        if found[0][0]["decision"].tolist() != result.robots["decision"].to_list():
+            yield f"{words}: followed as it moves, a run decides otherwise than by its tables"
+
+
+def _alike(one: Any, other: Any) -> bool:
+    return all(np.array_equal(one[n], other[n], equal_nan=one[n].dtype.kind == "f") for n in one.dtype.names)
+
+
+def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
+    """Let a loop live through the samples of a run's tables, a piece of this length at a time."""
+    tick_ms = loop.tick_ms
+    end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
+    last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()
+    step = max(round(piece_s * 1000.0 / tick_ms), 1)
+    for until in [*range(step, end, step), end]:
+        low = int(loop.bounds[1])
+        high = int(np.searchsorted(rows["tick"], until))
+        loop.take(rows[low:high])
+        standing = np.full(last.size, -1)
+        for i in range(last.size):
+            later = rows[(rows["robot"] == i) & (rows["tick"] >= until)]
+            start = (
+                later["stop_tick"][0]
+                if later.size
+                else (round(last[i] * 1000.0 / tick_ms) if last[i] >= 0 else end)
+            )
+            standing[i] = start if start < until else -1
+        loop.catch_up(until, standing)

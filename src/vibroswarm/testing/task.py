@@ -1,0 +1,99 @@
+"""What every task must hold to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+
+from vibroswarm.errors import shown
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.patterns import NAMES, pattern
+from vibroswarm.inference.outcomes import truth_on
+from vibroswarm.scenario import Scenario
+from vibroswarm.testing.findings import Finding, tried
+
+SIZES: Final = ((1, 1), (5, 5), (10, 10), (3, 7))
+"""Rows and columns of drawn floors."""
+SHARES: Final = (0.2, 0.45, 0.55, 0.8)
+"""Of tiles that vibrate."""
+
+
+def check_task(name: str) -> list[Finding]:
+    """All checks of a task that is known.
+
+    Args:
+        name: as scenarios call it.
+    """
+    return [
+        tried(what, lambda check=check: check(name), what in TOLD)  # type: ignore[misc]
+        for what, check in CHECKS.items()
+    ]
+
+
+def floors(scenario: Scenario) -> dict[str, Floor]:
+    """Floors over the whole arena, made anew, by what they are: patterns, random ones, all still, all vibrating."""
+    tiles = {name: pattern(name) for name in NAMES}
+    for rows, columns in SIZES:
+        size = f"{rows} x {columns}"
+        for k, share in enumerate(SHARES):
+            drawn = np.random.default_rng([rows, columns, k]).random((rows, columns)) < share
+            tiles[f"{size}, {share:.0%} at random"] = drawn.astype(np.uint8)
+        for value, words in ((0, "still"), (1, "vibrating")):
+            tiles[f"{size}, all {words}"] = np.full((rows, columns), value, np.uint8)
+    arena = scenario.arena
+    return {
+        words: Floor(one, arena.width_m / one.shape[1], arena.height_m / one.shape[0])
+        for words, one in tiles.items()
+    }
+
+
+def _scenario(name: str) -> Scenario:
+    return Scenario().with_values({"task.name": name})
+
+
+def _answers(name: str) -> Iterator[str]:
+    scenario = _scenario(name)
+    for words, floor in floors(scenario).items():
+        found = truth_on(scenario, floor)
+        if found not in (0, 1, None):  # as ``Task.answer`` refuses it, where that is what is asked
+            yield f"on the floor {words} it gives {shown(found)}; 0, 1 or None"
+
+
+def _same_again(name: str) -> Iterator[str]:
+    scenario = _scenario(name)
+    first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
+    others = floors(scenario)
+    for words in reversed(others):
+        # Another floor that is alike, in another order, and once more.
+        for _ in range(2):
+            again = truth_on(scenario, others[words])
+            if again != first[words]:
+                yield f"on the floor {words} it gives {first[words]}, and another time {again}"
+
+
+def _leaves_floors(name: str) -> Iterator[str]:
+    scenario = _scenario(name)
+    for words, floor in floors(scenario).items():
+        before, geometry = floor.tiles.copy(), floor.geometry
+        truth_on(scenario, floor)
+        if not np.array_equal(floor.tiles, before) or floor.geometry != geometry:
+            yield f"it changes the floor {words}"
+
+
+def _tells_floors_apart(name: str) -> Iterator[str]:
+    scenario = _scenario(name)
+    found = {truth_on(scenario, floor) for floor in floors(scenario).values()}
+    if len(found) < 2:
+        yield f"it gives {found.pop()} on every floor"
+
+
+CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
+    "it gives 0, 1 or None on every floor": _answers,
+    "the same again for the same floor": _same_again,
+    "it leaves floors as they are": _leaves_floors,
+    "it tells floors apart": _tells_floors_apart,
+}
+TOLD: Final = ("it tells floors apart",)
+"""Checks whose failure is no error."""

@@ -1,0 +1,288 @@
+"""``vibroswarm check``: code that is good passes, and what is wrong with any other is said in words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from vibroswarm import networks, tasks
+from vibroswarm.cli import main
+from vibroswarm.motion import contract
+from vibroswarm.strategies.base import forget
+from vibroswarm.testing.findings import hold, tried
+
+NETWORK = """from vibroswarm.networks import Network
+
+
+class Sent:
+    count: int
+
+
+def send(n, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
+    n.count += 1
+    for j in range(arrival_tick.size):
+        arrival_tick[j] = tick + 1 + n.count % 40
+
+
+mine = Network(name="mine", state=Sent, send=send)
+"""
+TASK = """from vibroswarm.tasks import Task
+
+
+def truth(floor, asked, p):
+    return int(floor.tiles[0].sum() > 2)
+
+
+mine = Task(name="mine", truth=truth)
+"""
+MOTION = """from dataclasses import dataclass, replace
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.motion.contract import Motion, Source
+from vibroswarm.motion.event import EVENT
+
+
+@dataclass
+class Mine:
+    inner: Any
+    start_s: float = 0.0
+
+    @property
+    def time_s(self):
+        return self.inner.time_s
+
+    def advance(self, until_s):
+        self.start_s = self.inner.time_s
+        return self.told(self.inner.advance(until_s))
+
+    def told(self, motion):
+        return motion
+
+    def copy(self):
+        return replace(self, inner=self.inner.copy())
+
+
+def init(scenario, seed, run, segments=False, moves=False):
+    return Mine(EVENT.init(scenario, seed, run, segments=segments, moves=moves))
+
+
+mine = Source("mine", init)
+"""
+TOLD = "        return motion\n"
+GOOD = {"network": NETWORK, "task": TASK, "motion": MOTION}
+
+
+@pytest.fixture(autouse=True)
+def unknown_afterwards() -> Iterator[None]:
+    yield
+    for forgotten in (forget, networks.base.forget, tasks.base.forget, contract.forget):
+        forgotten("mine")
+        forgotten("soft_too")
+
+
+def checked(
+    text: str, folder: Path, capsys: pytest.CaptureFixture[str], *more: str, name: str = "mine"
+) -> tuple[int, str]:
+    """The exit code, and what is printed."""
+    file = folder / "a file.py"
+    file.write_text(text, encoding="utf-8")
+    capsys.readouterr()
+    code = main(["check", f"{file}:{name}", *more])
+    shown = capsys.readouterr()
+    return code, shown.err if code == 2 else shown.out
+
+
+@pytest.mark.parametrize("kind", list(GOOD))
+def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, shown = checked(GOOD[kind], tmp_path, capsys)
+    assert code == 0, shown
+    assert shown.startswith("'mine' passes: ")
+    assert "FAIL" not in shown
+
+
+def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, shown = checked(TASK, tmp_path, capsys, "--kind", "task", "--json")
+    assert code == 0
+    assert [one["holds"] for one in json.loads(shown)] == [True] * 4
+
+
+@pytest.mark.parametrize("name", ["event", "fixed-step", "ideal", "loss", "fill_ratio", "none"])
+def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", name]) == 0
+    shown = capsys.readouterr().out
+    assert "FAIL" not in shown
+    assert "note" not in shown
+
+
+def spoilt(how: str) -> str:
+    assert TOLD in MOTION
+    return MOTION.replace(TOLD, f"        return {how}\n")
+
+
+def of_samples(columns: str) -> str:
+    return spoilt(f"replace(motion, samples=motion.samples.with_columns({columns}))")
+
+
+RENUMBERED = """        here, tables = pl.lit(self.run, pl.UInt32).alias("run"), vars(motion).items()
+        return Motion(**{name: None if t is None else t.with_columns(here) for name, t in tables})
+"""
+AT_ONCE = NETWORK.replace("tick + 1 + n.count % 40", "tick")
+SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_columns"
+MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
+BAD = {
+    "network: before it is sent": (
+        AT_ONCE,
+        "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick ",
+    ),
+    "network: numbers beyond 64 bits": (
+        NETWORK.replace("n.count % 40", "(sender + 2**40) * 2**40 % 97"),
+        "FAIL  compiled as in plain Python: five robots, none: compiled and as plain Python it does not do the same: ",
+    ),
+    "network: cannot be compiled": (
+        NETWORK.replace("tick + 1 + n.count % 40", "'soon'"),
+        "FAIL  it compiles and runs: ",
+    ),
+    "task: gives 2": (TASK.replace("> 2)", "> 2) + 1"), "gives 2; 0, 1 or None"),
+    "task: gives text": (TASK.replace("int(floor.tiles[0].sum() > 2)", "'yes'"), "gives 'yes'; 0, 1 or None"),
+    "task: gives tiles": (
+        TASK.replace("int(floor.tiles[0].sum() > 2)", "floor.tiles"),
+        "FAIL  it gives 0, 1 or None",
+    ),
+    "task: draws": (
+        "import random\n\n" + TASK.replace("int(floor.tiles[0].sum() > 2)", "random.randrange(2)"),
+        "FAIL  the same again for the same floor: on the floor ",
+    ),
+    "task: remembers": (
+        "seen = []\n\n\n"
+        + TASK.replace(
+            "return int(floor.tiles[0].sum() > 2)", "seen.append(0)\n    return len(seen) // 40 % 2"
+        ),
+        "FAIL  the same again for the same floor: on the floor ",
+    ),
+    "task: writes": (
+        TASK.replace("    return", "    floor.tiles[0] = 0\n    return"),
+        "in truth: ValueError: assignment destination is read-only",
+    ),
+    "task: writes all the same": (
+        TASK.replace(
+            "    return", "    floor.tiles.setflags(write=True)\n    floor.tiles[0] = 1\n    return"
+        ),
+        "FAIL  it leaves floors as they are: it changes the floor ",
+    ),
+    "motion: others in pieces": (
+        of_samples("x_m=pl.col('x_m') + 1e-3 * (self.start_s > 0)"),
+        "is the run of a batch: paper, run 0, in pieces and in one: x_m in row ",
+    ),
+    "motion: jumps": (
+        spoilt(f"replace(motion, {SEGMENTS}(x_m=pl.col('x_m') + 1e-5 * (pl.col('start_s') > 20)))"),
+        "FAIL  Each segment ends where the next begins: nobody jumps: paper: run 0, robot 0 jumps, by 1e-05 m or rad",
+    ),
+    "motion: turned less": (
+        spoilt(f"replace(motion, {MOVES}(turned_rad=pl.col('turned_rad') * (1 - 1e-6)))"),
+        "rad from what the segments turn",
+    ),
+    "motion: follows the strategy": (
+        MOTION.replace(
+            "EVENT.init(scenario, seed,", "EVENT.init(scenario, seed + (scenario.strategy.name == 'soft'),"
+        ),
+        "sensor, strategy, decision or network: motion depends on strategy.name: ",
+    ),
+    "motion: draws": (
+        MOTION.replace(
+            "EVENT.init(scenario, seed, run, s", "EVENT.init(scenario, next(count), run, s"
+        ).replace(
+            "@dataclass", "from itertools import count as counted\n\ncount = counted()\n\n\n@dataclass"
+        ),
+        "FAIL  A run is the same again, alone, in a batch, and in whatever order: ",
+    ),
+    "motion: raises": (spoilt("1 / 0"), "in told: ZeroDivisionError: division by zero"),
+    "motion: asserts and says nothing": (
+        MOTION.replace(TOLD, "        assert False\n"),
+        "in told: AssertionError",
+    ),
+    "motion: gives no table": (spoilt("None"), "gives NoneType, and no Motion"),
+}
+
+
+@pytest.mark.parametrize("what", list(BAD))
+def test_a_bad_file_fails_in_words(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text, words = BAD[what]
+    assert text not in GOOD.values()
+    code, shown = checked(text, tmp_path, capsys)
+    assert code == 1, shown
+    assert shown.startswith("'mine' fails: ")
+    assert words in shown, shown
+    for line in shown.splitlines()[1:]:
+        mark, _, said = line.strip().partition("  ")
+        assert mark != "FAIL" or said.partition(": ")[2].strip(), f"it is not said why: {line}"
+
+
+def test_what_is_only_told_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    same = MOTION.replace("EVENT.init(scenario, seed, run, s", "EVENT.init(scenario, 1, 0, s")
+    same = same.replace(TOLD, RENUMBERED)
+    same = same.replace("inner: Any\n", "inner: Any\n    run: int\n").replace(
+        "moves=moves))", "moves=moves), run)"
+    )
+    for text, note in (
+        (same, "note  Other runs and other seeds are different: runs 7 and 2 of a seed are alike"),
+        (TASK.replace("> 2)", "> 99)"), "note  it tells floors apart: it gives 0 on every floor"),
+    ):
+        code, shown = checked(text, tmp_path, capsys)
+        assert code == 0, shown
+        assert note in shown
+        contract.forget("mine")
+
+
+def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, words in (
+        (["evnt"], "there is no strategy, network, task or source of motion 'evnt', did you mean 'event'?"),
+        (["softt", "--kind", "strategy"], "there is no strategy 'softt', did you mean 'soft'?"),
+        (["soft", "--kind", "network"], "there is no network 'soft' (network: ideal, loss; or FILE.py:NAME)"),
+        ([f"{tmp_path / 'no.py'}:mine"], "no.py"),
+    ):
+        assert main(["check", *arguments]) == 2
+        assert words in capsys.readouterr().err
+    code, shown = checked(TASK, tmp_path, capsys, name="mien")
+    assert code == 2
+    assert "'mien' is not there, did you mean 'mine'?" in shown
+    code, shown = checked(TASK, tmp_path, capsys, "--kind", "motion")
+    assert code == 2
+    assert "'mine' is no motion" in shown
+    code, shown = checked(TASK.replace("mine = ", "mine = 3\nother = "), tmp_path, capsys)
+    assert code == 2
+    assert "'mine' is no strategy, network, task, motion; the file has other" in shown
+
+
+def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for kind in ("task", "network"):
+        assert checked(GOOD[kind], tmp_path, capsys)[0] == 0
+    assert main(["check", "mine"]) == 2
+    assert "there is a network and a task 'mine'; say which by --kind" in capsys.readouterr().err
+    assert main(["check", "mine", "--kind", "task"]) == 0
+    assert "4 of 4 checks hold" in capsys.readouterr().out
+
+
+def test_another_file_of_a_name_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert checked(TASK, tmp_path, capsys)[0] == 0
+    code, shown = checked(TASK + "\n", tmp_path, capsys)
+    assert code == 2
+    assert "another file has been loaded with a task 'mine' already" in shown
+
+
+def test_a_finding_is_never_without_words() -> None:
+    def fails() -> None:
+        hold(False, "")
+
+    def breaks() -> None:
+        raise KeyError
+
+    assert tried("a", fails).why == "it is not so; the check says no more"
+    assert tried("a", breaks).why == "it cannot be checked: KeyError: "
+    assert not tried("a", fails).holds
+    assert tried("a", lambda: iter(["one", "two"])).why == "one"
+    assert tried("a", lambda: None).holds
