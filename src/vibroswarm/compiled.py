@@ -275,10 +275,29 @@ def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> C
     if not _compiles():
         return kernel
     dispatcher: Any = kernel
-    signature = tuple(dispatcher.typeof_pyval(one) for one in arguments)
-    dispatcher.compile(signature)
-    found: Callable[P, R] = dispatcher.overloads[signature].entry_point
+    key = (dispatcher, *map(_kind_of, arguments))
+    if key not in _entries:
+        signature = tuple(dispatcher.typeof_pyval(one) for one in arguments)
+        dispatcher.compile(signature)
+        _entries[key] = dispatcher.overloads[signature].entry_point
+    found: Callable[P, R] = _entries[key]
     return found
+
+
+_entries: dict[Any, Any] = {}
+"""Kernels as they are compiled for arguments of some kinds: Numba takes 2 ms to find the types of fifty arrays."""
+
+
+def _kind_of(value: Any) -> Any:
+    """What decides the type that Numba gives an argument."""
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        return value.dtype, value.ndim, flags.writeable, flags.c_contiguous, flags.f_contiguous, flags.aligned
+    if isinstance(value, tuple):
+        return (type(value), *map(_kind_of, value))
+    if isinstance(value, np.generic):
+        return type(value), value.dtype
+    return type(value), isinstance(value, int) and value.bit_length() > 63
 
 
 def _call_plain(compiled: Any) -> None:

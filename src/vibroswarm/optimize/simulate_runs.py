@@ -5,6 +5,7 @@ What an evaluation needs is known once all robots have decided. Scenarios that m
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from typing import Any, Final
@@ -23,7 +24,7 @@ from vibroswarm.steered import steer_on, steerable
 
 PIECE_S: Final = 100.0
 """So far runs move between two looks whether all have decided, as long as little is known of how long they take."""
-MARGIN_S: Final = 20.0
+MARGIN_S: Final = 30.0
 """A look costs as much as moving for so long."""
 
 
@@ -126,11 +127,19 @@ class _Course:
         return min(self.next_look_s(now_s), t_end_s)
 
     def next_look_s(self, now_s: float) -> float:
-        """When to look next: where a few of the runs that took longer than this were over. No result depends on it."""
-        longer = sorted(one for one in self.ends_s if one > now_s + MARGIN_S)
+        """When to look next; no result depends on it.
+
+        Not before the first of the runs that took longer than this was over. If the end is as likely at any time, and
+        ``m`` away on average, a look every ``sqrt(2 m MARGIN_S)`` costs least in looks and in moving too far.
+        """
+        tick_s = self.scenario.tick_s
+        after_s = now_s + tick_s
+        longer = [one for one in self.ends_s if one > after_s]
         if not longer:
             return now_s + PIECE_S
-        return max(end_s(longer[len(longer) // 6], np.inf) + self.scenario.tick_s, now_s + MARGIN_S)
+        remaining_s = sum(longer) / len(longer) - now_s
+        step_s = math.sqrt(2.0 * MARGIN_S * remaining_s)
+        return max(end_s(min(longer), np.inf) + tick_s, now_s + step_s)
 
     def finish(self, r: int) -> None:
         """Put down all that became of run ``r``."""
