@@ -70,11 +70,14 @@ def functions() -> ModuleType:
 
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
-    """Strategies and networks that a test makes known are unknown again after it."""
-    from vibroswarm import networks, strategies
+    """What a test makes known, of strategies, networks, tasks and sources of motion, is unknown again after it."""
+    from vibroswarm.motion import contract
+    from vibroswarm.networks import base as networks
+    from vibroswarm.strategies import base as strategies
+    from vibroswarm.tasks import base as tasks
 
-    before = {room: set(room.known()) for room in (strategies, networks)}
+    before = {room: set(room.known()) for room in (strategies, networks, tasks, contract)}
     yield
     for room, names in before.items():
         for name in set(room.known()) - names:
-            room.base.forget(name)
+            room.forget(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
 
@@ -21,6 +22,7 @@ from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.inference.timeline import Timeline
 from vibroswarm.motion.contract import Motion, join, source
+from vibroswarm.networks import network
 from vibroswarm.observation.boundary import readings_boundary
 from vibroswarm.observation.model import observe
 from vibroswarm.result import Result, floor_frame
@@ -65,7 +67,7 @@ def simulate(
     motion = code_files.resolved("motion", motion) if code_files.is_code(motion) else motion
     readings_boundary(scenario)  # what cannot be asked is refused before anything moves
     floors = floors_of(scenario, seed, chosen)
-    wanted = Wanted(segments, moves)
+    wanted = Wanted(segments, moves or network(scenario.network.name).asks_places)
     if steers(scenario):
         moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
     elif scenario.run.stop == "all_decided":
@@ -74,6 +76,7 @@ def simulate(
         moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     inference, finals = infer(scenario, seed, moved, observations)
+    moved = moved if moves else replace(moved, moves=None)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
 
 

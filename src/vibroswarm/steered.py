@@ -100,7 +100,15 @@ def steer_on(
         if take is not None:
             take(rows)
 
-    sampled = state.to_sample(until_s, both, take_moves, take_segments)
+    def both_moves(rows: NDArray[np.void]) -> None:
+        loop.take_moves(rows)
+        if take_moves is not None:
+            take_moves(rows)
+
+    asks = loop.asks_places
+    sampled = state.to_sample(until_s, both, both_moves if asks else take_moves, take_segments)
+    if asks:
+        loop.take_moves(state.moves_under_way())
     loop.catch_up(state.tick, state.stop_ticks)
     for k in range(before, int(loop.bounds[1])):
         turn_deg, drive_ms = loop.replayer.course[k].tolist()

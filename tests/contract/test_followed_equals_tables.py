@@ -15,16 +15,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from vibroswarm import code_files, networks
+from vibroswarm import code_files
 from vibroswarm.inference.cost_outcomes import Outcomes, from_result
 from vibroswarm.motion import contract
 from vibroswarm.motion.contract import Source
 from vibroswarm.motion.event import EVENT, EventRun
+from vibroswarm.motion.pose import pose
 from vibroswarm.optimize import simulate_runs
 from vibroswarm.optimize.simulate_runs import PIECE_S, outcomes_of
 from vibroswarm.presets import preset
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.study.spec import Study
 
 ARRAYS = ("run", "decision", "decision_time_s", "estimate", "end_s", "fill_ratio", "truth")
 
@@ -221,23 +223,85 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     database=None,
 )
-@given(draws, st.sampled_from(["voter", "none"]), st.booleans(), st.integers(0, 2**63 - 1))
+@given(
+    draws,
+    st.sampled_from(["voter", "none"]),
+    st.sampled_from(["loss", "slowly", "near"]),
+    st.integers(0, 2**63 - 1),
+)
 def test_timers_opinions_and_networks_that_remember(
-    own_files: None, draw: Draw, strategy: str, slowly: bool, seed: int
+    own_files: None, draw: Draw, strategy: str, network: str, seed: int
 ) -> None:
     """What is no strategy or network of the package: message by message, in one and as it comes."""
-    more: dict[str, Any] = {"network__name": "slowly"} if slowly else {}
     drawn = replace(draw, stop="t_end", strategy=strategy)
-    scenario = drawn.scenario(decision__hold_s=4.0, strategy__voter__phase_s=9.0, **more)
+    scenario = drawn.scenario(decision__hold_s=4.0, strategy__voter__phase_s=9.0, network__name=network)
     by_tables_ = by_tables(scenario, seed, [3, 4])
     for found in outcomes_of([scenario, scenario], seed, [3, 4]):
         equal(found, by_tables_)
 
 
+def test_who_hears_is_who_is_near(own_files: None) -> None:
+    """Against poses from segments, by another formula; they differ by millimetres while a robot turns."""
+    base = preset("paper").with_values({"run.t_end_s": 200.0, "network.name": "near"})
+    for range_m in (0.15, 0.3, 0.6):
+        scenario = base.with_values({"network.near.range_m": range_m})
+        result = simulate(scenario, 4, 1, segments=True)
+        assert result.moves is None, "nobody asked for them"
+        times, senders = (result.motion[name].to_numpy() for name in ("time_s", "robot"))
+        where = np.array([pose(result.segments, 0, robot, times) for robot in range(5)])  # type: ignore[arg-type]
+        rows = np.arange(times.size)
+        far_m = np.hypot(*(where - where[senders, rows])[..., :2].transpose(2, 0, 1))
+        far_m[senders, rows] = np.inf
+        since_s = result.ends["stop_start_s"].fill_null(200.0).to_numpy() - 2 * scenario.tick_s
+        in_time = times[None] < since_s[:, None]
+        sure, perhaps = ((in_time & (far_m < range_m + by)).sum(axis=1) for by in (-0.004, 0.004))
+        received = result.robots["received"].to_numpy()
+        assert (received >= sure - 1).all()
+        assert (received <= perhaps + 1).all()
+        assert perhaps.sum() - sure.sum() < 0.1 * sure.sum(), "it could not be seen to fail"
+
+
+def test_a_range_without_end_is_the_ideal_network(own_files: None) -> None:
+    for strategy in ("none", "voter"):
+        ideal = Draw(strategy=strategy).scenario(network__name="ideal")
+        near = ideal.with_values({"network.name": "near", "network.near.range_m": 1e9})
+        one, other = (simulate(each, 7, [0, 1]) for each in (ideal, near))
+        for name in ("inference", "robots", "runs"):
+            assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
+        silent = simulate(near.with_values({"network.near.range_m": 0.0}), 7, [0, 1])
+        assert silent.robots["received"].sum() == 0
+
+
+def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: None) -> None:
+    avoider = f"{EXAMPLE.with_name('avoider.py')}:avoider"
+    code_files.load_file("strategy", avoider)
+    near = Draw(strategy="positive").scenario(network__name="near")
+    followed, also = outcomes_of([near, near.with_values({"run.stop": "all_decided"})], 3, [0, 1, 2])
+    equal(followed, also)
+    early = simulate(near.with_values({"run.stop": "all_decided"}), 3, [0, 1, 2], moves=True)
+    assert early.moves is not None
+    assert early.robots["decision"].to_list() == followed.decision.ravel().tolist()
+    assert early.robots["decision_time_s"].to_list() == followed.decision_time_s.ravel().tolist()
+    assert early.ends["end_s"].max() < 150.0  # type: ignore[operator]
+    steered = near.with_values({"strategy.name": "avoider"})
+    one, other = (simulate(steered, 3, [0, 1], motion=name) for name in ("event", "fixed-step"))
+    assert one.robots["received"].to_list() == other.robots["received"].to_list()
+    assert one.robots["received"].sum() > 0
+    (found,) = outcomes_of([steered], 3, [0, 1])
+    equal(found, from_result(one))
+    ideal = near.with_values({"network.name": "ideal"})
+    study = Study(
+        near.model_dump(exclude_none=True), {"grid": {"network.name": ["ideal", "near"]}}, runs=3, seed=3
+    )
+    told = study.run()
+    for cell, scenario in enumerate((ideal, near)):
+        alone = simulate(scenario, 3, [0, 1, 2]).robots
+        assert told.robots(cell)["received"].to_list() == alone["received"].to_list()
+
+
 @pytest.fixture
-def own_files(tmp_path: Path) -> Iterator[None]:
+def own_files(tmp_path: Path) -> None:
     (tmp_path / "slowly.py").write_text(SLOWLY, encoding="utf-8")
     code_files.load_file("strategy", f"{EXAMPLE}:voter")
     code_files.load_file("network", f"{tmp_path / 'slowly.py'}:slowly")
-    yield
-    networks.base.forget("slowly")
+    code_files.load_file("network", f"{EXAMPLE.parents[1] / 'networks' / 'near.py'}:near")

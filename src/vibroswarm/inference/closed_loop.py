@@ -17,6 +17,7 @@ from vibroswarm.compiled import entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.inference.replayers import NOWHERE, replayer_of
 from vibroswarm.inference.rows import Readings, Rows, Stops
 from vibroswarm.inference.timeline import write_heard
+from vibroswarm.inference.tracks import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.motion.contract import Motion, MotionState
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.record import SAMPLE_ROW
@@ -157,7 +158,17 @@ class ClosedLoop:
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
         self.notes.latest[:], self.notes.own[:], self.notes.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
+        self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
         self.is_new = True
+
+    @property
+    def asks_places(self) -> bool:
+        """Whether the network reads where robots are: ``take_moves`` is then called before ``catch_up``."""
+        return self.replayer.asks_places
+
+    def take_moves(self, rows: NDArray[np.void]) -> None:
+        """Put down moves (``motion.moves.MOVE_ROW``) that ended, or are under way; those are given again."""
+        self.moves.append(rows.copy())
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Put down the samples that came next (``motion.record.SAMPLE_ROW``)."""
@@ -184,7 +195,9 @@ class ClosedLoop:
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        self.replayer.go_on(self.rows, self.readings, self.stops, begins=self.is_new)
+        if self.asks_places:
+            self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)
+        self.replayer.go_on(self.rows, self.readings, self.stops, begins=self.is_new, tracks=self.tracks)
         self.is_new = False
 
     def go_back_to(self, time_s: float) -> None:
@@ -192,7 +205,9 @@ class ClosedLoop:
         last = int(self.bounds[1]) - 1
         if not self.replayer.needs_stops and (last < 0 or self.notes.time_s[last] <= time_s):
             return  # nothing was done since
-        self.replayer.go_on(self.rows, self.readings, self.stops, begins=True, limit_s=time_s)
+        self.replayer.go_on(
+            self.rows, self.readings, self.stops, begins=True, limit_s=time_s, tracks=self.tracks
+        )
 
     @property
     def decision(self) -> NDArray[np.int64]:
@@ -260,7 +275,13 @@ def move_on(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> M
             for one in loop:
                 one.take(rows)
 
-        state.go_on(until_s, take)
+        if any(one.asks_places for one in loop):
+            rest = state.hand_over(until_s, take)
+            for one in loop:
+                if one.asks_places and rest.moves is not None:
+                    one.take_moves(rest.moves)
+        else:
+            state.go_on(until_s, take)
         needed = any(one.replayer.needs_stops for one in loop)
         piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NONE_STANDS
     else:
@@ -276,6 +297,8 @@ def taken_from(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple
     rows = sample_rows(piece.samples, tick_ms)
     for one in loop:
         one.take(rows)
+        if one.asks_places:
+            one.take_moves(move_rows(piece.moves, tick_ms))
     standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)
     return int(np.rint(piece.ends["end_s"].to_numpy().max() * (1000.0 / tick_ms))), stop_tick

@@ -166,6 +166,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
     space["HAS_STEER"] = strategy.steer is not None
     space["IS_OPINION"] = strategy.decides == "opinion"
     space["HAS_SEND"] = network.send is not None
+    space["ASKS_PLACES"] = network.asks_places
     return module
 
 

@@ -18,6 +18,7 @@ HAS_TIMER: Final = False
 HAS_STEER: Final = False
 IS_OPINION: Final = False
 HAS_SEND: Final = False
+ASKS_PLACES: Final = False
 
 
 def begin(s: Row, a: Any, d: Draws, p: Row, w: World) -> None:

@@ -14,6 +14,7 @@ from vibroswarm.inference.generate import draws
 from vibroswarm.inference.replayers import NOWHERE, replayer_of
 from vibroswarm.inference.rows import Log, Readings, Rows, empty_log
 from vibroswarm.inference.timeline import Timeline, timeline_of
+from vibroswarm.inference.tracks import NO_TRACKS
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
@@ -106,7 +107,12 @@ def _replay(
         read_only(numbers),
     )
     replayer.go_on(
-        rows_of(timeline), readings, timeline.stops_if(replayer.needs_stops), begins=True, ends=True
+        rows_of(timeline),
+        readings,
+        timeline.stops_if(replayer.needs_stops),
+        begins=True,
+        ends=True,
+        tracks=timeline.tracks if replayer.asks_places else NO_TRACKS,
     )
     return replayer.swarm
 

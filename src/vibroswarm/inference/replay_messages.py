@@ -26,6 +26,7 @@ from vibroswarm.inference.agents import (
     world_for,
 )
 from vibroswarm.inference.hooks import (
+    ASKS_PLACES,
     HAS_SEND,
     HAS_STEER,
     HAS_TIMER,
@@ -54,6 +55,7 @@ from vibroswarm.inference.rows import (
     Rows,
     Stops,
 )
+from vibroswarm.inference.tracks import Tracks, places_at
 from vibroswarm.strategies.world import Reading, World
 
 NEVER = 2**62
@@ -108,7 +110,7 @@ def read(
 @inlined
 def post(
     swarm: Swarm, e: int, i: int, tick: int, mail: Mail, world: World, seed: int, run: int, links: Any, radio: Any,
-    x_m: NDArray[np.float64], y_m: NDArray[np.float64], bytes_on_air: int,
+    bytes_on_air: int,
 ) -> None:  # fmt: skip
     """Robot ``i`` sends what stands last in ``mail``."""
     row, m = swarm.agents[e], mail.filled[0]
@@ -122,8 +124,8 @@ def post(
             tick,
             row.sent,
             bytes_on_air,
-            x_m,
-            y_m,
+            mail.x_m,
+            mail.y_m,
             mail.arrival[m],
             d,
             links[0],
@@ -207,23 +209,27 @@ def settle(swarm: Swarm, first: int, tick: int, mail: Mail, world: World) -> Non
 @kernel
 def replay(
     rows: Rows, stops: Stops, readings: Readings, taken: NDArray[np.int64], swarm: Swarm, messages: NDArray[np.void],
-    mail: Mail, log: Log, course: NDArray[np.float64], world: World, links: NDArray[np.void], radio: NDArray[np.void],
-    bytes_on_air: int, seed: int, begins: bool, ends: bool, limit_s: float,
+    mail: Mail, tracks: Tracks, log: Log, course: NDArray[np.float64], world: World, links: NDArray[np.void],
+    radio: NDArray[np.void], bytes_on_air: int, seed: int, begins: bool, ends: bool, limit_s: float,
 ) -> int:  # fmt: skip
     """The runs, one after the other, from where they stopped; gives ``DONE``, or what is wrong.
 
     Args:
         taken: (runs,): how many samples of each have been replayed, changed. messages: (rows,), written, of no rows
-            where nobody asks: what was sent at each sample. mail: of the run under way. log: written; of no rows: only
+            where nobody asks: what was sent at each sample. mail: of the run under way. tracks: of all runs, where the
+            network asks where robots are, else of no rows. log: written; of no rows: only
             the swarm is wanted. course: (rows, 2), written where a strategy steers, else of no rows. links: (1,)
             parameters, radio: (1,) state of the network. begins: from time 0. ends: to the end: also hear what is heard
             after the last event. limit_s: no event after this.
     """
-    robots, nowhere = swarm.params.size, mail.nowhere
+    robots = swarm.params.size
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
         if begins:
             taken[r], mail.filled[0] = 0, 0
+            if ASKS_PLACES:
+                for e in range(first, first + robots):
+                    tracks.at[e] = tracks.bounds[e]
             mail.agreement[AGREED_SINCE], mail.agreement[SETTLED] = -1, 0
             radio[0] = mail.silent[0]
             for i in range(robots):
@@ -280,7 +286,9 @@ def replay(
             if wrong != DONE:
                 return wrong
             if sends:
-                post(swarm, e, i, tick, mail, world, seed, run, links, radio, nowhere, nowhere, bytes_on_air)
+                if ASKS_PLACES:
+                    places_at(tracks, first, tick, world.tick_ms, mail.x_m, mail.y_m)
+                post(swarm, e, i, tick, mail, world, seed, run, links, radio, bytes_on_air)
             if not is_timer:
                 taken[r] += 1
                 if HAS_STEER:

@@ -16,6 +16,7 @@ from vibroswarm.inference.generate import kernels
 from vibroswarm.inference.rows import DONE, NO_ROOM, WHY, Counts, Log, Mail, Readings, Rows, Stops, empty_log
 from vibroswarm.inference.timeline import NO_REACH, Timeline
 from vibroswarm.inference.told_errors import told
+from vibroswarm.inference.tracks import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario import Scenario
@@ -58,6 +59,11 @@ class Replayer(ABC):
         self.calls, self.is_new = 0, True
         self.course = np.empty((rows if self.strategy.steer is not None else 0, 2))
 
+    @property
+    def asks_places(self) -> bool:
+        """Whether the network reads where robots are."""
+        return self.network.asks_places
+
     @abstractmethod
     def go_on(
         self,
@@ -68,12 +74,13 @@ class Replayer(ABC):
         begins: bool = False,
         ends: bool = False,
         limit_s: float = np.inf,
+        tracks: Tracks = NO_TRACKS,
     ) -> None:
         """Replay what is new.
 
         Args:
             stops: of no rows, where this replay does not need them. begins: from time 0. ends: also hear what is
-                heard after the last sample. limit_s: no further.
+                heard after the last sample. limit_s: no further. tracks: where ``asks_places``.
         Raises:
             CodeError: the strategy did what none may.
         """
@@ -146,6 +153,7 @@ class CountsReplayer(Replayer):
         begins: bool = False,
         ends: bool = False,
         limit_s: float = np.inf,
+        tracks: Tracks = NO_TRACKS,
     ) -> None:
         """``Replayer.go_on``."""
         if begins:
@@ -193,7 +201,8 @@ class MessagesReplayer(Replayer):
             empty=zero_rows(1, strategy.message_type),
             blank=zero_rows(1, strategy.state_type),
             silent=zero_rows(1, network.state_type),
-            nowhere=np.empty(0),
+            x_m=np.zeros(self.robots if network.asks_places else 0),
+            y_m=np.zeros(self.robots if network.asks_places else 0),
         )
 
     def go_on(
@@ -205,22 +214,30 @@ class MessagesReplayer(Replayer):
         begins: bool = False,
         ends: bool = False,
         limit_s: float = np.inf,
+        tracks: Tracks = NO_TRACKS,
     ) -> None:
         """``Replayer.go_on``."""
-        came = self._go_on(rows, readings, stops, begins, ends, limit_s)
+        came = self._go_on(rows, readings, stops, tracks, begins, ends, limit_s)
         while came == NO_ROOM:  # from the beginning, with more of it: nothing that was done so far is lost
             self.mail = self._mail(2 * self.mail.sender.size)
-            came = self._go_on(rows, readings, stops, True, ends, limit_s)
+            came = self._go_on(rows, readings, stops, tracks, True, ends, limit_s)
         self.check(came)
 
     def _go_on(
-        self, rows: Rows, readings: Readings, stops: Stops, begins: bool, ends: bool, limit_s: float
+        self,
+        rows: Rows,
+        readings: Readings,
+        stops: Stops,
+        tracks: Tracks,
+        begins: bool,
+        ends: bool,
+        limit_s: float,
     ) -> int:
         if begins:
             self.clear()
         arguments = (
-            rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, self.log, self.course, self.world,
-            self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
+            rows, stops, readings, self.taken, self.swarm, self.messages, self.mail, tracks, self.log, self.course,
+            self.world, self.links, self.radio, self.strategy.bytes_on_air, self.seed, begins, ends, limit_s,
         )  # fmt: skip
         return self.call(arguments)
 

@@ -90,7 +90,9 @@ class Mail(NamedTuple):
     """(1,): a robot's state of zeros."""
     silent: NDArray[np.void]
     """(1,): a network's state of zeros."""
-    nowhere: NDArray[np.float64]
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    """(robots,): where robots are as one sends; of no rows where the network does not ask."""
 
 
 class Log(NamedTuple):

@@ -20,6 +20,7 @@ from vibroswarm.compiled import allocating_kernel, inner, read_only, signed, uns
 from vibroswarm.draws import ALONE, MESSAGE, uniform
 from vibroswarm.inference.agents import loss_number
 from vibroswarm.inference.rows import Stops
+from vibroswarm.inference.tracks import Tracks, tracks_of
 from vibroswarm.motion.contract import Motion
 from vibroswarm.scenario import Scenario
 
@@ -82,6 +83,7 @@ class Timeline:
     its own last one (-1: none; both counted from the run's first row), how many were not its own."""
     heard_at_end: NDArray[np.int32]
     """(runs * robots, 3): the same at the end of the run."""
+    moves: pl.DataFrame | None = None
     _message_numbers: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     _reach: dict[tuple[int, float], Reach] = field(default_factory=dict, repr=False)
 
@@ -107,6 +109,15 @@ class Timeline:
         known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
         walked = heard_at_end(self.ends, self.tick_ms) + 1
         return Stops(*(read_only(one) for one in (tick, stop_tick, following, first, walked, known)))
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        """Where robots are at any tick.
+
+        Raises:
+            InputError: the motion has no moves.
+        """
+        return tracks_of(self.moves, self.runs, self.robots, self.tick_ms)
 
     @property
     def longest(self) -> int:
@@ -178,6 +189,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         heading_rad=column["heading_rad"],
         heard=heard,
         heard_at_end=at_end,
+        moves=motion.moves,
     )
 
 

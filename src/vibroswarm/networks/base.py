@@ -8,14 +8,18 @@ A network is one file, as a strategy is: it declares its parameters and has one 
 ``lost`` is for networks in which messages are lost by themselves: it is asked for each message and receiver, in any
 order. ``send`` is called for each message in the order of tick and sender, and may remember what went before in ``n``,
 a row of the network's State; it fills ``arrival_tick``, one for each robot: the tick from which on the message can be
-read (later than ``tick``; never: -1). ``x_m`` and ``y_m`` are to say where the robots are; they are empty so far.
+read (later than ``tick``; never: -1). ``x_m`` and ``y_m``, one for each robot, say where they are at ``tick``, if the
+function reads them: exactly, but that a robot that turns is told where it began to, some millimetres away at most.
 ``p`` is the Params, ``w`` a ``World`` whose ``robot`` is the receiver or the sender; ``u(d, k)`` is the k-th number.
 """
 
 from __future__ import annotations
 
+import dis
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +28,7 @@ from vibroswarm.errors import InputError, shown
 from vibroswarm.registry import Registry
 from vibroswarm.strategies.base import NAME, NoParams, as_params, row_type
 from vibroswarm.strategies.world import World
-from vibroswarm.strategies.written import check_function
+from vibroswarm.strategies.written import PARAMETERS, check_function
 
 Hook = Callable[..., Any]
 
@@ -64,6 +68,18 @@ class Network:
         for one in ("lost", "send"):
             if getattr(self, one) is not None:
                 check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
+
+    @cached_property
+    def asks_places(self) -> bool:
+        """Whether ``send`` reads where the robots are."""
+        if self.send is None:
+            return False
+        given = list(inspect.signature(self.send).parameters)
+        places = {given[PARAMETERS["send"].index(one)] for one in ("x_m", "y_m")}
+        return any(
+            one.opname.startswith("LOAD_FAST") and one.argval in places
+            for one in dis.get_instructions(self.send)
+        )
 
     @property
     def state_type(self) -> np.dtype[np.void]:

@@ -58,7 +58,9 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
         if isinstance(state, KernelRun):
             state.start(seed, run)
         else:
-            state = source(motion).init(scenarios[0], seed, run, False)
+            state = source(motion).init(
+                scenarios[0], seed, run, False, any(loop.asks_places for loop in loops)
+            )
         for course in courses:
             course.loop.begin(run, course.grounds[r])
 

@@ -16,6 +16,7 @@ from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_column
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.inference.timeline import timeline_of
 from vibroswarm.motion.contract import ENDS, MOTION, Motion, source
+from vibroswarm.networks import network
 from vibroswarm.observation.model import OBSERVATIONS, Places, Readings, observation_frame
 from vibroswarm.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, simulate, steers
@@ -77,7 +78,9 @@ def simulate_batch(observed: Texts, asked: Asked) -> Iterator[BatchOutcomes]:
         yield _until_all_decided(scenario_of(text), cells, asked)
         return
     asked.check()
-    whole = source(asked.motion).batch(first, asked.seed, asked.runs, False)
+    names = {scenario_of(text).network.name for inferences in observed for text, _ in inferences}
+    moves = any(network(name).asks_places for name in names)
+    whole = source(asked.motion).batch(first, asked.seed, asked.runs, False, moves)
     moved, end_s = _SharedMotion(first, whole, asked), first.run.t_end_s
     for inferences in observed:
         seen = scenario_of(inferences[0][0])
@@ -192,7 +195,7 @@ def beginning(motion: Motion, scenario: Scenario) -> Motion:
     standing = pl.Series("stop_start_s", np.where(np.isnan(last), since, last), nan_to_null=True)
     unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
     ends = ends.with_columns(standing, end_s=pl.lit(end_s), **unknown)
-    return Motion(samples.filter(pl.Series(before)), ends.select(list(ENDS)), None)
+    return Motion(samples.filter(pl.Series(before)), ends.select(list(ENDS)), None, motion.moves)
 
 
 def _place_in(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ nothing then.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import namedtuple
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.draws import Purpose
 from vibroswarm.inference.agents import sizes_of, world_of
@@ -79,14 +81,19 @@ class PlainRun:
 
 
 def plain_run(
-    scenario: Scenario, seed: int, samples: pl.DataFrame, ends: pl.DataFrame, observations: pl.DataFrame
+    scenario: Scenario,
+    seed: int,
+    samples: pl.DataFrame,
+    ends: pl.DataFrame,
+    observations: pl.DataFrame,
+    moves: pl.DataFrame | None = None,
 ) -> PlainRun:
     """One run of a motion under a scenario's strategy, over its network.
 
     Args:
-        samples, ends, observations: of that run alone.
+        samples, ends, observations: of that run alone. moves: likewise, where the network asks where robots are.
     """
-    return _Plain(scenario, seed, samples, ends, observations).run()
+    return _Plain(scenario, seed, samples, ends, observations, moves).run()
 
 
 class _Plain:
@@ -97,7 +104,9 @@ class _Plain:
         samples: pl.DataFrame,
         ends: pl.DataFrame,
         observations: pl.DataFrame,
+        moves: pl.DataFrame | None,
     ) -> None:
+        self.moves = [] if moves is None else moves.to_dicts()
         self.scenario, self.seed, self.number = scenario, seed, int(ends["run"][0])
         self.strategy: Strategy = strategy_of(scenario.strategy.name)
         self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
@@ -163,10 +172,10 @@ class _Plain:
         i, tick, number = message.sender, message.tick, message.number
         if self.network.send is None:
             return [-1 if self.is_lost(robot, message) else tick + 1 for robot in self.robots]
-        said, nowhere = np.full(len(self.robots), -1), np.empty(0)
+        said, (x_m, y_m) = np.full(len(self.robots), -1), self.places(tick)
         draws = Draws(self.seed, self.number, i, int(Purpose.NETWORK), number, 0, 0, -1.0)
         self.network.send(
-            self.radio, i, tick, number, self.strategy.bytes_on_air, nowhere, nowhere, said, draws, self.of_network,
+            self.radio, i, tick, number, self.strategy.bytes_on_air, x_m, y_m, said, draws, self.of_network,
             self.robots[i].world,
         )  # fmt: skip
         found: list[int] = said.tolist()
@@ -174,6 +183,26 @@ class _Plain:
             if receiver != i and 0 <= arrival <= tick:
                 self.too_early.append(TooEarly(i, receiver, tick, arrival))
         return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in found]
+
+    def places(self, tick: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the robots are, m; those that turn where they began to."""
+        if not self.moves:
+            return np.empty(0), np.empty(0)
+        time_s, where = tick * self.tick_ms / 1000.0, np.empty((2, len(self.robots)))
+        for move in self.moves:  # in the order of time: the last that has begun stays
+            if move["start_s"] > time_s + self.tick_ms / 4000.0:
+                break
+            for_s = (time_s - move["start_s"]) if move["kind"] == "drive" else 0.0
+            at = complex(move["x_m"], move["y_m"])
+            turned, ahead = move["turn_rate_rad_s"] * for_s, cmath.exp(1j * move["heading_rad"])
+            if abs(turned) < 1e-9:
+                at += move["speed_m_s"] * for_s * ahead
+            else:  # along a circle
+                at += (
+                    move["speed_m_s"] / move["turn_rate_rad_s"] * ahead * (cmath.exp(1j * turned) - 1.0) / 1j
+                )
+            where[:, move["robot"]] = at.real, at.imag
+        return where[0], where[1]
 
     def is_lost(self, robot: PlainRobot, message: PlainMessage) -> bool:
         if self.network.lost is None:

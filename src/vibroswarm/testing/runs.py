@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.inference.tracks import move_rows
 from vibroswarm.observation.ground import grounds_of
 from vibroswarm.result import Result
 from vibroswarm.scenario import Scenario
@@ -43,8 +44,8 @@ def same_again(scenarios: Scenarios) -> Iterator[str]:
 def equals_plain(scenarios: Scenarios) -> Iterator[str]:
     """Where a run and its plain form differ."""
     for words, scenario in scenarios:
-        result = simulate(scenario, SEED, 1)
-        plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations)
+        result = simulate(scenario, SEED, 1, moves=True)
+        plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
         for why in differences(result, plain):
             yield f"{words}: compiled and as plain Python it does not do the same: {why}"
 
@@ -94,7 +95,7 @@ def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
 def in_pieces(scenarios: Scenarios) -> Iterator[str]:
     """Where a run that is followed as it moves differs from one that is worked out at once."""
     for words, scenario in scenarios:
-        result = simulate(scenario, SEED, 1)
+        result = simulate(scenario, SEED, 1, moves=True)
         floors = {0: result.floor(0)}
         (ground,) = grounds_of(scenario, SEED, [0], floors)
         rows = sample_rows(result.motion, scenario.run.control_period_ms)
@@ -119,6 +120,8 @@ def _alike(one: Any, other: Any) -> bool:
 def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
     """Let a loop live through the samples of a run's tables, a piece of this length at a time."""
     tick_ms = loop.tick_ms
+    if loop.asks_places:
+        loop.take_moves(move_rows(result.moves, tick_ms))
     end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
     last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     step = max(round(piece_s * 1000.0 / tick_ms), 1)
