@@ -123,7 +123,16 @@ def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.Capture
 
 def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, task = files / "a study", f"{files / 'halves.py'}:halves"
-    study = ["evaluate", *SHORT, "--vary", f"task.name=fill_ratio,{task}", "--no-confirm", "--out", str(out)]
+    study = [
+        "evaluate",
+        *SHORT,
+        "--vary",
+        f"task.name=fill_ratio,{task}",
+        "--no-confirm",
+        "--no-pictures",
+        "--out",
+        str(out),
+    ]
     assert main([*study, "--runs", "20"]) == 0
     table = pl.read_csv(out / "summary.csv")
     assert table["swarm_right"].n_unique() == 2
@@ -208,6 +217,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
         "--strategy",
         "none,soft",
         "--no-confirm",
+        "--no-pictures",
         "--out",
         str(study),
     ]
