@@ -29,10 +29,10 @@ import numpy as np
 
 from random_scenarios import random_scenario
 from twins import MICROMETRE, Difference, Verdict, difference, judge
-from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.turn_stability import scenario_warnings
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 
 CHUNK = 25
 

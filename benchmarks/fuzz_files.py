@@ -44,10 +44,9 @@ import tomli_w
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.page.from_result import record_of
-from vibroswarm.presets import preset
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.run_page.write import record_of
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 
 ANSWER_S = 20.0

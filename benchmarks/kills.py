@@ -33,7 +33,7 @@ from pathlib import Path
 
 import polars as pl
 
-from vibroswarm.study.result import StudyResult
+from vibroswarm.study.study_result import StudyResult
 
 ROUND = 4
 """Kills before a command is let finish."""

@@ -15,9 +15,8 @@ import time
 from dataclasses import replace
 
 from vibroswarm.analysis.intervals import mean_interval, wilson
-from vibroswarm.analysis.known import Known, could_be_known
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.analysis.oracle_posterior import Known, could_be_known
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
 ALPHA, LOW, HIGH = 0.05, 0.03, 0.07

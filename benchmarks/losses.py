@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from vibroswarm import preset, replay, simulate
-from vibroswarm.inference.timeline import Timeline, timeline_of
-from vibroswarm.motion.contract import Motion
-from vibroswarm.paper.columns import sizes
-from vibroswarm.paper.items.experiments_cells import loss_of
-from vibroswarm.paper.published import published
-from vibroswarm.paper.real_floor import real_floor
+from vibroswarm.inference.deliveries import Timeline, timeline_of
+from vibroswarm.motion.source import Motion
+from vibroswarm.paper.columns import published, sizes
+from vibroswarm.paper.items.experiment_times import loss_of
+from vibroswarm.paper.real_data import real_floor
 from vibroswarm.result import Result
 
 T_END_S = 1000.0

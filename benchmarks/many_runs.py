@@ -18,7 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
 
 RUN = """
@@ -28,8 +28,8 @@ Study.read(sys.argv[1]).run(sys.argv[2], workers=int(sys.argv[3]))
 """
 SUM = """
 import sys
-from vibroswarm.study.outcome import outcome_of
-from vibroswarm.study.result import StudyResult
+from vibroswarm.study.summary import outcome_of
+from vibroswarm.study.study_result import StudyResult
 outcome = outcome_of(StudyResult.open(sys.argv[2]))
 print(outcome.table.height, "cells summed up")
 """

@@ -21,9 +21,8 @@ import statistics
 import sys
 import time
 
-from vibroswarm.motion.event import EVENT
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.event.engine import EVENT
+from vibroswarm.scenario.scenario import Scenario, preset
 
 
 def batch_us(scenario: Scenario, runs: int, moves: bool) -> tuple[float, float]:

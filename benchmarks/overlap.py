@@ -19,15 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import Setup
-from vibroswarm.motion.event import EventRun
+from vibroswarm.core.jit import kernel
+from vibroswarm.motion.control_step import Swarm
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun, steps
 from vibroswarm.motion.geometry import arc
-from vibroswarm.motion.phases import Swarm
-from vibroswarm.motion.record import Record, room
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.recorder import Record, room
+from vibroswarm.motion.robot_params import Setup
+from vibroswarm.scenario.scenario import Scenario, preset
 
 ROUNDING_M = 1e-9
 """Poses worked out from arcs are rounded: a gap above minus this is none."""

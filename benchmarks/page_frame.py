@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.page.write import write_page
+from vibroswarm.run_page.write import write_page
 
 RECORDS = Path(__file__).parents[1] / "tests" / "page_records.py"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

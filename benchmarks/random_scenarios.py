@@ -1,7 +1,7 @@
 """Scenarios drawn as widely as a scenario allows, in all that robots and their motion depend on.
 
 ``random_values`` says each choice by one of the methods of ``Choice``: with a seed as here, or with Hypothesis
-(``tests/contract/drawn_scenarios.py``). Every field of the sections in ``SECTIONS`` is drawn, which a test holds.
+(``tests/helpers/drawn_scenarios.py``). Every field of the sections in ``SECTIONS`` is drawn, which a test holds.
 What does not fit together is mended towards what does (robots that do not fit, steps longer than a radius), so that
 each draw is a scenario.
 """
@@ -9,13 +9,14 @@ each draw is a scenario.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
-from vibroswarm.checks import lattice_sites, longest_step_m
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.validation import lattice_sites, longest_step_m
 
 SECTIONS = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
 """The sections of a scenario on which motion depends."""
@@ -23,6 +24,9 @@ APART = ("run.stop", "sample.signal_ms")
 """Fields of these sections that are of no matter to motion."""
 ROBOT_STEPS = 2_000_000
 """About so many control periods of a robot are simulated, so that no scenario takes much longer than another."""
+
+RAY_COUNTS = (1, 2, 3, 3, 5, 9)
+"""Numbers of rays; engines are compiled for each anew."""
 
 
 class Choice(Protocol):
@@ -53,10 +57,15 @@ def random_scenario(seed: int, number: int, robot_steps: int = ROBOT_STEPS) -> S
     return fitted(random_values(Seeded(seed, number)), robot_steps)
 
 
-def random_values(choose: Choice) -> dict[str, Any]:
+def random_values(choose: Choice, ray_counts: Sequence[int] = RAY_COUNTS) -> dict[str, Any]:
     """Values of all fields that motion depends on, by dotted name; some scenarios are near the preset, some far."""
     often = choose.one([0.1, 0.4, 0.8])
-    makers = {"robot": robot_values, "rays": rays_values, "walk": walk_values, "sample": sample_values}
+    makers: dict[str, Callable[[Choice], dict[str, Any]]] = {
+        "robot": robot_values,
+        "rays": partial(rays_values, counts=ray_counts),
+        "walk": walk_values,
+        "sample": sample_values,
+    }
     values: dict[str, Any] = place_values(choose)
     for section, make in makers.items():
         drawn = {f"{section}.{name}": value for name, value in make(choose).items()}
@@ -109,9 +118,9 @@ def robot_values(choose: Choice) -> dict[str, Any]:
     }
 
 
-def rays_values(choose: Choice) -> dict[str, Any]:
+def rays_values(choose: Choice, counts: Sequence[int]) -> dict[str, Any]:
     """The distance sensors."""
-    count = choose.one([1, 2, 3, 3, 5, 9])
+    count = choose.one(counts)
     widest = choose.one([30.0, 90.0, 180.0])
     return {
         "forward_m": choose.one([0.0, 0.008, choose.between(0.0, 0.1)]),

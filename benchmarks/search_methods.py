@@ -17,15 +17,14 @@ from typing import Any
 import numpy as np
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.loop import run_search
+from vibroswarm.optimize.loop import method_of, run_search
 from vibroswarm.optimize.method import Method
-from vibroswarm.optimize.methods import method_of
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.race import Race
+from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.spec import Search, SearchSettings
-from vibroswarm.optimize.surface import optima
-from vibroswarm.optimize.truth import truth_of
+from vibroswarm.optimize.validation import truth_of
 from vibroswarm.study.spec import Study
 
 OPTIMUM = np.array([0.35, 1.0, 1.0, 0.0, 1.0])

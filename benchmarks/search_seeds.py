@@ -19,8 +19,8 @@ import polars as pl
 
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import truth_of
-from vibroswarm.presets import preset
+from vibroswarm.optimize.validation import truth_of
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
 
 FIELDS = (

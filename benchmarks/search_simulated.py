@@ -24,7 +24,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import truth_of
+from vibroswarm.optimize.validation import truth_of
 from vibroswarm.study.spec import Study
 
 METHODS = ("pso, the paper's way", "pso", "random", "sobol", "tpe", "cmaes", "gp")

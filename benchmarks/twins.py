@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.record import Rows
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.recorder import Rows
+from vibroswarm.scenario.scenario import Scenario
 
 EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
 MICROMETRE = 1e-6

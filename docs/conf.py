@@ -1,4 +1,4 @@
-"""How the documentation site is built: ``make docs``, or ``python -m sphinx -W -b html docs out/site``."""
+"""Configuration of the documentation site: ``make docs``, or ``python -m sphinx -W -b html docs out/site``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ version = release = version_of("vibroswarm")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["images"]
-suppress_warnings = ["ref.python"]  # two classes of one name, of which an annotation does not say which
+suppress_warnings = ["ref.python"]  # two classes share a name, which makes annotations ambiguous
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["deflist"]
@@ -35,7 +35,7 @@ add_module_names = False
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 
-# Everything a page needs lies beside it, so that the site works from disk and asks no other host for anything.
+# All files of the site are local, so that it works from disk and without a network.
 html_theme = "furo"
 html_title = "vibroswarm"
 html_static_path = ["static"]
@@ -43,9 +43,9 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
-html_show_search_summary = False  # summaries are fetched from other pages, which a page from disk may not do
+html_show_search_summary = False  # summaries need other pages, which browsers do not load from disk
 
 
 def setup(app: Any) -> None:
-    """Docstrings, which are written as plain text, become what Sphinx reads."""
+    """Convert plain-text docstrings for Sphinx."""
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)

@@ -1,4 +1,4 @@
-"""Turn the docstrings of the sources, plain text with Markdown tables, into what Sphinx reads (reStructuredText)."""
+"""Convert docstrings, plain text with Markdown tables, to reStructuredText for Sphinx."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ ERRORS = {"InputError", "RunError"}
 
 
 def process(app: Any, kind: str, name: str, what: Any, options: Any, lines: list[str]) -> None:
-    """Hook of autodoc: change the lines of one docstring in place."""
+    """Autodoc hook: convert the lines of one docstring in place."""
     lines[:] = list(converted(list(one_entry_a_line(lines, names_of(what)))))
     if kind in ("attribute", "data", "property"):
-        lines[:0] = ["..", ""]  # an empty comment; else words before a colon would be taken for a type
+        lines[:0] = ["..", ""]  # an empty comment; otherwise words before a colon would be parsed as a type
 
 
 def names_of(what: Any) -> set[str]:
-    """What may begin an entry of a section: parameters, and errors."""
+    """Names that may begin an entry of a section: parameters and errors."""
     try:
         return ERRORS | set(inspect.signature(what).parameters)
     except (TypeError, ValueError):
@@ -31,7 +31,7 @@ def names_of(what: Any) -> set[str]:
 
 
 def one_entry_a_line(lines: list[str], names: set[str]) -> Iterator[str]:
-    """Several entries of a section on one line (``seed: of all. runs: how many.``) as one line each."""
+    """Split several entries on one line (``seed: of all. runs: how many.``) into lines."""
     for line in lines:
         begun = re.match(r"( +)(\w+(?:, \w+)*): ", line)
         if begun is None:
@@ -47,9 +47,9 @@ def one_entry_a_line(lines: list[str], names: set[str]) -> Iterator[str]:
 
 
 def converted(lines: list[str]) -> Iterator[str]:
-    """The lines with tables and code as Sphinx wants them, and nothing else that it would take for markup."""
+    """Convert tables and code blocks, and escape everything else that looks like markup."""
     k = 0
-    depth = 0  # how far the paragraph before was indented
+    depth = 0  # indentation of the previous paragraph
     while k < len(lines):
         line = lines[k]
         if line.lstrip().startswith("| "):
@@ -73,12 +73,12 @@ def converted(lines: list[str]) -> Iterator[str]:
 
 
 def indent(line: str) -> int:
-    """By how much a line is indented; a line without text not at all."""
+    """Indentation of a line; 0 for an empty line."""
     return len(line) - len(line.lstrip())
 
 
 def table(lines: list[str]) -> Iterator[str]:
-    """A Markdown table, its second row the rule, as a list-table."""
+    """Convert a Markdown table to a list-table."""
     rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
     yield from ("", ".. list-table::", "   :header-rows: 1", "")
     for row in [rows[0], *rows[2:]]:
@@ -88,9 +88,9 @@ def table(lines: list[str]) -> Iterator[str]:
 
 
 def plain(line: str) -> str:
-    """The line with stars, bars, underscores and single backticks as the characters that they are."""
+    """Escape stars, bars, underscores and single backticks in a line."""
     if line in ("-", "*", "+"):
-        return "\\" + line  # alone it would begin a list
+        return "\\" + line  # alone it would start a list
     bullet = BULLET.match(line)
     if bullet:
         return bullet.group() + plain(line[bullet.end() :])

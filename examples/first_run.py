@@ -23,7 +23,7 @@ def main(folder: Path) -> None:
         )
 
     last = result.inference.group_by("robot", maintain_order=True).last()
-    print(last.select("robot", "sample", "alpha", "beta", "belief"))
+    print(last.select("robot", "sample", "alpha", "beta", "belief_below"))
     result.write(folder)
     write_run_page(result, folder / "run.html")
     print(f"kept in {folder}; open {folder / 'run.html'} in a browser")

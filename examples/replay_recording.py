@@ -10,10 +10,10 @@ from pathlib import Path
 
 from vibroswarm import Floor, preset
 from vibroswarm.floors import read_tiles
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import recording_of
-from vibroswarm.lab.replay import as_logged, lab_replay, told
-from vibroswarm.lab.threshold import find_thresholds
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import recording_of
+from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.recordings.threshold import find_thresholds
 
 
 def main(draws: int) -> None:
@@ -21,13 +21,13 @@ def main(draws: int) -> None:
     lab = Path(__file__).with_name("lab")
     logs = [read_log(lab / f"session-{number}.csv") for number in (1, 2)]
     recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt")), preset("paper"))
-    for session in as_logged(recording):
+    for session in logged_outcomes(recording):
         print(f"session {session.session}, as it ran: {session.consensus}, {session.undecided:.0%} undecided")
 
     ran = recording.scenario
     for strategy in ("none", "positive", "soft"):
-        replayed = lab_replay(recording, ran.with_values({"strategy.name": strategy}), draws=draws)
-        for session in told(recording, replayed):
+        replayed = replay_recording(recording, ran.with_values({"strategy.name": strategy}), draws=draws)
+        for session in session_outcomes(recording, replayed):
             print(f"session {session.session}, {strategy}: {session.decision_time_s:.1f} s on average")
 
     for found in find_thresholds(recording):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import polars as pl
 
-from vibroswarm.lab.write import write_rugbot, write_webots
-from vibroswarm.presets import preset
+from vibroswarm.recordings.export import write_rugbot, write_webots
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 TILES = ("01010", "10010", "10101", "01101", "10010")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.lazy import lazy_names
+from vibroswarm.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.verdict import verdict
@@ -22,13 +22,12 @@ if TYPE_CHECKING:
     from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.floor import Floor
     from vibroswarm.motion.pose import pose
-    from vibroswarm.page.from_result import write_run_page
-    from vibroswarm.presets import preset
     from vibroswarm.result import Result
-    from vibroswarm.scenario import Scenario
+    from vibroswarm.run_page.write import write_run_page
+    from vibroswarm.scenario.scenario import Scenario, preset
     from vibroswarm.simulation import replay, simulate
-    from vibroswarm.study.result import StudyResult
     from vibroswarm.study.spec import Study
+    from vibroswarm.study.study_result import StudyResult
 
 __all__ = [
     "Floor",
@@ -53,17 +52,17 @@ _HOME: Final = {
     "InputError": "errors",
     "Result": "result",
     "RunError": "errors",
-    "Scenario": "scenario",
+    "Scenario": "scenario.scenario",
     "Study": "study.spec",
-    "StudyResult": "study.result",
+    "StudyResult": "study.study_result",
     "make_floor": "floors.design",
     "measure": "floors.difficulty",
     "pose": "motion.pose",
-    "preset": "presets",
+    "preset": "scenario.scenario",
     "replay": "simulation",
     "simulate": "simulation",
     "verdict": "analysis.verdict",
-    "write_run_page": "page.from_result",
+    "write_run_page": "run_page.write",
 }
 
 

@@ -1,18 +1,22 @@
-"""The two ways in which a user's wish can fail.
+"""Errors that users see, and warnings that are given once.
 
-``InputError`` is the user's to mend (exit code 2); ``RunError`` is a failure of the machine or of the
-program while it worked (exit code 1). Both are printed as one message, never as a traceback.
+``InputError`` is the user's to fix (exit code 2); ``RunError`` is a failure of the machine or of the program
+(exit code 1). Both are printed as one message, never as a traceback. Warnings go through ``logging``, which shows
+them on stderr.
 """
 
 from __future__ import annotations
 
 import difflib
+import logging
+import multiprocessing
 import operator
 from collections.abc import Iterable
+from functools import cache
 
 
 class InputError(ValueError):
-    """What was asked for cannot be done; the message names the field, the value, and what would be right.
+    """The request cannot be met; the message names the field, the value, and what would be right.
 
     Args:
         message: what is wrong with the value, and what would be right.
@@ -25,38 +29,49 @@ class InputError(ValueError):
 
 
 class RunError(RuntimeError):
-    """Something failed while the work was being done: a full disk, a folder that cannot be written."""
+    """Something failed during the work: a full disk, a folder that cannot be written."""
 
 
 class CodeError(RunError):
-    """A strategy or network of the user's failed while it ran: the same run would fail again."""
+    """A user's strategy, network, task or motion source failed while it ran, and would fail again."""
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
-    """``", did you mean 'x'?"`` for the known word nearest to ``word``, or an empty string."""
+    """Return ``", did you mean 'x'?"`` for the known word nearest to ``word``, or an empty string."""
     match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
 
 
-def older(version: object) -> str:
-    """What is said of a file whose format is older than what is read."""
-    return f"is of an older format ({version}), which this version does not read; make it anew"
+def check_format(version: object, newest: int, field: str | None = None) -> None:
+    """Refuse a file or folder whose format is not the one that this version writes.
+
+    Raises:
+        InputError: the format is older or newer.
+    """
+    if not isinstance(version, int) or version > newest:
+        raise InputError(
+            f"is of format {version!r}; this version reads up to {newest}: update vibroswarm", field=field
+        )
+    if version < newest:
+        raise InputError(
+            f"is of an older format ({version}), which this version does not read; recreate it", field=field
+        )
 
 
 def shown(value: object) -> str:
-    """A value as it stands in a message: on one line, and not long."""
+    """Return a value as shown in messages: on one line, and short."""
     try:
         text = repr(value)
-    except ValueError:  # a whole number of more digits than Python turns into text
+    except ValueError:  # an integer with more digits than Python converts to text
         return "a number of thousands of digits"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def whole_number_of(value: object, field: str, low: int, high: int) -> int:
-    """A whole number of Python or NumPy in a range, as one of Python.
+    """Convert a Python or NumPy integer in a range to a Python one.
 
     Raises:
-        InputError: of another type (true and false are no numbers), or outside of ``low`` to ``high``.
+        InputError: another type (booleans are not numbers), or outside ``low`` to ``high``.
     """
     try:
         found = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
@@ -69,7 +84,38 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
     return found
 
 
+def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:
+    """Return a number from ``low`` to ``high`` as it is.
+
+    Raises:
+        InputError: the value is of another type (true and false are no numbers), not finite, or out of range.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)
+    return value
+
+
+def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
+    """Refuse a value that is not among the choices.
+
+    Raises:
+        InputError: it lists the choices and suggests the nearest.
+    """
+    known = list(choices)
+    if value not in known:
+        raise InputError(
+            f"there is no {shown(value)}{nearest(value, known)} (choices: {', '.join(known)})", field=field
+        )
+
+
 def in_words(number: int) -> str:
-    """A power of two less one as such: 2^63 - 1."""
+    """Write 2^63 - 1 and the like as powers of two; other numbers as they are."""
     power = (number + 1).bit_length() - 1
     return f"2^{power} - 1" if number > 10**9 and number == 2**power - 1 else str(number)
+
+
+@cache
+def warn_once(message: str) -> None:
+    """Log a warning once; worker processes stay silent."""
+    if multiprocessing.parent_process() is None:
+        logging.getLogger("vibroswarm").warning("vibroswarm: %s", message)

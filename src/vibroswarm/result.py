@@ -1,7 +1,7 @@
-"""A result: the tables of an inspection with its scenario, seed, versions and state of the code.
+"""Results: the tables of an inspection with its scenario, seed, versions and code hash.
 
-On disk it is a folder: ``scenario.toml``, ``result.json`` and one Parquet file a table. Each Parquet file
-also holds scenario, seed and versions in its own metadata, so that it can be read by anything, alone.
+On disk a result is a folder: ``scenario.toml``, ``result.json`` and one Parquet file per table. Each Parquet file
+also holds scenario, seed and versions in its metadata, so that it can be used on its own.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from typing import Any, Final
 import polars as pl
 from polars.testing import assert_frame_equal
 
-from vibroswarm import code_files
-from vibroswarm.compiled import source_hash
-from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, RunError, older
-from vibroswarm.files import MARKER, whole_file, whole_folder
+from vibroswarm.core.atomic_io import MARKER, whole_file, whole_folder
+from vibroswarm.core.code_version import code_hash
+from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.rng import SEED_LIMIT
+from vibroswarm.core.tables import Schema, read_table
+from vibroswarm.core.untrusted_files import entry, read_json, texts, words
+from vibroswarm.errors import InputError, RunError, check_format
 from vibroswarm.floors.floor import Floor
-from vibroswarm.forked import check_threads
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
-from vibroswarm.motion.contract import ENDS, MOTION, MOVES, SEGMENTS
-from vibroswarm.observation.model import OBSERVATIONS
-from vibroswarm.plain_files import entry, read_json, texts, words
-from vibroswarm.result_checks import check_result
-from vibroswarm.scenario import Scenario
-from vibroswarm.tables import Schema, read_table
+from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS
+from vibroswarm.observation.observe import OBSERVATIONS
+from vibroswarm.result_validation import check_result
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import Scenario
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 
 RECORDED: Final = "recording"
-"""The source of what was not simulated begins with this; it has no seed."""
+"""Prefix of the source of recorded results, which have no seed."""
 
 FLOORS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -47,7 +47,7 @@ FLOORS: Final[dict[str, Any]] = {
     "tiles": pl.String,
     "name": pl.String,
 }
-"""``tiles`` holds the rows from the top, of 0 and 1, joined without a mark."""
+"""``tiles`` holds the rows from the top, as 0 and 1, without separators."""
 
 TABLES: Final[dict[str, dict[str, Any]]] = {
     "motion": MOTION,
@@ -61,24 +61,24 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "floors": FLOORS,
 }
 
-UNTOLD: Final[dict[str, frozenset[str]]] = {
+NULLABLE: Final[dict[str, frozenset[str]]] = {
     "motion": frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}),
     "ends": frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}),
     "segments": frozenset(),
     "moves": frozenset({"turn_rate_rad_s", "ray_m"}),
     "observations": frozenset({"energy"}),
-    "inference": frozenset({"message", "alpha", "beta", "received", "belief", "decision"}),
+    "inference": frozenset({"message", "alpha", "beta", "messages_received", "belief_below", "decision"}),
     "robots": frozenset(
-        {"decision", "decision_time_s", "belief_at_decision", "belief", "belief_in_truth", "alpha", "beta",
-         "received"}
+        {"decision", "decision_time_s", "belief_at_decision", "belief_below", "belief_in_truth", "alpha", "beta",
+         "messages_received"}
     ),
     "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
     "floors": frozenset(),
 }  # fmt: skip
-"""Columns that may be null: what did not happen, and what a recording cannot know."""
+"""Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
 OPTIONAL: Final = ("segments", "moves")
-"""Tables that a result may be without."""
+"""Tables that a result may lack."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
@@ -91,25 +91,25 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "runs": ("run",),
     "floors": ("run",),
 }
-SCHEMAS: Final = {name: Schema(columns, UNTOLD[name], KEYS[name]) for name, columns in TABLES.items()}
+SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, columns in TABLES.items()}
 
 
 def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None:
-    """Write copies of the files of the user's that were used; nothing here ever runs them.
+    """Write copies of the users' files that were used; they are never run from there.
 
     Args:
         motion: the source of motion, which may be one of them.
     Raises:
         RunError: the disk is full or failed.
     """
-    for code, text in code_files.texts_of([motion, *(one for s in scenarios for one in s.codes)]):
+    for code, text in plugins.texts_of([motion, *(one for s in scenarios for one in s.codes)]):
         with whole_file(folder / code.partition(":")[0]) as part:
             part.write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """All that is known of some runs of one scenario; the tables are polars frames (docs/results.md has the columns).
+    """All tables of some runs of one scenario, as polars frames (docs/results.md describes the columns).
 
     Args:
         scenario, seed, source: what was simulated, from which seed, by which source of motion.
@@ -121,7 +121,7 @@ class Result:
 
     scenario: Scenario
     seed: int | None
-    """None: nothing was drawn; the tables were recorded (``lab``)."""
+    """None for recordings (``recordings``), which draw nothing."""
     motion: pl.DataFrame
     ends: pl.DataFrame
     segments: pl.DataFrame | None
@@ -144,7 +144,7 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def same_tables(self, other: Result) -> bool:
-        """Whether every table is equal to that of ``other``, bit by bit, order and types included."""
+        """Return whether every table equals that of ``other``, bit by bit, including order and types."""
         for name in TABLES:
             mine, theirs = getattr(self, name), getattr(other, name)
             if (mine is None) != (theirs is None):
@@ -157,7 +157,7 @@ class Result:
         return True
 
     def floor(self, run: int = 0) -> Floor:
-        """The floor of a run.
+        """Return the floor of a run.
 
         Raises:
             InputError: there is no such ``run``.
@@ -207,10 +207,10 @@ class Result:
 
     @classmethod
     def read(cls, path: str | Path) -> Result:
-        """The result that ``write`` has written into the folder ``path``; equal to it.
+        """Read a result that ``write`` has written to the folder ``path``; equal to the original.
 
         Raises:
-            InputError: no result there, one of a newer format, or a damaged or missing table.
+            InputError: not a result, a newer or older format, or a damaged or missing table.
         """
         folder = Path(path)
         about = _head(folder)
@@ -220,8 +220,8 @@ class Result:
         if missing:
             raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / MARKER)
-        # A later version may know more fields, and give the same scenario another hash.
-        if about["versions"].get("code") == source_hash() and scenario.hash != about["scenario_hash"]:
+        # Another version may have more fields, and another hash of the same scenario.
+        if about["versions"].get("code") == code_hash() and scenario.hash != about["scenario_hash"]:
             raise InputError(
                 f"is not the scenario that result.json names ({about['scenario_hash']}); put it back",
                 field=str(folder / MARKER),
@@ -235,7 +235,7 @@ def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> N
     check_threads()
     try:
         frame.write_parquet(path, compression="zstd", metadata=metadata)
-    except pl.exceptions.PolarsError as error:  # a full disk, for one
+    except pl.exceptions.PolarsError as error:  # such as a full disk
         raise RunError(f"could not write '{path.name}': {str(error).splitlines()[0]}") from error
 
 
@@ -245,24 +245,17 @@ def _read_table(folder: Path, name: str) -> pl.DataFrame:
 
 
 def _head(folder: Path) -> dict[str, Any]:
-    """What ``result.json`` says, each entry of its type."""
+    """Return the entries of ``result.json``, checked."""
     path = folder / "result.json"
     if not path.exists():
-        raise InputError("is no result of vibroswarm (there is no result.json)", field=str(folder))
+        raise InputError("is not a vibroswarm result (there is no result.json)", field=str(folder))
     about = read_json(path, "the head of a result")
-    version = entry(about, "schema_version", int, path)
-    if version < SCHEMA_VERSION:
-        raise InputError(older(version), field=str(folder))
-    if version > SCHEMA_VERSION:
-        raise InputError(
-            f"is of format {version}; this version reads up to {SCHEMA_VERSION}: update vibroswarm",
-            field=str(folder),
-        )
+    check_format(entry(about, "schema_version", int, path), SCHEMA_VERSION, str(folder))
     source = entry(about, "source", str, path)
     recorded = about.get("seed") is None and source.startswith(RECORDED)
     seed = None if recorded else entry(about, "seed", int, path)
     if seed is not None and not 0 <= seed < SEED_LIMIT:
-        raise InputError(f"its seed, {seed}, is no seed", field=str(path))
+        raise InputError(f"its seed, {seed}, is not a seed", field=str(path))
     return {
         "seed": seed,
         "source": source,
@@ -273,7 +266,7 @@ def _head(folder: Path) -> dict[str, Any]:
 
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
-    """The floors of the runs as a table."""
+    """Return the floors of the runs as a table."""
     rows = [
         (run, *floor.geometry, (floor.tiles + ord("0")).tobytes().decode("ascii"), floor.name)
         for run, floor in floors.items()

@@ -1,4 +1,4 @@
-"""Scenario to result: motion, observation and inference put together."""
+"""Scenario to result: motion, observation and inference in sequence."""
 
 from __future__ import annotations
 
@@ -10,31 +10,30 @@ from importlib.metadata import version
 
 import polars as pl
 
-import vibroswarm.motion.event
+import vibroswarm.motion.event.engine
 import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
-from vibroswarm import code_files
-from vibroswarm.compiled import source_hash
-from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.early_stop import until_all_decided
+from vibroswarm.core.code_version import code_hash
+from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.deliveries import Timeline
+from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import infer, outcomes
-from vibroswarm.inference.timeline import Timeline
-from vibroswarm.motion.contract import Motion, join, source
+from vibroswarm.motion.source import Motion, join, source
 from vibroswarm.networks import network
-from vibroswarm.observation.boundary import readings_boundary
-from vibroswarm.observation.model import observe
+from vibroswarm.observation.decision_boundary import readings_boundary
+from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result, floor_frame
-from vibroswarm.scenario import Scenario
-from vibroswarm.steered import Wanted, steered_motion
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 
 PIECE_S = 100.0
-"""Motion whose progress is told is advanced in pieces of this length."""
+"""Length of the pieces in which motion advances if progress is reported."""
 
 Progress = Callable[[float], None]
-"""Told now and then which share of the work is done, in [0, 1]."""
+"""Called now and then with the share of the work done, in [0, 1]."""
 
 
 def simulate(
@@ -48,7 +47,7 @@ def simulate(
     energies: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """Run a scenario.
+    """Simulate a scenario.
 
     Args:
         scenario: what is to be simulated.
@@ -60,14 +59,14 @@ def simulate(
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:
-        InputError: a seed or a run out of range, an unknown source, a question that its readings cannot answer.
+        InputError: a seed or a run out of range, an unknown source, a boundary that readings cannot be tested against.
     """
     check_scenario(scenario)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
-    motion = code_files.resolved("motion", motion) if code_files.is_code(motion) else motion
-    readings_boundary(scenario)  # what cannot be asked is refused before anything moves
+    motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
+    readings_boundary(scenario)  # refuse early
     floors = floors_of(scenario, seed, chosen)
-    wanted = Wanted(segments, moves or network(scenario.network.name).asks_places)
+    wanted = Wanted(segments, moves or network(scenario.network.name).reads_positions)
     if steers(scenario):
         moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
     elif scenario.run.stop == "all_decided":
@@ -81,13 +80,13 @@ def simulate(
 
 
 OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
-"""Sections that say how robots move; a replay keeps them."""
+"""Sections that determine motion; a replay keeps them."""
 
 
 def replay(result: Result, scenario: Scenario) -> Result:
-    """The same motion under another scenario: another floor, sensor, strategy, decision or network.
+    """Replay the same motion under another scenario: another floor, sensor, strategy, decision or network.
 
-    Comparisons so made are paired exactly. What the sensor read is kept too where floor and sensor are.
+    Comparisons made this way are paired exactly. Readings are kept too if floor and sensor stay the same.
 
     Args:
         result: runs that went to their end. scenario: as the result's but for the sections named above.
@@ -127,15 +126,15 @@ def replay(result: Result, scenario: Scenario) -> Result:
     return result_of(scenario, result.seed, floors, motion, observations, inference, finals, result.source)
 
 
-MOST_RUNS = 100_000_000
-"""Runs of one call; the tables of so many would fill any memory, but their numbers do not."""
+MAX_RUNS = 100_000_000
+"""Runs of one call: far more than memory holds, few enough to list their numbers."""
 
 
 def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
-    """The runs as a sorted list of distinct numbers; whole numbers of NumPy are taken too."""
+    """Return the runs as a sorted list of distinct numbers; NumPy integers are accepted."""
     check_seed(seed)
     if isinstance(runs, str | bytes | float) or not isinstance(runs, Iterable):
-        return list(range(whole_number_of(runs, "runs", 1, MOST_RUNS)))
+        return list(range(whole_number_of(runs, "runs", 1, MAX_RUNS)))
     asked = list(runs)
     chosen = sorted({whole_number_of(run, "runs", 0, 2**32 - 1) for run in asked})
     if not chosen or len(chosen) != len(asked):
@@ -144,44 +143,39 @@ def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
 
 
 def check_seed(seed: int) -> int:
-    """A seed as a whole number of Python.
+    """Return a seed as a Python integer.
 
     Raises:
         InputError: it is none.
     """
-    try:
-        return whole_number_of(seed, "seed", 0, SEED_LIMIT - 1)
-    except InputError:
-        raise InputError(
-            f"{shown(seed)} is no seed; give a whole number from 0 to 2^63 - 1", field="seed"
-        ) from None
+    return whole_number_of(seed, "seed", 0, SEED_LIMIT - 1)
 
 
 def check_scenario(scenario: object) -> None:
-    """Refuse what is no scenario, such as the name of one."""
+    """Refuse anything that is not a scenario, such as the name of one."""
     if not isinstance(scenario, Scenario):
         raise InputError(
-            f"{shown(scenario)} is no Scenario; make one with preset('paper') or Scenario.read(file)",
+            f"{shown(scenario)} is not a Scenario; make one with preset('paper') or Scenario.read(file)",
             field="scenario",
         )
     for part in scenario.choices:
         if part.code is not None and part.name not in type(part).known():
             raise InputError(
-                f"'{part.code.partition(code_files.HASH)[0]}' is not loaded; name its file by --{part.kind}, or say "
+                f"'{part.code.partition(plugins.HASH)[0]}' is not loaded; name its file with --{part.kind}, or add "
                 "--trust to run the one that is named",
                 field=f"{part.kind}.name",
             )
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
-    """The floor of each run; one and the same where it is not drawn by run."""
+    """Return the floor of each run; one object for all if it is not drawn per run."""
     if scenario.floor.drawn_by_run:
         return {run: scenario.floor_for(seed, run) for run in runs}
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
 
 
 def steers(scenario: Scenario) -> bool:
-    """Whether a scenario's strategy has a say in how robots move."""
+    """Return whether a scenario's strategy steers the robots."""
     return strategy(scenario.strategy.name).steer is not None
 
 
@@ -207,11 +201,11 @@ def summarise(
     motion: Motion | Timeline,
     observations: pl.DataFrame,
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The tables of robots and of runs, as ``simulate`` gives them, without those of samples.
+    """Return the tables of robots and of runs, as ``simulate`` gives them, without those of samples.
 
     Args:
         floors: the floor of each run. motion: of the runs, or its timeline
-            (``inference.timeline.timeline_of``), made once for many strategies. observations: of its samples.
+            (``inference.deliveries.timeline_of``), built once for many strategies. observations: of its samples.
     """
     return outcome_tables(scenario, floors, outcomes(scenario, seed, motion, observations), motion.ends)
 
@@ -226,7 +220,7 @@ def result_of(
     finals: pl.DataFrame,
     source_name: str,
 ) -> Result:
-    """Tables of three stages as a result, with the robots and the runs summed up."""
+    """Assemble the tables of the three stages into a result, with outcomes of robots and runs."""
     robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
     return Result(
         scenario=scenario,
@@ -247,12 +241,12 @@ def result_of(
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what made a result, the processor architecture and the state of the code."""
+    """Return versions of the software behind a result, the processor architecture and the code hash."""
     packages = ("vibroswarm", "numpy", "numba", "scipy", "polars")
     return {
         **{name: version(name) for name in packages},
         "python": platform.python_version(),
         "architecture": platform.machine(),
         "system": platform.system(),
-        "code": source_hash(),
+        "code": code_hash(),
     }

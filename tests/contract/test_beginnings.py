@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from vibroswarm import preset
-from vibroswarm.motion.contract import source
+from vibroswarm.motion.source import source
+from vibroswarm.study.batch import beginning
 from vibroswarm.study.plan import plan_of
-from vibroswarm.study.simulate_batch import beginning
 from vibroswarm.study.spec import Study
 
 RUNS = list(range(5))
@@ -32,6 +32,7 @@ def test_the_beginning_of_a_longer_motion_is_the_shorter_one(name: str, motion: 
             assert cut.ends.select(known).equals(own.ends.select(known)), (moment, shift)
 
 
+@pytest.mark.slow
 def test_cells_of_several_ends_share_motion_and_come_out_as_alone() -> None:
     varied = {"grid": {"run.t_end_s": [150.0, 333.33, 400.0], "strategy.name": ["none", "soft"]}}
     base = preset("paper").with_values(

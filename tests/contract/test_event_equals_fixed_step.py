@@ -7,19 +7,25 @@ of a run are the same for long; ``twins`` says where. A longer check is ``benchm
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
-from drawn_scenarios import motions
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import twins
+import vibroswarm
+from helpers.drawn_scenarios import RAY_COUNTS, motions
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
 from twins import judge
-from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 
 BASE = preset("paper-empirical")
 EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
@@ -144,6 +150,7 @@ ODD = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ODD)
 def test_odd_settings_are_identical_too(name):
     scenario = BASE.with_values(ODD[name])
@@ -191,6 +198,7 @@ def test_calibrated_robots_are_identical_too(robots):
         assert apart < MICROMETRE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robots", [16, 30])
 @pytest.mark.parametrize("name", ["paper", "text"])
 def test_crowds_are_identical_too(name, robots):
@@ -253,23 +261,60 @@ def test_wide_scenarios_draw_every_field_that_motion_depends_on():
             assert len(values) >= CHOICES.get(name, 30), f"{name} is hardly drawn: {values}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", range(3))
 def test_wide_scenarios_are_identical_but_where_rounding_grows(block):
     """The long check is ``benchmarks/exactness.py --random``."""
     same = 0
     for number in range(60 * block, 60 * (block + 1)):
-        scenario = fitted(random_values(Seeded(7, number)), robot_steps=50_000)
+        scenario = fitted(random_values(Seeded(7, number), RAY_COUNTS), robot_steps=50_000)
         verdict = judge(scenario, 7, number)
         assert not verdict.is_error, f"scenario {number}: {verdict}"
         same += verdict.found.same
     assert same >= 55
 
 
+@pytest.mark.slow
 @given(values=motions(), seed=st.integers(0, 2**63 - 1))
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_any_wide_scenario_is_identical_but_where_rounding_grows(values, seed):
     verdict = judge(fitted(values, robot_steps=40_000), seed, 0)
     assert not verdict.is_error, verdict
+
+
+PLAIN_RUN = """
+from twins import judge
+from vibroswarm.core.jit import PLAIN
+from vibroswarm.scenario.scenario import preset
+
+assert PLAIN
+for rays in (5, 9):
+    values = {
+        "rays.side_m": [0.002 * k - 0.005 for k in range(rays)],
+        "rays.angle_deg": [20.0 * k - 50.0 for k in range(rays)],
+        "swarm.robots": 6, "arena.width_m": 0.3, "arena.height_m": 0.3, "swarm.start_margin_m": 0.0,
+        "run.t_end_s": 12.0,
+    }
+    verdict = judge(preset("paper-empirical").with_values(values), 4, rays)
+    print(verdict.found.same, verdict.found.samples)
+"""
+
+
+@pytest.mark.slow
+def test_many_rays_are_identical_too():
+    """As plain Python: to compile both engines for 5 and for 9 rays would take a minute."""
+    paths = [str(Path(one.__file__).parents[up]) for one, up in ((vibroswarm, 1), (twins, 0))]
+    run = subprocess.run(
+        [sys.executable, "-c", PLAIN_RUN],
+        env=os.environ | {"VIBROSWARM_PLAIN": "1", "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    for line in run.stdout.splitlines():
+        same, samples = line.split()
+        assert same == "True"
+        assert int(samples) > 10
+    assert run.stdout.count("\n") == 2
 
 
 def test_the_comparison_of_moves_sees_one_that_lacks_or_lasts_longer():

@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn_scenarios import Draw, draws
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from vibroswarm import code_files
-from vibroswarm.inference.cost_outcomes import Outcomes, from_result
-from vibroswarm.motion import contract
-from vibroswarm.motion.contract import Source
-from vibroswarm.motion.event import EVENT, EventRun
+from helpers.drawn_scenarios import Draw, draws
+from helpers.result_outcomes import from_result
+from vibroswarm.inference.outcome_arrays import Outcomes
+from vibroswarm.motion import source as motion_source
+from vibroswarm.motion.event.engine import EVENT, EventRun
 from vibroswarm.motion.pose import pose
-from vibroswarm.optimize import simulate_runs
-from vibroswarm.optimize.simulate_runs import PIECE_S, outcomes_of
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.source import Source
+from vibroswarm.optimize import simulate_outcomes
+from vibroswarm.optimize.simulate_outcomes import PIECE_S, outcomes_of
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.study.spec import Study
 
@@ -42,6 +42,7 @@ def by_tables(scenario: Scenario, seed: int, runs: list[int], motion: str = "eve
     return from_result(simulate(scenario, seed, runs, motion=motion, energies=False))
 
 
+@pytest.mark.slow
 @settings(
     deadline=None,
     max_examples=100,
@@ -88,7 +89,7 @@ def test_runs_in_any_order_and_alone(motion: str) -> None:
 def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
     for name in ("PIECE_S", "MARGIN_S"):
-        monkeypatch.setattr(simulate_runs, name, 1.0)  # so that no run is moved beyond its end already
+        monkeypatch.setattr(simulate_outcomes, name, 1.0)  # so that no run is moved beyond its end already
     scenario = Draw(strategy="none", robots=12).scenario()
     runs = list(range(150))
     result = simulate(scenario, 1, runs, energies=False)
@@ -106,9 +107,9 @@ def test_where_one_looks_does_not_matter(
 ) -> None:
     scenario, runs = Draw(strategy=strategy, loss=0.1).scenario(), list(range(12))
     (usual,) = outcomes_of([scenario], 6, runs)
-    monkeypatch.setattr(simulate_runs, "PIECE_S", piece_s)
-    monkeypatch.setattr(simulate_runs, "MARGIN_S", margin_s)
-    monkeypatch.setattr(simulate_runs, "_kept", threading.local())
+    monkeypatch.setattr(simulate_outcomes, "PIECE_S", piece_s)
+    monkeypatch.setattr(simulate_outcomes, "MARGIN_S", margin_s)
+    monkeypatch.setattr(simulate_outcomes, "_kept", threading.local())
     (found,) = outcomes_of([scenario], 6, runs)
     equal(found, usual)
 
@@ -123,14 +124,14 @@ def test_where_a_run_stops_does_not_matter() -> None:
 
 def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
     reached: list[float] = []
-    finish = simulate_runs._Course.finish
+    finish = simulate_outcomes._ScenarioRuns.finish
 
     def then_note(course: Any, r: int) -> None:
-        reached.append(course.loop.notes.time_s[: course.loop.bounds[1]].max())
+        reached.append(course.loop.buffer.time_s[: course.loop.bounds[1]].max())
         finish(course, r)
 
-    monkeypatch.setattr(simulate_runs._Course, "finish", then_note)
-    monkeypatch.setattr(simulate_runs._Course, "next_look_s", lambda course, now_s: now_s + PIECE_S)
+    monkeypatch.setattr(simulate_outcomes._ScenarioRuns, "finish", then_note)
+    monkeypatch.setattr(simulate_outcomes._ScenarioRuns, "next_look_s", lambda course, now_s: now_s + PIECE_S)
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     (found,) = outcomes_of([scenario], 3, range(20))
     moved_s = np.array(reached)
@@ -156,9 +157,9 @@ def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> Non
 @pytest.fixture
 def elsewhere() -> Iterator[None]:
     source: Any = Source("elsewhere", Elsewhere, EVENT.batch)
-    contract.register(source)
+    motion_source.register(source)
     yield
-    contract.forget("elsewhere")
+    motion_source.forget("elsewhere")
 
 
 @pytest.mark.usefixtures("elsewhere")
@@ -216,6 +217,7 @@ slowly = Network(name="slowly", state=State, send=send)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
 
 
+@pytest.mark.slow
 @settings(
     deadline=None,
     max_examples=60,
@@ -255,12 +257,13 @@ def test_who_hears_is_who_is_near(own_files: None) -> None:
         since_s = result.ends["stop_start_s"].fill_null(200.0).to_numpy() - 2 * scenario.tick_s
         in_time = times[None] < since_s[:, None]
         sure, perhaps = ((in_time & (far_m < range_m + by)).sum(axis=1) for by in (-0.004, 0.004))
-        received = result.robots["received"].to_numpy()
+        received = result.robots["messages_received"].to_numpy()
         assert (received >= sure - 1).all()
         assert (received <= perhaps + 1).all()
         assert perhaps.sum() - sure.sum() < 0.1 * sure.sum(), "it could not be seen to fail"
 
 
+@pytest.mark.slow
 def test_a_range_without_end_is_the_ideal_network(own_files: None) -> None:
     for strategy in ("none", "voter"):
         ideal = Draw(strategy=strategy).scenario(network__name="ideal")
@@ -269,12 +272,13 @@ def test_a_range_without_end_is_the_ideal_network(own_files: None) -> None:
         for name in ("inference", "robots", "runs"):
             assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)
         silent = simulate(near.with_values({"network.near.range_m": 0.0}), 7, [0, 1])
-        assert silent.robots["received"].sum() == 0
+        assert silent.robots["messages_received"].sum() == 0
 
 
+@pytest.mark.slow
 def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: None) -> None:
     avoider = f"{EXAMPLE.with_name('avoider.py')}:avoider"
-    code_files.load_file("strategy", avoider)
+    plugins.load_file("strategy", avoider)
     near = Draw(strategy="positive").scenario(network__name="near")
     followed, also = outcomes_of([near, near.with_values({"run.stop": "all_decided"})], 3, [0, 1, 2])
     equal(followed, also)
@@ -285,8 +289,8 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
     assert early.ends["end_s"].max() < 150.0  # type: ignore[operator]
     steered = near.with_values({"strategy.name": "avoider"})
     one, other = (simulate(steered, 3, [0, 1], motion=name) for name in ("event", "fixed-step"))
-    assert one.robots["received"].to_list() == other.robots["received"].to_list()
-    assert one.robots["received"].sum() > 0
+    assert one.robots["messages_received"].to_list() == other.robots["messages_received"].to_list()
+    assert one.robots["messages_received"].sum() > 0
     (found,) = outcomes_of([steered], 3, [0, 1])
     equal(found, from_result(one))
     ideal = near.with_values({"network.name": "ideal"})
@@ -296,12 +300,12 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
     told = study.run()
     for cell, scenario in enumerate((ideal, near)):
         alone = simulate(scenario, 3, [0, 1, 2]).robots
-        assert told.robots(cell)["received"].to_list() == alone["received"].to_list()
+        assert told.robots(cell)["messages_received"].to_list() == alone["messages_received"].to_list()
 
 
 @pytest.fixture
 def own_files(tmp_path: Path) -> None:
     (tmp_path / "slowly.py").write_text(SLOWLY, encoding="utf-8")
-    code_files.load_file("strategy", f"{EXAMPLE}:voter")
-    code_files.load_file("network", f"{tmp_path / 'slowly.py'}:slowly")
-    code_files.load_file("network", f"{EXAMPLE.parents[1] / 'networks' / 'near.py'}:near")
+    plugins.load_file("strategy", f"{EXAMPLE}:voter")
+    plugins.load_file("network", f"{tmp_path / 'slowly.py'}:slowly")
+    plugins.load_file("network", f"{EXAMPLE.parents[1] / 'networks' / 'near.py'}:near")

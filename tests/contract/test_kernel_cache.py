@@ -15,15 +15,15 @@ from pathlib import Path
 
 import pytest
 
-import vibroswarm.compiled
-from vibroswarm.compiled import ABOVE, PLAIN
+import vibroswarm.core.jit
+from vibroswarm.core.jit import LAYERS_ABOVE, PLAIN
 
-BESIDE = ("__init__.py", "__main__.py", "bench.py")
+BESIDE = ("__init__.py", "__main__.py")
 """Files at the top that call into the rooms above, and that no simulation needs."""
 
 KERNELS = """
 import numpy as np
-from vibroswarm.compiled import kernel
+from vibroswarm.core.jit import kernel
 
 A = np.dtype([("p", np.float64), ("q", np.float64), ("v", np.float64)])
 B = np.dtype([("v", np.float64), ("p", np.float64), ("q", np.float64)])
@@ -57,6 +57,7 @@ for which in sys.argv[1]:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
     (tmp_path / "rows_kernels.py").write_text(KERNELS, encoding="utf-8")
@@ -81,8 +82,8 @@ FOREIGN = """
 import gc
 import sys
 import numba
-from vibroswarm.draws import uniform
-from vibroswarm.robot.believe import belief_below
+from vibroswarm.core.rng import uniform
+from vibroswarm.robot.belief import belief_below
 from vibroswarm.strategies.soft import weight
 
 before = gc.get_threshold(), numba.config.SLP_VECTORIZE
@@ -99,6 +100,7 @@ assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 def test_a_users_own_compiled_function_calls_our_kernels(tmp_path: Path) -> None:
     """What Python calls and what only kernels call, compiled at first and from the cache."""
@@ -116,9 +118,9 @@ def test_a_users_own_compiled_function_calls_our_kernels(tmp_path: Path) -> None
 
 
 def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it() -> None:
-    package = Path(vibroswarm.compiled.__file__).parent
+    package = Path(vibroswarm.__file__).parent
     for source in package.rglob("*.py"):
-        above = source.relative_to(package).parts[0] in ABOVE
+        above = source.relative_to(package).parts[0] in LAYERS_ABOVE
         for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.ImportFrom) or node.module is None:
                 continue
@@ -128,4 +130,4 @@ def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it
                     source
                 )
             elif source.relative_to(package).parts[0] not in BESIDE:
-                assert not any(node.module.startswith(f"vibroswarm.{room}") for room in ABOVE), source
+                assert not any(node.module.startswith(f"vibroswarm.{room}") for room in LAYERS_ABOVE), source

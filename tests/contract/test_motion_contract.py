@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import contract_suite as suite
 import polars as pl
 import pytest
-from contract_suite import CASES, CHECKS, Check, motion_of
 
-from vibroswarm.motion.contract import Motion, MotionState, Source
-from vibroswarm.motion.event import EVENT
+import helpers.walk_checks as suite
+from helpers.walk_checks import CASES, CHECKS, Check, motion_of
+from vibroswarm.motion.event.engine import EVENT
 from vibroswarm.motion.fixed_step import FIXED_STEP
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.source import Motion, MotionState, Source
+from vibroswarm.scenario.scenario import Scenario
 
 SOURCES = (FIXED_STEP, EVENT)
 """Every engine that is a source goes here."""
@@ -283,6 +283,7 @@ def test_the_suite_rejects_a_broken_engine(engine: Source, check: Check) -> None
         check(engine)
 
 
+@pytest.mark.slow
 def test_the_wrapper_alone_breaks_nothing() -> None:
     for check in CHECKS:
         check(broken("unbroken"))

@@ -6,76 +6,120 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from vibroswarm import networks
-from vibroswarm.code_files import load_file
+from vibroswarm.inference import replayer
+from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.replay import infer
+from vibroswarm.motion.source import source
 from vibroswarm.networks import Network
-from vibroswarm.presets import preset
+from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result
-from vibroswarm.simulation import simulate
+from vibroswarm.scenario.plugins import load_file
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import floors_of, simulate
 from vibroswarm.strategies import u
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 VALUES: dict[str, Any] = {"run.t_end_s": 100.0, "decision.min_observations": 20, "decision.hold_s": 5.0}
 
 
-def at_once(
-    n: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any, w: Any
-) -> None:  # fmt: skip
-    for j in range(arrival.size):
-        arrival[j] = tick + 1
+AT_ONCE, LATE, NEVER, EVERY_THIRD = range(4)
 
 
-def late(
-    n: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any, w: Any
-) -> None:  # fmt: skip
-    for j in range(arrival.size):
-        arrival[j] = tick + 1 + int(500.0 * u(d, j))
-
-
-def never(
-    n: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any, w: Any
-) -> None:  # fmt: skip
-    for j in range(arrival.size):
-        arrival[j] = -1
+class Params:
+    way: int = AT_ONCE
 
 
 class Busy:
     sent: int
 
 
-def every_third(
+def send(
     n: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any, w: Any
 ) -> None:  # fmt: skip
     n.sent += 1
     for j in range(arrival.size):
-        arrival[j] = tick + 1 if n.sent % 3 == 0 else -1
+        if p.way == LATE:
+            arrival[j] = tick + 1 + int(500.0 * u(d, j))
+        elif p.way == NEVER or (p.way == EVERY_THIRD and n.sent % 3 != 0):
+            arrival[j] = -1
+        else:
+            arrival[j] = tick + 1
 
 
-OTHERS = (
-    Network("at_once", send=at_once),
-    Network("late", send=late),
-    Network("never", send=never),
-    Network("every_third", state=Busy, send=every_third),
-)
+def lossy(sender: int, receiver: int, d: Any, p: Any, w: Any) -> bool:
+    return bool(u(d, 0) < 0.3 + 0.05 * receiver)
+
+
+LOSSY = Network("lossy", lost=lossy)
+OTHER = Network("other", params=Params, state=Busy, send=send)
+"""One network of four ways: for each, and each strategy, one would be compiled by itself."""
+WAYS = {"at_once": AT_ONCE, "late": LATE, "never": NEVER, "every_third": EVERY_THIRD}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def networks_of_others() -> Iterator[None]:
-    for one in OTHERS:
-        networks.register(one)
+    networks.register(OTHER)
+    networks.register(LOSSY)
     load_file("strategy", str(EXAMPLES / "voter.py:voter"))
     yield
-    for one in OTHERS:
-        networks.base.forget(one.name)
+    networks.base.forget(OTHER.name)
+    networks.base.forget(LOSSY.name)
+
+
+def over(network: str, strategy: str = "none") -> Scenario:
+    values = {**VALUES, "network.name": network, "strategy.name": strategy}
+    if network in WAYS:
+        values |= {"network.name": OTHER.name, f"network.{OTHER.name}.way": WAYS[network]}
+    return preset("paper").with_values(values)
 
 
 def run(network: str, strategy: str, runs: int = 2) -> Result:
-    values = {**VALUES, "network.name": network, "strategy.name": strategy}
-    return simulate(preset("paper").with_values(values), 3, runs)
+    return simulate(over(network, strategy), 3, runs)
 
 
+@pytest.mark.parametrize(
+    ("network", "strategies"), [("late", ["none", "soft"]), ("every_third", ["none"]), ("lossy", ["none"])]
+)
+def test_deliveries_are_computed_once_and_equal_messages_one_by_one(
+    network: str, strategies: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a network with delays, one with a memory, and one that loses more at some robots than at others."""
+    scenario = over(network)
+    cells = [over(network, strategy) for strategy in strategies]
+    motion = source("event").batch(scenario, 5, [0, 1, 2])
+    observations = observe(scenario, 5, motion.samples, floors_of(scenario, 5, [0, 1, 2]))
+    timeline = timeline_of(scenario, motion)
+    shared = [infer(cell, 5, timeline, observations) for cell in cells]
+    assert len(timeline.deliveries) == 1
+
+    monkeypatch.setattr(replayer, "counts_only", lambda strategy: False)
+    for cell, (table, robots) in zip(cells, shared, strict=True):
+        one_by_one, also = infer(cell, 5, timeline, observations)
+        assert table.equals(one_by_one)
+        assert robots.equals(also)
+
+    monkeypatch.undo()  # and deliveries decide what is heard: with those of others the tables differ
+    ((key, found),) = timeline.deliveries.items()
+    timeline.deliveries[key] = found._replace(which=np.zeros_like(found.which))
+    assert not infer(cells[0], 5, timeline, observations)[0].equals(shared[0][0])
+
+
+def test_what_deliveries_depend_on_is_not_mixed_up() -> None:
+    scenario = over("late")
+    motion = source("event").batch(scenario, 5, [0])
+    timeline = timeline_of(scenario, motion)
+    observations = observe(scenario, 5, motion.samples, floors_of(scenario, 5, [0]))
+    for other in (scenario, over("every_third"), scenario.with_values({"decision.credible_threshold": 0.9})):
+        infer(other, 5, timeline, observations)
+    infer(scenario, 6, timeline, observations)
+    assert len(timeline.deliveries) == 4
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["none", "positive", "soft", "voter"])
 def test_a_network_that_delivers_at_once_is_ideal(strategy: str) -> None:
     ideal, other = run("ideal", strategy), run("at_once", strategy)
@@ -88,10 +132,10 @@ def test_a_network_that_delivers_at_once_is_ideal(strategy: str) -> None:
 @pytest.mark.parametrize("strategy", ["soft", "voter"])
 def test_messages_are_received_or_lost(strategy: str) -> None:
     sent = run("ideal", strategy).robots["sent"].sum()
-    assert run("never", strategy).robots["received"].sum() == 0
+    assert run("never", strategy).robots["messages_received"].sum() == 0
     third = run("every_third", strategy).robots
-    assert third["received"].sum() <= 4 * (third["sent"].sum() // 3 + 2)
-    assert third["received"].sum() > 0.8 * 4 * third["sent"].sum() / 3
+    assert third["messages_received"].sum() <= 4 * (third["sent"].sum() // 3 + 2)
+    assert third["messages_received"].sum() > 0.8 * 4 * third["sent"].sum() / 3
     assert sent > 0
 
 

@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from vibroswarm.motion.body import setup_of
-from vibroswarm.motion.record import SEGMENT_ROW
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-@pytest.fixture(scope="module")
-def overlap():
-    """The benchmark, imported by its name: a kept kernel is loaded by the name of its module."""
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module("overlap")
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+import overlap
+from vibroswarm.motion.recorder import SEGMENT_ROW
+from vibroswarm.motion.robot_params import setup_of
 
 
 @pytest.mark.parametrize("engine", ["fixed-step", "event"])
-def test_a_million_robot_steps(overlap, engine):
+def test_a_million_robot_steps(engine):
     for swarm in overlap.SWARMS:
         found = overlap.check(engine, overlap.swarm(*swarm), 32, 1e6 / len(overlap.SWARMS))
         assert found.robot_steps >= 1e6 / len(overlap.SWARMS)
@@ -37,7 +22,7 @@ def test_a_million_robot_steps(overlap, engine):
     ("y_m", "width_m", "between_m", "to_wall_m"),
     [(0.529, 1.0, -0.001, 0.485 - 0.029), (0.531, 0.95, 0.001, -0.015)],
 )
-def test_the_check_sees_an_overlap_and_an_escape_between_events(overlap, y_m, width_m, between_m, to_wall_m):
+def test_the_check_sees_an_overlap_and_an_escape_between_events(y_m, width_m, between_m, to_wall_m):
     """Negative control: one robot drives from x = 0 past one that stands at x = 0.5, off its line."""
     scenario = overlap.swarm(2, 1.0, 0.0).with_values({"arena.width_m": width_m})
     segments = np.zeros(2, dtype=SEGMENT_ROW)

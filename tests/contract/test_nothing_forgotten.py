@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any
 
 import pytest
 from pydantic import Field
 
+from helpers.scenario_fields import changed, default
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.optimize.evaluate import Piece
-from vibroswarm.scenario import Scenario, field_names, kind_of, value_of
+from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.strategies import Strategy, none
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.spec import Study
 
-
-def fields() -> ModuleType:
-    """The test of the fields, which knows a good other value of each."""
-    path = Path(__file__).parents[1] / "unit" / "test_scenario.py"
-    spec = importlib.util.spec_from_file_location("test_scenario_fields", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-FIELDS = fields()
 NAMES = field_names()
 ONE_MOTION = ("run.t_end_s",)
 """Of cells that differ in these, the longest moves, and the others see its beginning."""
@@ -74,10 +59,10 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
         base = base.with_values({f"{part[0]}.name": part[1]})
         value = value_of(base, name)
         return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
-    other = FIELDS.changed(name)
+    other = changed(name)
     if name == "floor.tiles":
         return base, other
-    return other.with_values({name: FIELDS.default(name)}), other
+    return other.with_values({name: default(name)}), other
 
 
 def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:

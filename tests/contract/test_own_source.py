@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 import pytest
-from contract_suite import TABLE_CHECKS, Check, check_pieces
 
+from helpers.walk_checks import TABLE_CHECKS, Check, check_pieces
 from vibroswarm import simulate
-from vibroswarm.checks import lattice_sites, start_region
 from vibroswarm.errors import InputError
-from vibroswarm.motion import contract
-from vibroswarm.motion.contract import ENDS, MOTION, Motion, Source, register, source
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion import source as motion_source
+from vibroswarm.motion.source import ENDS, MOTION, Motion, Source, register, source
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.validation import lattice_sites, start_region
 
 EVERY_S = 10.0
 
@@ -77,7 +77,7 @@ def known() -> Iterator[None]:
     """The source is known by its name, as long as a test lasts."""
     register(STANDING)
     yield
-    contract.forget("standing")
+    motion_source.forget("standing")
 
 
 @pytest.mark.parametrize("check", TABLE_CHECKS, ids=lambda check: check.__name__)
@@ -128,7 +128,7 @@ def test_a_name_is_taken_once() -> None:
         register(Source("event", init))
     assert source("event") is not STANDING
     for wrong in ("standing", None):
-        with pytest.raises(InputError, match="is no Source"):
+        with pytest.raises(InputError, match="is not a Source"):
             register(wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no function init"):
         Source("none", None)  # type: ignore[arg-type]

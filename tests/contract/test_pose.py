@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import polars as pl
 import pytest
-from contract_suite import CASES, Case, motion_of, tracks
 from numpy.typing import NDArray
 
+from helpers.walk_checks import CASES, Case, motion_of, tracks
 from vibroswarm.errors import InputError
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.pose import pose

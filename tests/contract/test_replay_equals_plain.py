@@ -10,22 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drawn_scenarios import QUICK, Draw, draws
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.special import betainc
 
-from vibroswarm.code_files import load_file
-from vibroswarm.draws import Purpose, uniform
-from vibroswarm.inference import replayers
-from vibroswarm.presets import preset
+from helpers.drawn_scenarios import QUICK, Draw, draws
+from vibroswarm.core.rng import Purpose, uniform
+from vibroswarm.inference import replayer
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.plugins import load_file
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import Strategy, array, register, u
 from vibroswarm.strategies.base import forget
 from vibroswarm.testing import check_strategy, plain_run
-from vibroswarm.testing.plain import _Plain
+from vibroswarm.testing.plain_reference import _Plain
 from vibroswarm.testing.runs import differences
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
@@ -114,6 +113,7 @@ def plain(scenario: Scenario, seed: int, result: Result) -> Any:
     return plain_run(scenario, seed, result.motion, result.ends, result.observations)
 
 
+@pytest.mark.slow
 @settings(
     deadline=None,
     max_examples=30,
@@ -166,20 +166,22 @@ def test_calibrated_robots_too(strategy: str) -> None:
     assert differs(scenario, 8, 2) == []
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40, derandomize=True, database=None)
 @given(draws, st.integers(0, 2**63 - 1))
 def test_counts_equal_messages_one_by_one(draw: Draw, seed: int) -> None:
     scenario = draw.scenario()
     one = simulate(scenario, seed, [0, 1])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replayers, "counts_only", lambda strategy, network: False)
+        patch.setattr(replayer, "counts_only", lambda strategy: False)
         other = simulate(scenario, seed, [0, 1])
     assert one.same_tables(other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_holds_to_what_each_must(strategy: str) -> None:
-    assert [one for one in check_strategy(strategy) if not one.holds and not one.only_told] == []
+    assert [one for one in check_strategy(strategy) if not one.holds and not one.is_warning] == []
 
 
 # A third account, with inboxes, without any of the package's functions, and with scipy's incomplete beta function
@@ -235,9 +237,10 @@ def with_inboxes(
     return table
 
 
-COLUMNS = ["run", "robot", "sample", "message", "alpha", "beta", "received", "decision"]
+COLUMNS = ["run", "robot", "sample", "message", "alpha", "beta", "messages_received", "decision"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "draw",
     [

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
-from vibroswarm.motion.body import setup_of
-from vibroswarm.motion.neighbours import SMALL_SWARM, empty_lists, list_radius_m, most_listed
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.event.neighbours import SMALL_SWARM, empty_lists, list_radius_m, most_listed
+from vibroswarm.motion.robot_params import setup_of
+from vibroswarm.scenario.scenario import Scenario
 
 SLOW = {"robot.full_speed_m_s": 0.0005, "walk.avoidance_threshold_mm": 0.0, "run.t_end_s": 6.0}
 CROWD = {"arena.width_m": 0.2, "arena.height_m": 0.2, "swarm.start_margin_m": 0.0}
@@ -48,15 +48,15 @@ def test_small_swarms_list_everybody_else(robots):
 RUN = """
 import warnings
 import numpy as np
-from vibroswarm.motion import event, neighbours
-from vibroswarm.motion.event import EventRun
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.event import engine
+from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.scenario.scenario import Scenario
 warnings.simplefilter("ignore", RuntimeWarning)  # of places in which there is no robot
 for robots in (1, 2, 12, 13, 14, 15, 16, 17, 18, 31, 36):
     scenario = Scenario().with_values({values!r} | {{"swarm.robots": robots}})
     EventRun(scenario, 3, 0, segments=True).rows(scenario.run.t_end_s)
-small = event.empty_lists(36, event.EventRun(scenario, 3, 0).setup)[:, :4].copy()
-event.empty_lists = lambda robots, setup: small
+small = engine.empty_lists(36, EventRun(scenario, 3, 0).setup)[:, :4].copy()
+engine.empty_lists = lambda robots, setup: small
 try:
     EventRun(scenario, 3, 0).rows(scenario.run.t_end_s)
 except IndexError:
@@ -64,6 +64,7 @@ except IndexError:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [{}, CROWD], ids=["an arena of 1 m", "a crowd"])
 def test_no_index_is_beyond_an_array(more):
     """Compiled code would not say so; as plain Python the kernels do, of lists that are too short too."""

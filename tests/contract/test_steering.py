@@ -5,24 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from contract_suite import CHECKS, Check
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from helpers.walk_checks import CHECKS, Check
 from vibroswarm.errors import InputError
-from vibroswarm.motion.contract import Motion, Source
-from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.record import Rows, joined, tables
-from vibroswarm.presets import preset
+from vibroswarm.motion.recorder import Rows, joined, tables
+from vibroswarm.motion.source import Motion, Source
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkState, begin_walk, steered, walk_step
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 
 BASE = preset("paper-empirical")
 NAN = math.nan
@@ -34,14 +34,17 @@ OF_MOVES = ("robot", "tick", "until", "kind")
 MICROMETRE = 1e-6
 
 
+@cache
 def at_random(salt: int = 0) -> Decide:
     """Each way to steer a third of the time, or none; the same for a sample, whoever asks."""
 
+    @cache
     def decide(run: int, robot: int, sample: int) -> Way:
         rng = np.random.default_rng([salt, run, robot, sample])
-        turn_deg = rng.choice([NAN, rng.uniform(-180.0, 180.0), rng.uniform(-6.0, 6.0), 0.0])
-        drive_ms = rng.choice([NAN, rng.uniform(0.0, 9000.0), rng.uniform(0.0, 60.0), 0.0])
-        return float(turn_deg), float(drive_ms)
+        turns = (NAN, rng.uniform(-180.0, 180.0), rng.uniform(-6.0, 6.0), 0.0)
+        drives = (NAN, rng.uniform(0.0, 9000.0), rng.uniform(0.0, 60.0), 0.0)
+        turn, drive = rng.integers(0, 4, 2).tolist()
+        return turns[turn], drives[drive]
 
     return decide
 
@@ -141,6 +144,7 @@ def test_both_engines_are_steered_the_same_way(name: str) -> None:
         assert_same(*both(scenario, 21, run, at_random()))
 
 
+@pytest.mark.slow
 @given(
     robots=st.integers(1, 30),
     side=st.floats(0.35, 1.2),
@@ -238,6 +242,7 @@ STEERED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("engine", STEERED, ids=lambda engine: engine.name)
 def test_a_source_that_steers_keeps_the_contract(engine: Source, check: Check) -> None:
@@ -297,7 +302,7 @@ PROGRAM_DICE = Dice(0.5, 0.75, 0.25)
 
 
 def standing(resume: int) -> WalkState:
-    from vibroswarm.motion.body import walk_program
+    from vibroswarm.motion.robot_params import walk_program
 
     state = begin_walk(walk_program(Scenario()), PROGRAM_DICE)
     return state._replace(
@@ -314,7 +319,7 @@ def standing(resume: int) -> WalkState:
 
 @pytest.mark.parametrize("resume", [DRIVE, TURN, AVOID])
 def test_the_program_that_is_steered(resume: int) -> None:
-    from vibroswarm.motion.body import walk_program
+    from vibroswarm.motion.robot_params import walk_program
 
     program, before = walk_program(Scenario()), standing(resume)
 

@@ -20,17 +20,17 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
+from helpers.dask_cluster import Cluster
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.study import executors
+from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.executors import workers_for
-from vibroswarm.study.merge import merge
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.result import StudyResult
-from vibroswarm.study.runner import Share, Told, run_batch
+from vibroswarm.study.runner import Job, StudyProgress, run_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
-from vibroswarm.study.work import Done, Work, do, work_of
+from vibroswarm.study.study_result import StudyResult, merge
 
 BASE = {"run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
 GRID = {
@@ -62,16 +62,16 @@ def assert_same(mine: StudyResult, theirs: StudyResult) -> None:
     assert mine.store.damaged == []
 
 
-def once_done(share: float, act: Callable[[], None]) -> Callable[[Told], None]:
+def once_done(share: float, act: Callable[[], None]) -> Callable[[StudyProgress], None]:
     """Do something in the middle of a study, once."""
     did: list[bool] = []
 
-    def tell(told: Told) -> None:
+    def progress(told: StudyProgress) -> None:
         if not did and told.done >= share * told.wanted > 0:
             did.append(True)
             act()
 
-    return tell
+    return progress
 
 
 def test_the_tables_are_what_single_runs_give(alone: StudyResult) -> None:
@@ -95,6 +95,7 @@ def test_another_seed_is_another_study(alone: StudyResult) -> None:
     assert not other.runs().equals(alone.runs())
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_replaced(alone: StudyResult, tmp_path: Path) -> None:
     killed: list[int | None] = []
 
@@ -103,19 +104,18 @@ def test_a_process_that_dies_is_replaced(alone: StudyResult, tmp_path: Path) -> 
         killed.append(process.pid)
         process.kill()
 
-    result = STUDY.run(tmp_path / "s", executor="processes", workers=2, tell=once_done(0.2, kill_one))
+    result = STUDY.run(tmp_path / "s", executor="processes", workers=2, progress=once_done(0.2, kill_one))
     assert killed
     assert result.store.failures == []
     assert_same(result, alone)
     assert not multiprocessing.active_children()
 
 
-def test_a_dask_worker_is_killed_in_the_middle(
-    alone: StudyResult, tmp_path: Path, dask_cluster: Callable[..., Any]
-) -> None:
-    with dask_cluster(tmp_path, 3) as cluster:
-        tell = once_done(0.2, cluster.workers[1].kill)
-        result = STUDY.run(tmp_path / "s", executor=str(cluster.scheduler_file), tell=tell)
+@pytest.mark.slow
+def test_a_dask_worker_is_killed_in_the_middle(alone: StudyResult, tmp_path: Path) -> None:
+    with Cluster(tmp_path, 3) as cluster:
+        progress = once_done(0.2, cluster.workers[1].kill)
+        result = STUDY.run(tmp_path / "s", executor=str(cluster.scheduler_file), progress=progress)
         assert cluster.workers[1].poll() == -signal.SIGKILL
         assert_same(result, alone)
         tables = STUDY.with_runs(50).run(tmp_path / "t", executor=cluster.address).runs()
@@ -133,12 +133,14 @@ def what_happens_when_all_are_gone(cluster: Any, tmp_path: Path) -> None:
                 worker.kill()
 
         with pytest.raises(RunError, match="no worker for"):
-            more.run(tmp_path / "gone", executor=cluster.address, tell=once_done(0.01, kill_workers))
+            more.run(tmp_path / "gone", executor=cluster.address, progress=once_done(0.01, kill_workers))
     with pytest.raises(RunError, match="has no workers"):
         more.run(tmp_path / "gone", executor=cluster.address)
     cluster.add_worker()
     with pytest.raises(RunError, match="gone"):
-        more.run(tmp_path / "gone", executor=cluster.address, tell=once_done(0.01, cluster.scheduler.kill))
+        more.run(
+            tmp_path / "gone", executor=cluster.address, progress=once_done(0.01, cluster.scheduler.kill)
+        )
     store = Store.open(tmp_path / "gone")
     assert store.damaged == []
     assert 0 < sum(last - first for first, last in store.ranges(0)) < 40_000
@@ -147,13 +149,13 @@ def what_happens_when_all_are_gone(cluster: Any, tmp_path: Path) -> None:
 def test_four_shares_merged(alone: StudyResult, tmp_path: Path) -> None:
     shares = [tmp_path / f"share {k}" for k in range(4)]
     for k, folder in enumerate(shares):
-        STUDY.run(folder, share=Share(k + 1, 4))
+        STUDY.run(folder, job=Job(k + 1, 4))
     there = [
         sum(last - first for group in (0, 1) for first, last in Store.open(f).ranges(group)) for f in shares
     ]
     assert sum(there) == 2 * RUNS
     assert min(there) > 0.15 * sum(there)
-    with pytest.raises(RunError, match="is not whole"):
+    with pytest.raises(RunError, match="is incomplete"):
         merge(tmp_path / "out", shares[:3])
     merge(tmp_path / "out", shares[::-1])
     assert_same(StudyResult.open(tmp_path / "out"), alone)
@@ -172,7 +174,7 @@ class Backwards(ThreadPoolExecutor):
 def test_any_executor_may_be_passed_in(alone: StudyResult, tmp_path: Path) -> None:
     with Backwards(3) as pool:
         assert_same(STUDY.run(tmp_path / "s", executor=pool), alone)
-        assert pool.submit(max, Work("", 0, (), 1, 2, 1, "", ()), key=str) is not None, "it is left open"
+        assert pool.submit(max, Batch("", 0, (), 1, 2, 1, "", ()), key=str) is not None, "it is left open"
 
 
 def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -> None:
@@ -195,13 +197,16 @@ def test_several_writers_at_once_who_know_nothing_of_each_other(alone: StudyResu
     assert not list(tmp_path.rglob(".*"))
 
 
+@pytest.mark.slow
 def test_order_and_size_of_the_batches_do_not_matter(alone: StudyResult, tmp_path: Path) -> None:
     store, groups = Store.open_or_create(tmp_path / "s", STUDY), plan_of(STUDY).groups
     dice = random.Random(4)
     for _ in range(12):
         first = dice.randrange(RUNS)
         store.add(
-            do(work_of(STUDY, groups[dice.randrange(2)], first, min(first + dice.randrange(1, 90), RUNS)))
+            do_batch(
+                batch_of(STUDY, groups[dice.randrange(2)], first, min(first + dice.randrange(1, 90), RUNS))
+            )
         )
     for runs in (10, 11, 300, 299, RUNS):
         result = STUDY.with_runs(runs).run(tmp_path / "s", workers=2)
@@ -228,6 +233,7 @@ def killed(study: Path, folder: Path, executor: str, after_s: float) -> int:
     return process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "executor", "kills"), [("runs", "threads", 2), ("runs", "processes", 1), ("until", "threads", 1)]
 )
@@ -259,32 +265,32 @@ def test_a_precision_does_not_depend_on_what_else_is_there(
         assert found.reached
 
 
-def fails(what: Exception, first: int, times: int) -> Callable[..., Done]:
+def fails(what: Exception, first: int, times: int) -> Callable[..., BatchResult]:
     left = [times]
 
-    def some_do(work: Work, *more: Any) -> Done:
+    def some_do(work: Batch, *more: Any) -> BatchResult:
         if (work.group, work.first) == (0, first) and left[0]:
             left[0] -= 1
             raise what
-        return do(work, *more)
+        return do_batch(work, *more)
 
     return some_do
 
 
 def test_a_batch_that_fails_once_is_done_again(alone: StudyResult, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "do", fails(MemoryError(), 0, 1))
+    monkeypatch.setattr(executors, "do_batch", fails(MemoryError(), 0, 1))
     assert_same(STUDY.run(), alone)
 
 
 def test_a_batch_that_fails_twice_is_told_and_can_be_run_alone(
     alone: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tells: list[Told] = []
-    monkeypatch.setattr(executors, "do", fails(MemoryError("too much"), 0, 2))
+    tells: list[StudyProgress] = []
+    monkeypatch.setattr(executors, "do_batch", fails(MemoryError("too much"), 0, 2))
     with pytest.raises(
         RunError, match=r"runs failed, in 1 batch; .* batch 0:0-\d+ with seed 11 \(MemoryError: too much\)"
     ) as said:
-        STUDY.run(tmp_path / "s", tell=tells.append)
+        STUDY.run(tmp_path / "s", progress=tells.append)
     store = Store.open(tmp_path / "s")
     (failure,) = store.failures
     assert failure["batch"] in str(said.value)
@@ -306,7 +312,7 @@ def test_a_precision_stops_at_a_failure_and_goes_on_when_it_is_mended(
     alone_until: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(executors, "do", fails(ValueError("bad"), 0, 2))
+        patch.setattr(executors, "do_batch", fails(ValueError("bad"), 0, 2))
         with pytest.raises(RunError, match="failed"):
             UNTIL.run(tmp_path / "s")
     assert_same(UNTIL.run(tmp_path / "s"), alone_until)
@@ -316,18 +322,20 @@ def test_a_panic_that_is_no_exception_is_a_failure(monkeypatch: pytest.MonkeyPat
     class Panic(BaseException):
         pass
 
-    monkeypatch.setattr(executors, "do", fails(Panic("at the disco"), 0, 2))  # type: ignore[arg-type]
+    monkeypatch.setattr(executors, "do_batch", fails(Panic("at the disco"), 0, 2))  # type: ignore[arg-type]
     with pytest.raises(RunError, match="Panic: at the disco"):
         STUDY.with_runs(100).run(tmp_path / "s")
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def old(work: Work, *more: Any) -> Done:
-        done = do(work, *more)
-        return Done(work, done.files, done.rows, done.versions | {"code": "old"})
+    def old(work: Batch, *more: Any) -> BatchResult:
+        done = do_batch(work, *more)
+        return BatchResult(work, done.files, done.rows, done.versions | {"code": "old"})
 
-    monkeypatch.setattr(executors, "do", old)
-    with pytest.raises(InputError, match=r"a worker has other versions than this process \(code old\)"):
+    monkeypatch.setattr(executors, "do_batch", old)
+    with pytest.raises(
+        InputError, match=r"a worker has other versions than this process \(code old there, \w+ here\)"
+    ):
         STUDY.with_runs(20).run(tmp_path / "s")
     assert Store.open(tmp_path / "s").shards == []
     mixed = STUDY.with_runs(20).run(tmp_path / "s", mixed=True)
@@ -341,7 +349,7 @@ def test_an_end_by_the_user_keeps_what_is_done_and_stops_the_threads(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        STUDY.run(tmp_path / "s", workers=2, tell=once_done(0.3, ctrl_c))
+        STUDY.run(tmp_path / "s", workers=2, progress=once_done(0.3, ctrl_c))
     assert not [t for t in threading.enumerate() if t.name.startswith("vibroswarm")]
     store = Store.open(tmp_path / "s")
     kept = sum(last - first for group in (0, 1) for first, last in store.ranges(group))
@@ -390,10 +398,10 @@ def test_too_few_workers(count: int) -> None:
 
 BEGINS_A_PROCESS = """
 import multiprocessing, time
-from vibroswarm.study.executors import OneEach
+from vibroswarm.study.executors import SingleProcessPools
 
 if __name__ == "__main__":
-    OneEach(1).submit(time.sleep, 0).result()
+    SingleProcessPools(1).submit(time.sleep, 0).result()
     print(multiprocessing.active_children()[0].pid, flush=True)
     time.sleep(60)
 """

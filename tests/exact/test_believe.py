@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.robot.believe import SURE, belief_below, log_term, stirling_rest, variance
-from vibroswarm.strategies.belief_table import MOST_COUNTS, belief_of, beliefs
+from vibroswarm.robot.belief import SURE, belief_below, log_term, stirling_rest, variance
+from vibroswarm.strategies.belief_cache import MAX_COUNTS, belief_of, beliefs
 
 BOUNDARIES = (0.5, 0.03, 0.97)
 TOLERANCE = 1e-9
@@ -180,7 +180,7 @@ def test_small_whole_cases_by_hand() -> None:
 @settings(deadline=None, max_examples=100)
 @given(
     st.integers(1, 9000), st.integers(1, 9000), st.sampled_from([0.5, 0.03, 0.97, 1 / 3]),
-    st.sampled_from([0, 1024, 5000, MOST_COUNTS, 10**7]),
+    st.sampled_from([0, 1024, 5000, MAX_COUNTS, 10**7]),
 )  # fmt: skip
 def test_the_table_says_what_the_function_says(alpha: int, beta: int, boundary: float, counts: int) -> None:
     """In the table and beyond it, bit by bit, the first time and later."""

@@ -13,20 +13,19 @@ from hypothesis import strategies as st
 
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.errors import InputError
-from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
-from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.boundary import (
+from vibroswarm.motion.source import MOTION
+from vibroswarm.observation.decision_boundary import (
     expected_ones,
     expected_ones_on,
-    felt_on,
-    mean_felt,
+    mean_sensed_shares,
     readings_boundary,
+    sensed_shares_on,
 )
-from vibroswarm.observation.model import observe
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.observe import observe
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
 PAPER, CALIBRATED = preset("paper"), preset("calibrated")
@@ -57,10 +56,10 @@ def test_the_mean_over_all_floors_of_a_grid(
             tiles = np.zeros(6, dtype=np.uint8)
             tiles[list(which)] = 1
             floor = Floor(tiles.reshape(2, 3), width_m, 0.2, left_m, 0.05)
-            felt = felt_on(sensor, floor, size, grid=12)
-            found.append(felt.found + felt.spilt)
-        mean = mean_felt(sensor, floor.geometry, size, vibrating / 6, grid=12)
-        assert mean.found + mean.spilt == pytest.approx(np.mean(found), abs=1e-12)
+            felt = sensed_shares_on(sensor, floor, size, grid=12)
+            found.append(felt.detected + felt.spillover)
+        mean = mean_sensed_shares(sensor, floor.geometry, size, vibrating / 6, grid=12)
+        assert mean.detected + mean.spillover == pytest.approx(np.mean(found), abs=1e-12)
 
 
 @pytest.mark.parametrize("width_m", [0.05, 0.2, 1.0, 30.0])
@@ -71,10 +70,10 @@ def test_one_straight_edge_by_theory(width_m: float, reach_m: float, blur_m: flo
         Sensor(edge_reach_m=reach_m, edge_blur_m=blur_m),
         Floor.filling([[1, 0]], 2 * width_m, 1.0),
     )
-    felt = felt_on(sensor, floor, (2 * width_m, 1.0))
-    assert felt.found + felt.spilt == pytest.approx(0.5 + reach_m / (2 * width_m), abs=2e-5 / width_m)
-    edges = mean_felt(sensor, floor.geometry, (2 * width_m, 1.0), 0.5)
-    assert edges.found + edges.spilt == pytest.approx(felt.found + felt.spilt, abs=1e-12)
+    felt = sensed_shares_on(sensor, floor, (2 * width_m, 1.0))
+    assert felt.detected + felt.spillover == pytest.approx(0.5 + reach_m / (2 * width_m), abs=2e-5 / width_m)
+    edges = mean_sensed_shares(sensor, floor.geometry, (2 * width_m, 1.0), 0.5)
+    assert edges.detected + edges.spillover == pytest.approx(felt.detected + felt.spillover, abs=1e-12)
 
 
 def test_lanes_that_are_alike_may_be_taken_together() -> None:

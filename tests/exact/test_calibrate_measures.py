@@ -10,11 +10,19 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.calibrate.classifier import fit_logistic, share_told, tell_apart
-from vibroswarm.calibrate.energy_distance import compare_distance, effect_size, mean_distance
+from vibroswarm.calibrate.classifier import balanced_accuracy, classifier_accuracy, fit_logistic
 from vibroswarm.calibrate.features import histogram, sample_table, sessions_of, values_of
-from vibroswarm.calibrate.similarity import at_equal_counts, ceiling, compare_feature, cosine, null
-from vibroswarm.presets import preset
+from vibroswarm.calibrate.similarity import (
+    at_equal_counts,
+    ceiling,
+    compare_distance,
+    compare_feature,
+    cosine,
+    effect_size,
+    mean_distance,
+    null_similarity,
+)
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 
@@ -30,7 +38,7 @@ def test_two_samples_of_one_distribution_reach_the_ceiling() -> None:
     reached = np.mean([at_equal_counts("places", draw(1500), draw(1500), 1500) for _ in range(40)])
     expected = np.mean([ceiling("places", draw(1500), 1500, 1500) for _ in range(40)])
     assert reached == pytest.approx(expected, abs=0.003)
-    assert null("places", draw(1500), 1500) < reached - 0.05
+    assert null_similarity("places", draw(1500), 1500) < reached - 0.05
 
 
 def test_few_samples_lower_the_ceiling_and_many_raise_it_to_one() -> None:
@@ -99,9 +107,9 @@ def test_the_logistic_fit_is_at_its_minimum() -> None:
 def test_what_cannot_be_told_is_told_by_chance_only() -> None:
     rng = np.random.default_rng(11)
     sets = [rng.normal(size=(400, 4)) for _ in range(4)]
-    assert share_told((sets[0], sets[1]), (sets[2], sets[3])) == pytest.approx(0.5, abs=0.06)
+    assert balanced_accuracy((sets[0], sets[1]), (sets[2], sets[3])) == pytest.approx(0.5, abs=0.06)
     moved = [one + np.array([1.5, 0, 0, 0]) for one in (sets[1], sets[3])]
-    assert share_told((sets[0], moved[0]), (sets[2], moved[1])) > 0.72
+    assert balanced_accuracy((sets[0], moved[0]), (sets[2], moved[1])) > 0.72
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +122,7 @@ def simulations() -> tuple[object, ...]:
 def test_a_simulation_is_not_told_from_itself_but_from_another(simulations: tuple[object, ...]) -> None:
     """The negative control of the whole chain."""
     one, again, other = (sessions_of(result).samples for result in simulations)  # type: ignore[arg-type]
-    alike, apart = tell_apart(one, again), tell_apart(one, other)
+    alike, apart = classifier_accuracy(one, again), classifier_accuracy(one, other)
     assert abs(alike.simulated_by_robot.estimate - 0.5) < 0.1
     assert apart.simulated_by_robot.estimate > 0.75
     assert apart.simulated.estimate > 0.75

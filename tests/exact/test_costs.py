@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
 from vibroswarm.errors import InputError
-from vibroswarm.inference.cost_outcomes import Outcomes, from_result, from_tables
+from vibroswarm.inference.outcome_arrays import Outcomes, from_tables
 from vibroswarm.optimize import costs
-from vibroswarm.optimize.objective import Objective, bootstrap, corrected, several
-from vibroswarm.optimize.simulate_runs import outcomes_of
-from vibroswarm.optimize.truth import scored_of
+from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from
+from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.validation import scored_of
 
 NAN = math.nan
 
@@ -101,7 +102,7 @@ def test_how_near_the_limits_are_is_said() -> None:
     for wrong, undecided, told in (
         (0, 0, ("within the limit of 5 %", "within the limit of 10 %")),
         (5, 0, ("beyond the limit of 5 % by 20.0 points", "within")),
-        (1, 0, ("not told from the limit of 5 %", "within")),
+        (1, 0, ("not significantly different from the limit of 5 %", "within")),
         (0, 200, ("within", "beyond the limit of 10 % by 40.0 points")),
     ):
         decisions = np.zeros((400, 2), dtype=np.int64)
@@ -161,7 +162,7 @@ def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) 
 )
 def test_objectives_that_are_wrong(block: object, told: str) -> None:
     with pytest.raises(InputError, match=told):
-        several(block)
+        objectives_from(block)
 
 
 def test_arrays_of_a_run_are_those_of_its_tables() -> None:

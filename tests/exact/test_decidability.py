@@ -23,10 +23,10 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.boundary import tiled_share
-from vibroswarm.observation.felt import felt_share, place_of
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.presets import preset
+from vibroswarm.observation.decision_boundary import tiled_share
+from vibroswarm.observation.edge_response import place_of, vibration_probability
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 PAPER = preset("paper")
@@ -91,7 +91,10 @@ def test_vibration_across_edges_counts() -> None:
     (a, b), floor = error_rates(scenario.sensor), scenario.floor_for(0, 0)
     place, tiles, side = place_of(floor), floor.tiles.ravel(), (np.arange(2000) + 0.5) / 2000
     rows = [
-        [felt_share(x, y, floor.tile_at(x, y).item(), place, tiles, 0.01, 0.008)[0] for x in side[::7]]
+        [
+            vibration_probability(x, y, floor.tile_at(x, y).item(), place, tiles, 0.01, 0.008)[0]
+            for x in side[::7]
+        ]
         for y in side[::7]
     ]
     felt = float(np.mean(rows))  # 82,000 places that know nothing of tiles and their edges

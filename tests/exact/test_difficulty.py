@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index
-from vibroswarm.floors.paper_table import paper_table
+from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index, paper_table
 from vibroswarm.floors.patterns import pattern
 
 grids = hnp.arrays(

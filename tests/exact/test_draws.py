@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm import draws
-from vibroswarm.draws import Purpose, philox4x32, shuffled, uniform, uniforms
+from vibroswarm.core import rng
+from vibroswarm.core.rng import Purpose, philox4x32, shuffled, uniform, uniforms
 
 ONES = 0xFFFFFFFF
 # Known-answer vectors of Random123 for philox4x32-10: counter, key, answer.
@@ -84,13 +84,13 @@ def test_uniform_is_made_of_the_first_52_bits(monkeypatch: pytest.MonkeyPatch) -
     word, other = KNOWN[0][2][:2]
     expected = (((word << 20) | (other >> 12)) + 0.5) / 2**52
     assert uniform(0, 0, 0, 0, 0, 0) == expected
-    monkeypatch.setattr(draws, "philox4x32", plain(philox4x32))
+    monkeypatch.setattr(rng, "philox4x32", plain(philox4x32))
     assert plain(uniform)(0, 0, 0, 0, 0, 0) == expected
 
 
 @pytest.mark.parametrize("words", [(0, 0), (ONES, ONES)])
 def test_uniform_never_reaches_the_ends(monkeypatch: pytest.MonkeyPatch, words: tuple[int, int]) -> None:
-    monkeypatch.setattr(draws, "philox4x32", lambda *_: (*words, 0, 0))
+    monkeypatch.setattr(rng, "philox4x32", lambda *_: (*words, 0, 0))
     u = plain(uniform)(1, 0, 0, 0, 0, 0)
     assert 0.0 < u < 1.0  # type: ignore[operator]
     assert u == (2.0**-53 if words[0] == 0 else 1 - 2.0**-53)
@@ -117,7 +117,7 @@ def test_each_part_of_the_address_goes_to_its_own_word() -> None:
 )
 def test_compiled_equals_plain_python(address: Address, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = uniform(*address)
-    monkeypatch.setattr(draws, "philox4x32", plain(philox4x32))
+    monkeypatch.setattr(rng, "philox4x32", plain(philox4x32))
     assert plain(uniform)(*address) == compiled
     assert 0.0 < compiled < 1.0
 

@@ -11,13 +11,13 @@ from scipy import stats
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.boundary import felt_on
-from vibroswarm.observation.felt import Place, nearest_of_kind
-from vibroswarm.observation.model import observe
-from vibroswarm.observation.reading import error_rates, shares_below
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario, Sensor
+from vibroswarm.motion.source import MOTION
+from vibroswarm.observation.decision_boundary import sensed_shares_on
+from vibroswarm.observation.edge_response import Place, nearest_of_kind
+from vibroswarm.observation.energy_model import error_rates, shares_below
+from vibroswarm.observation.observe import observe
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import Scenario, preset
 
 HALVES = Floor.filling([[1, 0]])  # vibrates left of x = 0.5
 CERTAIN: dict[str, Any] = {"model": "energies", "vibrating_energies": (5.0,), "still_energies": (0.1,)}
@@ -185,15 +185,17 @@ def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
     )
     kind = floor.tiles.ravel()[table["tile"].to_numpy()]
     bit = table["observation"].to_numpy()
-    felt, (a, b) = felt_on(sensor, floor, (1.0, 1.0)), error_rates(sensor)
-    of_still = felt.spilt / (1 - felt.vibrating)
-    of_vibrating = felt.found / felt.vibrating
+    felt, (a, b) = sensed_shares_on(sensor, floor, (1.0, 1.0)), error_rates(sensor)
+    of_still = felt.spillover / (1 - felt.vibrating)
+    of_vibrating = felt.detected / felt.vibrating
     positive = of_still * (1 - b) + (1 - of_still) * a
     negative = of_vibrating * b + (1 - of_vibrating) * (1 - a)
     assert bit[kind == 0].mean() == pytest.approx(positive, abs=0.008)
     assert 1 - bit[kind == 1].mean() == pytest.approx(negative, abs=0.008)
     assert positive > error_rates(sensor)[0] + 0.05  # negative control: the edges count
-    assert felt_on(Sensor(), floor, (1.0, 1.0)) == pytest.approx((floor.fill_ratio, floor.fill_ratio, 0.0))
+    assert sensed_shares_on(Sensor(), floor, (1.0, 1.0)) == pytest.approx(
+        (floor.fill_ratio, floor.fill_ratio, 0.0)
+    )
 
 
 def test_all_of_it_is_off_in_the_paper() -> None:

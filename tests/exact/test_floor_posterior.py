@@ -12,16 +12,16 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from vibroswarm.analysis.tile_counts import log_prior, log_ratios, mirrored, sides_of
-from vibroswarm.fields import Sensor
+from vibroswarm.analysis.tile_posterior import log_prior, log_ratios, mirrored, sides_of
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.felt import response_of
-from vibroswarm.observation.model import observe
-from vibroswarm.posterior.chain import Target
-from vibroswarm.posterior.evidence import Evidence, chance_of_bit, evidence_of
-from vibroswarm.posterior.sides import Chains, _estimate, chain_target
-from vibroswarm.presets import preset
+from vibroswarm.observation.edge_response import response_of
+from vibroswarm.observation.observe import observe
+from vibroswarm.posterior.boundary_side import Chains, _estimate, chain_target
+from vibroswarm.posterior.likelihood import Evidence, bit_likelihood, evidence_of
+from vibroswarm.posterior.markov_chain import Target
 from vibroswarm.result import Result
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 SIDE_M = 0.1
@@ -86,7 +86,7 @@ def of_evidence(
     evidence: Evidence, s: int, tiles: np.ndarray, tile_factors: np.ndarray, robot_factors: np.ndarray
 ) -> float:
     log_tile = np.append(np.log(tile_factors).ravel(), 0.0)
-    return chance_of_bit(evidence, s, tiles.ravel().astype(np.uint8), log_tile, np.log(robot_factors))
+    return bit_likelihood(evidence, s, tiles.ravel().astype(np.uint8), log_tile, np.log(robot_factors))
 
 
 def test_the_likelihood_is_that_of_the_model_worked_out_anew() -> None:

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.compiled import zero_rows
-from vibroswarm.motion.body import setup_of
+from vibroswarm.core.jit import zero_rows
+from vibroswarm.motion.control_step import ROBOT, nearest_m
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance, wrapped_rad
-from vibroswarm.motion.phases import ROBOT, nearest_m
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.robot_params import setup_of
+from vibroswarm.scenario.scenario import Scenario
 
 angles = st.floats(-math.pi, math.pi)
 speeds = st.floats(-0.2, 0.2)

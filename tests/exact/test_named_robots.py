@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.motion.event import EventRun
+from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.presets import preset
 from vibroswarm.robot.walk import AVOID, DRIVE
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
 PLAIN = {

@@ -11,9 +11,10 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 
+from helpers.result_outcomes import from_result
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
-from vibroswarm.inference.cost_outcomes import from_result, from_tables
+from vibroswarm.inference.outcome_arrays import from_tables
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
     ROBOTS,
@@ -24,9 +25,9 @@ from vibroswarm.inference.outcomes import (
     run_figures,
 )
 from vibroswarm.optimize.objective import NAMES, Objective
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
-from vibroswarm.study.rows import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
+from vibroswarm.study.batch_table import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
 from vibroswarm.tasks import Asked, task
 
 T_END = 100.0
@@ -46,11 +47,11 @@ def made_up(seed: int = 1) -> Arrays:
         "decision": decision,
         "decision_time_s": np.where(decision == -1, np.nan, random.uniform(1.0, 110.0, shape)),
         "belief_at_decision": np.where(decision == -1, np.nan, belief),
-        "belief": belief,
+        "belief_below": belief,
         "alpha": random.integers(1, 99, shape).astype(np.uint32),
         "beta": random.integers(1, 99, shape).astype(np.uint32),
         "samples": random.integers(0, 9, shape).astype(np.uint32),
-        "received": random.integers(0, 9, shape).astype(np.uint32),
+        "messages_received": random.integers(0, 9, shape).astype(np.uint32),
     }
 
 
@@ -87,7 +88,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         elif truth is not None:
             wrong += 1
         times.append(T_END if robot["decision"] == -1 else min(robot["decision_time_s"], T_END))
-        sure = {None: math.nan, 0: robot["belief"], 1: 1.0 - robot["belief"]}
+        sure = {None: math.nan, 0: robot["belief_below"], 1: 1.0 - robot["belief_below"]}
         beliefs.append(sure[truth])
         estimates.append(robot["alpha"] / (robot["alpha"] + robot["beta"]))
     if undecided:
@@ -95,11 +96,13 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
     elif len({robot["decision"] for robot in own}) > 1:
         consensus = "split"
     elif truth is None:
-        consensus = "agreed"
+        consensus = "truth_undefined"
     else:
         consensus = "right" if own[0]["decision"] == truth else "wrong"
     last = (
-        max(robot["decision_time_s"] for robot in own) if consensus in ("right", "wrong", "agreed") else None
+        max(robot["decision_time_s"] for robot in own)
+        if consensus in ("right", "wrong", "truth_undefined")
+        else None
     )
     known = truth is not None
     return {
@@ -158,7 +161,7 @@ def test_every_figure_is_that_by_hand() -> None:
     ("column", "changed", "told"),
     [
         ("decision", 1, {"consensus", "counts"}),
-        ("belief", 0.123, {"belief_in_truth"}),
+        ("belief_below", 0.123, {"belief_in_truth"}),
         ("alpha", 1000, {"estimate"}),
         ("decision_time_s", 3.0, {"decision_time_s"}),
     ],
@@ -168,7 +171,9 @@ def test_a_robot_that_is_changed_is_seen(column: str, changed: float, told: set[
     finals = made_up()
     robots, runs = tables_of(finals)
     figures = run_figures(robots, runs, np.full(CELLS, T_END))
-    cell, run, k = (int(i[0]) for i in np.nonzero((finals["decision"] == 0) & ~np.isnan(finals["belief"])))
+    cell, run, k = (
+        int(i[0]) for i in np.nonzero((finals["decision"] == 0) & ~np.isnan(finals["belief_below"]))
+    )
     other = finals[column].copy()
     other[cell, run, k] = changed
     assert told <= differing({**finals, column: other}, figures, runs)

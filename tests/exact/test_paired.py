@@ -11,17 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval
-from vibroswarm.analysis.paired import (
-    FIGURES,
-    compare,
-    confirmed,
-    equivalent,
-    holm,
-)
-from vibroswarm.analysis.per_run import run_figures
+from vibroswarm.analysis.paired import FIGURES, compare, confirmed, equivalent, holm
 from vibroswarm.errors import InputError
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import replay, simulate
 
 

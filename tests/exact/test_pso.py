@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
+from helpers import search_functions as functions
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.allocation import allocate
 from vibroswarm.optimize.method import chance
 from vibroswarm.optimize.pso import Pso, PsoSettings
-from vibroswarm.optimize.race import Race
+from vibroswarm.optimize.race import Race, allocate
 
 
-def swarm(functions: ModuleType, seed: int = 1, starts: Any = None, **settings: Any) -> Pso:
+def swarm(seed: int = 1, starts: Any = None, **settings: Any) -> Pso:
     return Pso(functions.archive_for(), seed, PsoSettings(**settings), starts)
 
 
-def test_positions_and_velocities_follow_the_papers_equations(functions: ModuleType) -> None:
+def test_positions_and_velocities_follow_the_papers_equations() -> None:
     """Three iterations worked out beside the swarm, with the same chance."""
-    found = swarm(functions, seed=4, particles=6, iterations=3, evaluations=1, extra=0, noise="fixed")
+    found = swarm(seed=4, particles=6, iterations=3, evaluations=1, extra=0, noise="fixed")
     random = chance(4, "pso begins")
     p = random.random((6, 3))
     v = 0.1 * (2 * random.random((6, 3)) - 1)
@@ -45,14 +44,14 @@ def test_positions_and_velocities_follow_the_papers_equations(functions: ModuleT
     assert found.archive.score(found.best()) == pytest.approx(best_score.min())
 
 
-def test_the_start_is_the_first_particle(functions: ModuleType) -> None:
+def test_the_start_is_the_first_particle() -> None:
     start = np.array([0.1, 0.2, 0.3])
-    found = swarm(functions, starts=[start], particles=4, iterations=1)
+    found = swarm(starts=[start], particles=4, iterations=1)
     assert found.archive[found.ask()[0].key].point.tolist() == start.tolist()
 
 
-def test_as_many_runs_as_the_paper(functions: ModuleType) -> None:
-    found = swarm(functions, noise="fixed")
+def test_as_many_runs_as_the_paper() -> None:
+    found = swarm(noise="fixed")
     assert functions.drive(found, functions.sphere, noise=1.0) == 15_000
     assert len(found.history) == 50
     assert len(found.history[0].personal) == 25
@@ -60,13 +59,11 @@ def test_as_many_runs_as_the_paper(functions: ModuleType) -> None:
 
 @pytest.mark.parametrize("noise", ["fixed", "rescore", "ocba"])
 @pytest.mark.parametrize(("name", "near"), [("sphere", 1e-4), ("rosenbrock", 0.5), ("rastrigin", 1.5)])
-def test_the_optimum_of_functions_without_noise_is_found(
-    functions: ModuleType, noise: str, name: str, near: float
-) -> None:
+def test_the_optimum_of_functions_without_noise_is_found(noise: str, name: str, near: float) -> None:
     function = getattr(functions, name)
     scores = []
     for seed in range(3):
-        found = swarm(functions, seed=seed, evaluations=1, extra=1, noise=noise, iterations=60)
+        found = swarm(seed=seed, evaluations=1, extra=1, noise=noise, iterations=60)
         functions.drive(found, function)
         scores.append(function(found.archive[found.best()].point))
     assert sorted(scores)[1] < near
@@ -74,14 +71,14 @@ def test_the_optimum_of_functions_without_noise_is_found(
     assert sorted(scores)[1] < random  # the control
 
 
-def test_a_fixed_score_is_lucky_and_that_of_the_race_is_not(functions: ModuleType) -> None:
+def test_a_fixed_score_is_lucky_and_that_of_the_race_is_not() -> None:
     """What the search believes against what is true, the paper's way and by default, with as many runs."""
     lucky, honest = [], []
     for seed in range(5):
-        found = swarm(functions, seed=seed, noise="fixed")
+        found = swarm(seed=seed, noise="fixed")
         runs = functions.drive(found, cost, noise=1.0, seed=seed, heavy=True)
         lucky.append(found.history[-1].best / cost(found.archive[found.best()].point) - 1.0)
-        found = swarm(functions, seed=seed, iterations=30)
+        found = swarm(seed=seed, iterations=30)
         runs -= functions.drive(found, cost, noise=1.0, seed=seed, heavy=True)
         race = Race(found.archive, found.finalists(6), runs)
         assert functions.drive(race, cost, noise=1.0, seed=seed, heavy=True) == runs
@@ -95,7 +92,7 @@ def cost(u: np.ndarray[Any, Any]) -> float:
     return 1.0 + float(((u - 0.4) ** 2).sum())
 
 
-def test_the_race_finds_the_best_of_its_finalists_and_tells_the_truth(functions: ModuleType) -> None:
+def test_the_race_finds_the_best_of_its_finalists_and_tells_the_truth() -> None:
     right, off = 0, []
     for seed in range(10):
         archive = functions.archive_for()
@@ -122,8 +119,8 @@ def test_more_runs_go_where_the_best_is_hard_to_tell() -> None:
     assert allocate([1.0, 1.0], [0.0, 0.0], [5, 5], 4).tolist() == [2, 2]
 
 
-def test_a_candidate_with_a_failed_run_cannot_win(functions: ModuleType) -> None:
-    found = swarm(functions, particles=3, iterations=1, evaluations=2, extra=0)
+def test_a_candidate_with_a_failed_run_cannot_win() -> None:
+    found = swarm(particles=3, iterations=1, evaluations=2, extra=0)
     asks = found.ask()
     for k, ask in enumerate(asks):
         candidate = found.archive[ask.key]
@@ -151,12 +148,12 @@ def test_settings_that_are_wrong(settings: dict[str, Any], told: str) -> None:
         PsoSettings(**settings)
 
 
-def test_it_does_not_lose_to_pymoos_swarm_where_there_is_noise(functions: ModuleType) -> None:
+def test_it_does_not_lose_to_pymoos_swarm_where_there_is_noise() -> None:
     """As many runs for both: 25 particles of 10 runs each; theirs takes the mean of the 10 for the truth."""
     pytest.importorskip("pymoo")
     ours, theirs = [], []
     for seed in range(6):
-        found = swarm(functions, seed=seed, iterations=30)
+        found = swarm(seed=seed, iterations=30)
         runs = functions.drive(found, functions.sphere, noise=0.5, seed=seed)
         ours.append(functions.sphere(found.archive[found.best()].point))
         theirs.append(functions.sphere(pymoo_optimum(functions.sphere, runs // 250, 0.5, seed)))

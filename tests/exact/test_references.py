@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from vibroswarm.analysis.both_sides import on_both_sides
+from vibroswarm.analysis.centralised_baseline import evidence, first_passages, pooled_counting
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.known import could_be_known, tiles_inside
-from vibroswarm.analysis.pooled import evidence, first_passages, pooled_counting
-from vibroswarm.analysis.tile_counts import (
+from vibroswarm.analysis.oracle_posterior import could_be_known, on_both_sides, tiles_inside
+from vibroswarm.analysis.tile_posterior import (
     log_count_weights,
     log_prior,
     log_ratios,
@@ -30,8 +29,8 @@ from vibroswarm.analysis.tile_counts import (
 )
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.presets import preset
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 

@@ -13,20 +13,22 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.analysis.correlation import correlogram, lag_one, packet_loss
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.sampling import (
     WALK,
+    correlogram,
     effective_samples,
     effective_with_sensor,
+    lag_one,
+    packet_loss,
     walk_figures,
 )
 from vibroswarm.errors import InputError
-from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.model import OBSERVATIONS
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.presets import preset
+from vibroswarm.motion.source import MOTION
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.signal import sense_program
-from vibroswarm.robot.sense import (
+from vibroswarm.observation.sensed_floor import sense_program
+from vibroswarm.robot.sensing import (
     SenseProgram,
     SenseState,
     begin_sense,
@@ -21,7 +21,7 @@ from vibroswarm.robot.sense import (
     readings,
     sense_step,
 )
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 
 RATE_HZ = 350.0
 

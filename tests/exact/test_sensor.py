@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.motion.contract import MOTION
-from vibroswarm.observation.model import OBSERVATIONS, observe
-from vibroswarm.observation.reading import energy_of, error_rates, share_below
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario, Sensor
+from vibroswarm.motion.source import MOTION
+from vibroswarm.observation.energy_model import energy_of, error_rates, share_below
+from vibroswarm.observation.observe import OBSERVATIONS, observe
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import Scenario, preset
 
 CHEQUERED = Floor.filling([[0, 1, 0], [1, 0, 1]])
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import AT_ONCE, draw_speed_factors, setup_of, speed_quantiles
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.core.jit import kernel
+from vibroswarm.motion.robot_params import AT_ONCE, draw_speed_factors, setup_of, speed_quantiles
+from vibroswarm.scenario.scenario import Scenario, preset
 
 
 @kernel

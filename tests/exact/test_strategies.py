@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.robot.believe import belief_below
-from vibroswarm.scenario import Scenario
+from vibroswarm.robot.belief import belief_below
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import none, positive, soft
 from vibroswarm.strategies.bayes import (
@@ -27,7 +27,7 @@ from vibroswarm.strategies.bayes import (
     is_enough,
     on_counts,
 )
-from vibroswarm.strategies.belief_table import beliefs
+from vibroswarm.strategies.belief_cache import beliefs
 from vibroswarm.strategies.world import Draws, Reading, World
 
 WORLD = World(

@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.cell_summary import icc, icc_of_counts, summary
+from vibroswarm.analysis.cell_summary import icc, icc_of_counts, run_figures, summary
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.analysis.intervals import generator, mean_interval, wilson
-from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 T_END = 100.0
@@ -40,7 +39,9 @@ def cell(decisions: list[list[int]], times: list[list[float | None]], fill: floa
             rows.append((run, robot, d, t, None if d == -1 else belief, belief, sure, 9, 5, 12, 12, 0))
         right, wrong = (0, 0) if truth is None else (who.count(truth), who.count(1 - truth))
         left, alike = who.count(-1), len(set(who)) == 1
-        outcome = "incomplete" if left else "split" if not alike else "agreed" if truth is None else None
+        outcome = (
+            "incomplete" if left else "split" if not alike else "truth_undefined" if truth is None else None
+        )
         outcome = outcome or ("right" if right else "wrong")
         last = None if outcome in ("incomplete", "split") else max(t for t in when if t is not None)
         of_runs.append((run, outcome, last, fill, truth, right, wrong, left, T_END, False))
@@ -58,7 +59,7 @@ FOUR = cell(
 
 def test_four_runs_by_hand() -> None:
     s = summary(*FOUR, T_END)
-    shares = (s.swarm_right, s.swarm_wrong, s.swarm_split, s.swarm_incomplete, s.swarm_agreed)
+    shares = (s.swarm_right, s.swarm_wrong, s.swarm_split, s.swarm_incomplete, s.swarm_truth_undefined)
     assert [i.estimate for i in shares] == [0.25, 0.25, 0.25, 0.25, 0.0]
     assert s.swarm_right == wilson(1, 4)
     assert s.swarm_error == wilson(1, 2)
@@ -87,7 +88,7 @@ def test_plain_values_only() -> None:
 def test_on_the_boundary_nothing_is_right_or_wrong() -> None:
     on = cell([[0, 0], [1, -1]], [[10.0, 20.0], [30.0, None]], fill=0.5)
     s = summary(*on, T_END)
-    assert s.swarm_agreed.estimate == 0.5
+    assert s.swarm_truth_undefined.estimate == 0.5
     assert s.robots_undecided.estimate == 0.25
     undefined = (
         s.swarm_right,

@@ -14,7 +14,7 @@ from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.tradeoff import pareto_front, time_error_curve
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
@@ -124,7 +124,7 @@ def test_on_the_boundary_nothing_can_be_missed() -> None:
     on = (
         robots,
         runs.with_columns(
-            truth=pl.lit(None, dtype=pl.Int8), consensus=pl.lit("agreed").cast(RUNS["consensus"])
+            truth=pl.lit(None, dtype=pl.Int8), consensus=pl.lit("truth_undefined").cast(RUNS["consensus"])
         ),
     )
     assert detection_curve([on], 100.0)["missed"].null_count() == 6

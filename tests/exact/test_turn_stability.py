@@ -17,9 +17,9 @@ from vibroswarm.motion.turn_stability import (
     spectral_radius,
     turn_gain_deg,
 )
-from vibroswarm.presets import preset, preset_names
 from vibroswarm.robot.walk import TURN, Dice, WalkState, walk_step, wheel_commands_percent
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.presets import preset_names
+from vibroswarm.scenario.scenario import Scenario, preset
 
 GAIN, INTEGRAL = "walk.turn_gain_percent_per_deg", "walk.turn_integral_gain_percent_per_deg_s"
 
@@ -44,7 +44,7 @@ def drawn(rng) -> Scenario:
 
 def grows(scenario: Scenario) -> bool:
     """Whether a small error of a turn becomes larger, by the robot's own program, fed with a gyro that is right."""
-    from vibroswarm.motion.body import walk_program
+    from vibroswarm.motion.robot_params import walk_program
 
     program = walk_program(scenario)._replace(tolerance_deg=1e-300, sample_interval_ms=1e9)
     robot, scale = scenario.robot, 1e-6  # far from full command

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.draws import Purpose, uniform, uniforms
-from vibroswarm.motion.body import walk_program
-from vibroswarm.motion.contract import Motion
+from vibroswarm.core.rng import Purpose, uniform, uniforms
 from vibroswarm.motion.fixed_step import FIXED_STEP
+from vibroswarm.motion.robot_params import walk_program
+from vibroswarm.motion.source import Motion
 from vibroswarm.robot.walk import (
     ALWAYS,
     AVOID,
@@ -39,7 +39,7 @@ from vibroswarm.robot.walk import (
     walk_step,
     wheel_commands_percent,
 )
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 
 PROGRAM = walk_program(Scenario())
 DICE = Dice(0.5, 0.75, 0.25)

@@ -1,16 +1,17 @@
-"""The golden runs are as they were kept; ``renew.py`` says how to renew them."""
+"""The golden runs are as they were kept; ``helpers/golden_runs.py`` says how to renew them."""
 
 from __future__ import annotations
 
 import polars as pl
 import pytest
-from renew import CASES, FOLDER, differences, events_of, result_of, stored
+
+from helpers.golden_runs import CASES, FOLDER, differences, events_of, result_of, stored
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_golden_run(case: str) -> None:
     said = differences(events_of(result_of(case)), stored(case))
-    assert not said, "; ".join(said) + " (if this is meant: python tests/golden/renew.py)"
+    assert not said, "; ".join(said) + " (if this is meant: python tests/helpers/golden_runs.py)"
 
 
 def test_nothing_else_is_kept() -> None:

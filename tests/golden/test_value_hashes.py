@@ -18,10 +18,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.optimize.simulate_runs import outcomes_of
-from vibroswarm.presets import preset
+from vibroswarm.optimize.simulate_outcomes import outcomes_of
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate, versions
 
 FILE = Path(__file__).with_name("value-hashes.json")
@@ -39,11 +38,11 @@ SAMPLES = {
     "motion": ("run", "robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad", "drive_s", "turn_s",
                "avoid_s", "stop_s"),
     "observations": ("tile", "energy", "observation"),
-    "inference": ("message", "alpha", "beta", "received", "belief", "decision"),
+    "inference": ("message", "alpha", "beta", "messages_received", "belief_below", "decision"),
 }  # fmt: skip
 OUTCOMES = {
-    "robots": ("run", "robot", "decision", "decision_time_s", "belief_at_decision", "belief", "belief_in_truth",
-               "alpha", "beta", "samples", "sent", "received"),
+    "robots": ("run", "robot", "decision", "decision_time_s", "belief_at_decision", "belief_below", "belief_in_truth",
+               "alpha", "beta", "samples", "sent", "messages_received"),
     "runs": ("run", "consensus_time_s", "fill_ratio", "truth", "right", "wrong", "undecided", "end_s"),
     "ends": ("run", "robot", "end_s", "x_m", "y_m", "heading_rad", "stop_start_s"),
 }  # fmt: skip

@@ -10,9 +10,9 @@ import pytest
 
 from vibroswarm import networks, tasks
 from vibroswarm.cli import main
-from vibroswarm.motion import contract
+from vibroswarm.motion import source
 from vibroswarm.strategies.base import forget
-from vibroswarm.testing.findings import hold, tried
+from vibroswarm.testing.findings import require, run_check
 
 NETWORK = """from vibroswarm.networks import Network
 
@@ -43,8 +43,8 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.motion.contract import Motion, Source
-from vibroswarm.motion.event import EVENT
+from vibroswarm.motion.source import Motion, Source
+from vibroswarm.motion.event.engine import EVENT
 
 
 @dataclass
@@ -80,7 +80,7 @@ GOOD = {"network": NETWORK, "task": TASK, "motion": MOTION}
 @pytest.fixture(autouse=True)
 def unknown_afterwards() -> Iterator[None]:
     yield
-    for forgotten in (forget, networks.base.forget, tasks.base.forget, contract.forget):
+    for forgotten in (forget, networks.base.forget, tasks.base.forget, source.forget):
         forgotten("mine")
         forgotten("soft_too")
 
@@ -97,6 +97,7 @@ def checked(
     return code, shown.err if code == 2 else shown.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(GOOD))
 def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, shown = checked(GOOD[kind], tmp_path, capsys)
@@ -111,6 +112,7 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert [one["holds"] for one in json.loads(shown)] == [True] * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["event", "fixed-step", "ideal", "loss", "fill_ratio", "none"])
 def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", name]) == 0
@@ -141,14 +143,17 @@ BAD = {
     ),
     "network: numbers beyond 64 bits": (
         NETWORK.replace("n.count % 40", "(sender + 2**40) * 2**40 % 97"),
-        "FAIL  compiled as in plain Python: five robots, none: compiled and as plain Python it does not do the same: ",
+        "FAIL  compiled as in plain Python: five robots, none: compiled and plain Python results differ: ",
     ),
     "network: cannot be compiled": (
         NETWORK.replace("tick + 1 + n.count % 40", "'soon'"),
         "FAIL  it compiles and runs: ",
     ),
-    "task: gives 2": (TASK.replace("> 2)", "> 2) + 1"), "gives 2; 0, 1 or None"),
-    "task: gives text": (TASK.replace("int(floor.tiles[0].sum() > 2)", "'yes'"), "gives 'yes'; 0, 1 or None"),
+    "task: gives 2": (TASK.replace("> 2)", "> 2) + 1"), "returned 2; return 0, 1 or None"),
+    "task: gives text": (
+        TASK.replace("int(floor.tiles[0].sum() > 2)", "'yes'"),
+        "returned 'yes'; return 0, 1 or None",
+    ),
     "task: gives tiles": (
         TASK.replace("int(floor.tiles[0].sum() > 2)", "floor.tiles"),
         "FAIL  it gives 0, 1 or None",
@@ -205,10 +210,11 @@ BAD = {
         MOTION.replace(TOLD, "        assert False\n"),
         "in told: AssertionError",
     ),
-    "motion: gives no table": (spoilt("None"), "gives NoneType, and no Motion"),
+    "motion: gives no table": (spoilt("None"), "gives NoneType, not Motion"),
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", list(BAD))
 def test_a_bad_file_fails_in_words(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text, words = BAD[what]
@@ -235,14 +241,14 @@ def test_what_is_only_told_is_no_failure(tmp_path: Path, capsys: pytest.CaptureF
         code, shown = checked(text, tmp_path, capsys)
         assert code == 0, shown
         assert note in shown
-        contract.forget("mine")
+        source.forget("mine")
 
 
 def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, words in (
-        (["evnt"], "there is no strategy, network, task or source of motion 'evnt', did you mean 'event'?"),
-        (["softt", "--kind", "strategy"], "there is no strategy 'softt', did you mean 'soft'?"),
-        (["soft", "--kind", "network"], "there is no network 'soft' (network: ideal, loss; or FILE.py:NAME)"),
+        (["evnt"], "unknown strategy, network, task or motion source 'evnt', did you mean 'event'?"),
+        (["softt", "--kind", "strategy"], "unknown strategy 'softt', did you mean 'soft'?"),
+        (["soft", "--kind", "network"], "unknown network 'soft' (network: ideal, loss; or FILE.py:NAME)"),
         ([f"{tmp_path / 'no.py'}:mine"], "no.py"),
     ):
         assert main(["check", *arguments]) == 2
@@ -252,17 +258,17 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "'mien' is not there, did you mean 'mine'?" in shown
     code, shown = checked(TASK, tmp_path, capsys, "--kind", "motion")
     assert code == 2
-    assert "'mine' is no motion" in shown
+    assert "'mine' is not a motion" in shown
     code, shown = checked(TASK.replace("mine = ", "mine = 3\nother = "), tmp_path, capsys)
     assert code == 2
-    assert "'mine' is no strategy, network, task, motion; the file has other" in shown
+    assert "'mine' is not a strategy, network, task, motion; the file has other" in shown
 
 
 def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for kind in ("task", "network"):
         assert checked(GOOD[kind], tmp_path, capsys)[0] == 0
     assert main(["check", "mine"]) == 2
-    assert "there is a network and a task 'mine'; say which by --kind" in capsys.readouterr().err
+    assert "'mine' is a network and a task; add --kind" in capsys.readouterr().err
     assert main(["check", "mine", "--kind", "task"]) == 0
     assert "4 of 4 checks hold" in capsys.readouterr().out
 
@@ -276,13 +282,13 @@ def test_another_file_of_a_name_is_refused(tmp_path: Path, capsys: pytest.Captur
 
 def test_a_finding_is_never_without_words() -> None:
     def fails() -> None:
-        hold(False, "")
+        require(False, "")
 
     def breaks() -> None:
         raise KeyError
 
-    assert tried("a", fails).why == "it is not so; the check says no more"
-    assert tried("a", breaks).why == "it cannot be checked: KeyError: "
-    assert not tried("a", fails).holds
-    assert tried("a", lambda: iter(["one", "two"])).why == "one"
-    assert tried("a", lambda: None).holds
+    assert run_check("a", fails).why == "the check failed without a message"
+    assert run_check("a", breaks).why == "it cannot be checked: KeyError: "
+    assert not run_check("a", fails).holds
+    assert run_check("a", lambda: iter(["one", "two"])).why == "one"
+    assert run_check("a", lambda: None).holds

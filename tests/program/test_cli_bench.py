@@ -6,9 +6,8 @@ import json
 
 import pytest
 
-from vibroswarm import bench
-from vibroswarm.cli import main
-from vibroswarm.pymunk_walk import pymunk_version, pymunk_walk
+from vibroswarm.cli import main, stage_timing
+from vibroswarm.cli.pymunk_walk import pymunk_version, pymunk_walk
 
 SMALL = ["--robots", "2", "--runs", "1"]
 FIGURE = {
@@ -48,26 +47,26 @@ def test_the_text_says_how_and_on_what(capsys):
     assert main(["bench", *SMALL]) == 0
     said = capsys.readouterr().out
     assert "CPU time of one process" in said
-    assert bench.cpu_model() in said
+    assert stage_timing.cpu_model() in said
     assert "numba" in said
     assert "motion, 2 robots in 1 m x 1 m" in said
     assert "34 strategies" in said
 
 
 def test_many_robots_get_room_less_time_and_a_comparison():
-    report = bench.measure([30], 1)
+    report = stage_timing.measure([30], 1)
     sides = {(figure.robots, figure.side_m, figure.simulated_s) for figure in report.figures}
     assert sides == {(30, 2.5, 400.0), (10, 1.4, 1200.0)}
 
 
 @pytest.mark.parametrize(("robots", "side_m", "end_s"), [(5, 1.0, 1200), (100, 4.5, 120), (1000, 14.0, 12)])
 def test_sizes(robots, side_m, end_s):
-    scenario = bench.scenario_of(robots)
+    scenario = stage_timing.scenario_of(robots)
     assert (scenario.arena.width_m, scenario.arena.height_m, scenario.run.t_end_s) == (side_m, side_m, end_s)
 
 
 def test_a_peer_that_is_not_there_is_said(capsys, monkeypatch):
-    monkeypatch.setattr(bench, "pymunk_version", lambda: None)
+    monkeypatch.setattr(stage_timing, "pymunk_version", lambda: None)
     assert main(["bench", *SMALL, "--peers"]) == 0
     assert "pymunk is not installed: pip install 'vibroswarm[bench]'" in capsys.readouterr().out
 
@@ -84,17 +83,17 @@ class TestPymunk:
 
     def test_it_walks_as_the_engines_do(self):
         """Its robots sample about as often as the event engine's, so the work is the same."""
-        scenario = bench.scenario_of(5).with_values({"run.t_end_s": 100.0})
-        expected = bench.source("event").batch(scenario, 1, range(4), False).samples.height / 4
+        scenario = stage_timing.scenario_of(5).with_values({"run.t_end_s": 100.0})
+        expected = stage_timing.source("event").batch(scenario, 1, range(4), False).samples.height / 4
         assert pymunk_walk(scenario, 1, 100.0) == pytest.approx(expected, rel=0.15)
 
 
 BAD = {
     "--robots 0": ("--robots", "0 is not from 1 to 10000"),
-    "--robots 5,x": ("--robots", "'x' is no whole number"),
-    "--robots 5,": ("--robots", "'' is no whole number"),
+    "--robots 5,x": ("--robots", "'x' is not a whole number"),
+    "--robots 5,": ("--robots", "'' is not a whole number"),
     "--robots 10001": ("--robots", "10001 is not from 1 to 10000"),
-    "--runs x": ("--runs", "'x' is no whole number"),
+    "--runs x": ("--runs", "'x' is not a whole number"),
     "--runs 0": ("--runs", "0 is not from 1"),
     "--run 3": ("unrecognized arguments: --run", "did you mean '--runs'?"),
 }

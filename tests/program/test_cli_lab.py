@@ -10,10 +10,11 @@ from typing import Any
 import polars as pl
 import pytest
 
+from vibroswarm import preset
 from vibroswarm.cli import main
-from vibroswarm.lab.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario, value_of
+from vibroswarm.scenario.scenario import Scenario, value_of
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
 FLOOR = ["--floor", str(SHIPPED / "floor.txt")]
@@ -93,6 +94,30 @@ def test_threshold(kept, capsys):
     assert about["edge_profile"][-1]["to_m"] is None
 
 
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [([], "equal error"), (["--costs", "1:3"], "costs 1 to 3"), (["--at", "1.47"], "given")],
+)
+def test_a_threshold_reaches_a_scenario(kept, tmp_path, capsys, options, rule):
+    out = tmp_path / "with a threshold.toml"
+    assert main(["lab", "threshold", str(kept), *options, "--json"]) == 0
+    thresholds = {one["rule"]: one["value"] for one in told(capsys)["thresholds"]}
+    assert main(["lab", "threshold", str(kept), *options, "--out", str(out)]) == 0
+    assert f"({rule})." in capsys.readouterr().out
+    written = Scenario.read(out)
+    assert written.sensor.rms_threshold == pytest.approx(thresholds[rule], abs=0.0005)
+    others = Recording.read(kept).scenario.with_values({"sensor.rms_threshold": written.sensor.rms_threshold})
+    assert written.hash == others.hash
+
+    assert main(["lab", "threshold", str(kept), *options, "--out", str(out)]) == 2  # not without --force
+    assert "exists" in capsys.readouterr().err
+    assert (
+        main(["lab", "threshold", str(kept), *options, "--out", str(out), "--force", "--base", "text"]) == 0
+    )
+    based = preset("text").with_values({"sensor.rms_threshold": written.sensor.rms_threshold})
+    assert Scenario.read(out).hash == based.hash
+
+
 def test_export_and_import_again(kept, tmp_path, capsys):
     assert main(["run", "--set", "run.t_end_s=30", *FLOOR, "--out", str(tmp_path / "made")]) == 0
     for name, suffix in (("rugbot", ".csv"), ("webots", ".txt")):
@@ -106,6 +131,7 @@ def test_export_and_import_again(kept, tmp_path, capsys):
     assert (tmp_path / "tables" / "inference.csv").is_file()
 
 
+@pytest.mark.slow
 def test_compare(kept, tmp_path, capsys):
     picture = tmp_path / "side.png"
     assert main(["calibrate", "compare", str(kept), str(kept), "--picture", str(picture), "--json"]) == 0
@@ -129,14 +155,16 @@ def test_compare(kept, tmp_path, capsys):
         (["lab", "import", "nowhere.csv", *FLOOR, "--out", "x"], "there is no such file"),
         (["lab", "import", "nowhere.csv", "--out", "x"], "on which floor were the robots?"),
         (["lab", "import", "nowhere.csv", "--floor", "random:0.48", "--out", "x"], "is random"),
-        (["lab", "replay", "nowhere"], "is no recording"),
+        (["lab", "replay", "nowhere"], "is not a recording"),
         (["lab", "threshold", "nowhere", "--costs", "1"], "is not of the form A:B"),
+        (["lab", "threshold", "nowhere", "--out", "mine.txt"], "end in .toml"),
+        (["lab", "threshold", "nowhere", "--base", "text"], "has no effect without --out"),
         (
             ["lab", "replay", "nowhere", "--strategy", "softly"],
-            "there is no strategy 'softly', did you mean 'soft'",
+            "unknown strategy 'softly', did you mean 'soft'",
         ),
         (["lab", "export", "nowhere", "--format", "rugbt", "--out", "x"], "did you mean 'rugbot'"),
-        (["calibrate", "compare", "nowhere", "nowhere"], "is no result of vibroswarm"),
+        (["calibrate", "compare", "nowhere", "nowhere"], "is not a vibroswarm result"),
     ],
 )
 def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, monkeypatch):
@@ -150,7 +178,7 @@ def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, mon
 
 def test_a_replay_sets_only_what_it_can(kept, capsys):
     assert main(["lab", "replay", str(kept), "--set", "sample_interval_ms=100"]) == 2
-    assert "is no field that a replay can change" in capsys.readouterr().err
+    assert "is not a field that a replay can change" in capsys.readouterr().err
 
 
 def test_figures(kept, capsys):
@@ -161,6 +189,7 @@ def test_figures(kept, capsys):
     assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2
 
 
+@pytest.mark.slow
 def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
     out = tmp_path / "mine.toml"
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120"]
@@ -179,6 +208,7 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
     assert main(["run", "--scenario", str(out), "--out", str(tmp_path / "run")]) == 0
 
 
+@pytest.mark.slow
 def test_folds_judge_on_what_was_held_out(kept, capsys):
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120", "--folds"]
     assert main([*command, "--against", str(kept), "--json"]) == 0

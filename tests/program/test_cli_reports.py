@@ -11,6 +11,8 @@ import pytest
 
 from vibroswarm.cli import main
 
+pytestmark = pytest.mark.slow
+
 SMALL = ["--set", "run.t_end_s=120", "--set", "decision.min_observations=20", "--robots", "3"]
 STUDY = """
 name = "Strategies <b>and</b> thresholds"
@@ -76,7 +78,7 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     }
     code, _, err = told(capsys, "sweep", swept / "study.toml", "--out", swept)
     assert code == 0
-    assert "All of it is there already." in err
+    assert "Nothing to do: all runs exist." in err
     after = {path: path.read_bytes() for path in before}
     assert {str(path) for path in before if before[path] != after[path]} == set()
 
@@ -187,7 +189,7 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
 def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     line = ["detect", "--fills", "0.1", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60"]
     assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
-    assert "Added, to count false alarms: fill ratio 0, 0.01, 0.02." in capsys.readouterr().out
+    assert "Fill ratios added to count false alarms: 0, 0.01, 0.02." in capsys.readouterr().out
     assert main(["detect", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60", "--json"]) == 0
     fills = {row["fill_ratio"] for row in json.loads(capsys.readouterr().out)["needed"]}
     assert min(fills) < 0.5 < max(fills)
@@ -196,24 +198,27 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("detect --fills 2", "--fills: '2' is no fill ratio"),
+        ("detect --fills 2", "--fills: '2' is not from 0 to 1"),
         ("detect --fills 0.461 --runs 2", "the nearest that can be had"),
         ("detect --strategy soft --runs 2", "soft feedback is neutral at a boundary of 0.5 only"),
-        ("detect --boundary-of readings --set decision.boundary_of=tiles", "--boundary-of: is set by --set"),
-        ("detect --false-alarms 2 --runs 2", "--false-alarms: '2' is no share"),
-        ("detect --error 5", "--error: '5' is no share; write it with a per cent sign"),
-        ("detect --robots x", "--robots: 'x' is no whole number"),
-        ("detect --style poster", "--style: there is no style 'poster'"),
+        (
+            "detect --boundary-of readings --set decision.boundary_of=tiles",
+            "--boundary-of: is also set by --set",
+        ),
+        ("detect --false-alarms 2 --runs 2", "--false-alarms: '2' is no percentage"),
+        ("detect --error 5", "--error: '5' is no percentage; give one such as 2%"),
+        ("detect --robots x", "--robots: 'x' is not a whole number"),
+        ("detect --style poster", "--style: invalid choice: 'poster'"),
         ("tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
-        ("tradeoff --observations a", "--observations: 'a' is no whole number"),
-        ("tradeoff --thresholds x", "--thresholds: 'x' is no number"),
+        ("tradeoff --observations a", "--observations: 'a' is not a whole number"),
+        ("tradeoff --thresholds x", "--thresholds: 'x' is not a number"),
         ("tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
         ("tradeoff --workers 0", "workers: 0 is too few"),
-        ("evaluate --style poster", "--style: there is no style 'poster'"),
+        ("evaluate --style poster", "--style: invalid choice: 'poster'"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
-        ("evaluate --runs 5 --until 2%", "--until: say --runs or --until, not both"),
-        ("evaluate --figure right", "--figure: goes with --until"),
+        ("evaluate --runs 5 --until 2%", "--until: use --runs or --until, not both"),
+        ("evaluate --figure right", "--figure: needs --until"),
     ],
 )
 def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,7 +244,7 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     ]
     code, said, _ = told(capsys, *line)
     assert code == 0
-    assert "of 6 settings and 30 runs each" in said
+    assert "of 6 settings, 30 runs each" in said
     table = pl.read_csv(out / "tradeoff.csv")
     assert table.height == 6
     front = table.filter(pl.col("pareto")).sort("decision_time_s")

@@ -14,9 +14,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.presets import preset
 from vibroswarm.result import TABLES, Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
 
@@ -142,13 +141,13 @@ BAD = {
     "--tiles 5x5 --floor .": (".", "folder"),
     "--preset papr": ("preset", "did you mean 'paper'?"),
     "--strategy sof": ("--strategy", "did you mean 'soft'?"),
-    "--robots many": ("--robots", "'many' is no whole number"),
+    "--robots many": ("--robots", "'many' is not a whole number"),
     "--robots 0": ("swarm.robots", "0 is wrong"),
     "--robots 901": ("swarm.robots", "at most 900"),
     "--robots -3": ("swarm.robots", "-3"),
     "--seed -1": ("seed", "-1"),
     "--seed 9223372036854775808": ("seed", "2^63"),
-    "--seed x": ("--seed", "'x' is no whole number"),
+    "--seed x": ("--seed", "'x' is not a whole number"),
     "--scenario nowhere.toml": ("nowhere.toml", "cannot be read"),
     "--energies nowhere.csv": ("nowhere.csv", "cannot be read"),
     "--set walk.gamma=3": ("walk.gamma", "no such field"),
@@ -165,9 +164,9 @@ BAD = {
     "--set swarm.robots=2.5": ("swarm.robots", "2.5"),
     "--set arena.width_m=0.02": ("arena.width_m", "does not fit"),
     "--set floor.left_m=3": ("floor.left_m", "outside the arena"),
-    "--watch fast": ("--watch", "'fast' is no speed"),
-    "--watch 0": ("--watch", "'0' is no speed"),
-    "--force": ("--force", "--out names none"),
+    "--watch fast": ("--watch", "'fast' is not a number"),
+    "--watch 0": ("--watch", "'0' is not above 0"),
+    "--force": ("--force", "has no effect without --out"),
 }
 
 

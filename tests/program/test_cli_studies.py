@@ -18,11 +18,12 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
+from helpers.dask_cluster import Cluster
 from vibroswarm.cli import main
-from vibroswarm.presets import preset
-from vibroswarm.study import executors, runner
-from vibroswarm.study.result import StudyResult
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.study import executors, runner, store
 from vibroswarm.study.spec import FORMAT, Study
+from vibroswarm.study.study_result import StudyResult
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
 QUIET = ["--no-pictures", "--no-confirm"]
@@ -53,18 +54,18 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
     out = tmp_path / "out put" / "one"
     assert sweep(study, "--out", out) == 0
     told = capsys.readouterr()
-    assert "2 cells, 20 runs each, seed 1; moved once a run, observed once, decided twice" in told.err
-    assert "20 runs of motion to do, about" in told.err
-    assert "20 runs a cell" in told.out
+    assert "2 cells, 20 runs each, seed 1; shared per run: 1 motion, 1 observation, 2 inferences" in told.err
+    assert "To do: 20 runs of motion, about" in told.err
+    assert "20 runs per cell" in told.out
     assert str(out) in told.out
     assert StudyResult.open(out).runs().height == 40
     assert pl.read_csv(out / "summary.csv").height == 2
     before = sorted(p.name for p in out.rglob("*"))
     assert sweep(study, "--out", out) == 0
-    assert "All of it is there already." in capsys.readouterr().err
+    assert "Nothing to do: all runs exist." in capsys.readouterr().err
     assert sorted(p.name for p in out.rglob("*")) == before
     assert sweep(study, "--out", out, "--runs", "30") == 0
-    assert "10 runs of motion to do" in capsys.readouterr().err
+    assert "To do: 10 runs of motion" in capsys.readouterr().err
     assert StudyResult.open(out).runs().height == 60
     assert sweep(out / "study.toml", "--out", out) == 0, "its own study file is the study"
     assert not list(tmp_path.rglob("*/.*"))
@@ -104,7 +105,7 @@ def test_evaluate_varies_presets(capsys):
         wanted = preset(name).with_values({"swarm.robots": 3, "run.t_end_s": 50})
         assert cell["scenario_hash"] == wanted.hash
     assert main([*line, "--preset", "text"]) == 2
-    assert "--preset: says what --vary preset varies" in capsys.readouterr().err
+    assert "--preset: conflicts with --vary preset" in capsys.readouterr().err
 
 
 def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
@@ -133,11 +134,11 @@ def test_shares_are_merged(study, tmp_path, capsys):
     shares = [str(tmp_path / f"share {k}") for k in (1, 2, 3)]
     for k, folder in enumerate(shares, 1):
         assert sweep(study, "--out", folder, "--runs", "400", "--shard", f"{k}/3") == 0
-        assert f"Share {k} of 3 is done" in capsys.readouterr().out
+        assert f"Shard {k} of 3 is done" in capsys.readouterr().out
     out = tmp_path / "joined"
     assert main(["merge", str(out), *shares[:2], *QUIET]) == 1
     told = capsys.readouterr().err
-    assert "is not whole" in told
+    assert "is incomplete" in told
     assert "Traceback" not in told
     assert main(["merge", str(out), shares[2], *QUIET]) == 0
     a, b = StudyResult.open(out), StudyResult.open(tmp_path / "whole")
@@ -176,9 +177,9 @@ def test_show_tells_what_is_there(study, tmp_path, capsys):
     assert (about["runs_there"], about["runs_wanted"], about["left_over_files"]) == (0, 40, 1)
     assert "is cut off" in about["damaged"][0]
     assert main(["show", str(out)]) == 0
-    assert f"To go on: vibroswarm sweep '{out}/study.toml' --out '{out}'" in capsys.readouterr().out
+    assert f"To resume: vibroswarm sweep '{out}/study.toml' --out '{out}'" in capsys.readouterr().out
     assert sweep(study, "--out", out) == 0
-    assert "damaged, and made again: " in capsys.readouterr().err
+    assert "damaged, will be recomputed: " in capsys.readouterr().err
     assert main(["show", str(out)]) == 0
     assert "amaged" not in capsys.readouterr().out
 
@@ -191,7 +192,7 @@ def test_a_batch_alone(study, tmp_path, capsys):
 
 BAD = {
     "sweep nowhere.toml": ("nowhere.toml", "cannot be read"),
-    "sweep .": ("no plain file",),
+    "sweep .": ("is a folder",),
     "sweep binary.toml": ("binary.toml", "UTF-8"),
     "sweep not.toml": ("not.toml", "is not TOML"),
     "sweep field.toml": ("grid.swarm.robot", "did you mean 'swarm.robots'?"),
@@ -199,47 +200,47 @@ BAD = {
     "sweep zero.toml": ("runs: 0 is wrong",),
     "sweep newer.toml": ("is of format", "update vibroswarm"),
     "sweep one.toml --runs 0": ("runs: 0 is wrong",),
-    "sweep one.toml --runs many": ("--runs", "'many' is no whole number"),
+    "sweep one.toml --runs many": ("--runs", "'many' is not a whole number"),
     "sweep one.toml --workers 0": ("workers: 0 is too few",),
-    "sweep one.toml --workers x": ("--workers", "no whole number"),
+    "sweep one.toml --workers x": ("--workers", "not a whole number"),
     "sweep one.toml --executor thread": ("executor", "did you mean 'threads'?"),
     "sweep one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),
     "sweep one.toml --executor nowhere.json": ("there is no scheduler file 'nowhere.json'",),
-    "sweep one.toml --out out --shard 5/4": ("--shard", "'5/4' is no share"),
+    "sweep one.toml --out out --shard 5/4": ("--shard", "'5/4' is no job"),
     "sweep one.toml --out out --shard half": ("--shard", "such as 3/16"),
     "sweep one.toml --shard 1/2": ("--shard", "needs --out"),
-    "sweep one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "say one of the two"),
-    "sweep until.toml --out out --shard 1/2": ("--shard", "goes with a number of runs"),
+    "sweep one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "cannot be used with --shard"),
+    "sweep until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
     "sweep one.toml --out out --batch 7": ("--batch", "is no batch"),
     "sweep one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
     "sweep one.toml --style colum": ("--style", "did you mean 'column'?"),
-    "sweep one.toml --out file": ("file", "is there and no study"),
+    "sweep one.toml --out file": ("file", "exists but is not a study"),
     "sweep one.toml --out file/deeper": ("deeper", "cannot be"),
-    "sweep one.toml --out thesis": ("thesis", "is there and no study"),
+    "sweep one.toml --out thesis": ("thesis", "exists but is not a study"),
     "sweep one.toml --out newer": ("newer", "update vibroswarm"),
     "sweep one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
     "sweep one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
     "evaluate --runs 0": ("runs", "0 is wrong"),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
-    "evaluate --until 2": ("until", "per cent"),
+    "evaluate --until 2": ("until", "give one such as 2%"),
     "evaluate --until 2% --figure rigth": ("figure", "did you mean 'right'?"),
-    "evaluate --until 2% --max-runs 5": ("max_runs", "at least 100"),
-    "evaluate --until 2% --shard 1/2 --out out": ("--shard", "goes with a number of runs"),
-    "evaluate --figure right": ("--figure", "goes with --until"),
+    "evaluate --until 2% --max-runs 5": ("max_runs", "whole number from 100"),
+    "evaluate --until 2% --shard 1/2 --out out": ("--shard", "needs a fixed number of runs"),
+    "evaluate --figure right": ("--figure", "needs --until"),
     "evaluate --vary robots=5": ("robots", "did you mean 'swarm.robots'?"),
     "evaluate --vary swarm.robots": ("--vary", "section.field=value,value"),
     "evaluate --vary swarm.robots=5,0": ("in the cell with swarm.robots = 0",),
     "evaluate --vary swarm.robots=5 --vary swarm.robots=6": ("varied twice",),
     "evaluate --strategy none,sof": ("did you mean 'soft'?",),
-    "evaluate --strategy none,soft --vary strategy.name=none": ("varied by --strategy too",),
-    "evaluate --seed x": ("--seed", "no whole number"),
+    "evaluate --strategy none,soft --vary strategy.name=none": ("also varied by --strategy",),
+    "evaluate --seed x": ("--seed", "not a whole number"),
     "evaluate --motion evnt": ("motion", "did you mean 'event'?"),
     "show nowhere": ("nowhere", "is no study of vibroswarm"),
     "show file": ("file", "is no study of vibroswarm"),
     "show newer": ("newer", "update vibroswarm"),
     "merge out nowhere": ("nowhere", "is no study of vibroswarm"),
     "merge out other another": ("another", "is of another study than 'other'"),
-    "merge file other": ("file", "is there and no study"),
+    "merge file other": ("file", "exists but is not a study"),
 }
 
 
@@ -265,7 +266,7 @@ def workplace(tmp_path_factory) -> Path:
         (place / "s.toml").write_text(f"seed = {seed}\n" + TEXT)
         assert sweep(place / "s.toml", "--out", place / name) == 0
     about = json.loads((place / "newer" / "study.json").read_text())
-    (place / "newer" / "study.json").write_text(json.dumps(about | {"format": FORMAT + 1}))
+    (place / "newer" / "study.json").write_text(json.dumps(about | {"format": store.FORMAT + 1}))
     return place
 
 
@@ -304,6 +305,7 @@ def command(*arguments: object, **more: object) -> subprocess.Popen[str]:
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, **more)  # type: ignore[call-overload,no-any-return]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path):
     out = tmp_path / "out"
@@ -362,7 +364,7 @@ def test_what_is_not_compiled_yet_is_compiled_before_processes_begin(study, tmp_
     """Once, by the process that the others are begun by."""
     order = []
     monkeypatch.setattr(runner, "is_cached", lambda: False)
-    monkeypatch.setattr(runner, "do", lambda work: order.append(work.name))
+    monkeypatch.setattr(runner, "do_batch", lambda batch: order.append(batch.name))
     monkeypatch.setattr(runner._Runner, "do", lambda *_: order.append("the rest"))
     Study.read(study).run(tmp_path / "out", executor="processes")
     assert order == ["0:0-1", "the rest"]
@@ -372,11 +374,12 @@ def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, ca
     monkeypatch.setattr("vibroswarm.cli.progress.LINE_EVERY_S", 0.0)
     assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
-    assert re.search(r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ a second, \d+ s left", lines[-2])
+    assert re.search(r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ per second, \d+ s left", lines[-2])
     assert "2,000 of 2,000 runs (100 %)" in lines[-1]
     assert "\x1b" not in "".join(lines)
 
 
+@pytest.mark.slow
 def test_a_bar_on_a_terminal(study, tmp_path):
     """Through a pseudo-terminal, as a user sees it."""
     import pty
@@ -414,25 +417,27 @@ def test_a_bar_on_a_terminal(study, tmp_path):
     os.close(ours)
     assert process.returncode == 0
     assert re.search(rb"/3000", told)
-    assert b"a second" in told
+    assert b"per second" in told
 
 
-def test_dask_from_the_command_line(study, tmp_path, dask_cluster, capsys):
-    with dask_cluster(tmp_path, 1) as cluster:
+@pytest.mark.slow
+def test_dask_from_the_command_line(study, tmp_path, capsys):
+    with Cluster(tmp_path, 1) as cluster:
         assert sweep(study, "--out", tmp_path / "a", "--executor", cluster.address) == 0
     assert sweep(study, "--out", tmp_path / "b") == 0
     a, b = (StudyResult.open(tmp_path / name) for name in "ab")
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
 
 
-def test_a_dask_worker_of_another_version_is_refused(study, tmp_path, dask_cluster, capsys):
+@pytest.mark.slow
+def test_a_dask_worker_of_another_version_is_refused(study, tmp_path, capsys):
     sources = Path(vibroswarm.__file__).parent
     other = shutil.copytree(
         sources, tmp_path / "other" / "vibroswarm", ignore=shutil.ignore_patterns("__pycache__")
     )
-    with (other / "draws.py").open("a") as stream:
-        stream.write("# changed\n")
-    with dask_cluster(tmp_path, 1, sources=tmp_path / "other") as cluster:
+    with (other / "core" / "rng.py").open("a") as stream:
+        stream.write("CHANGED = True\n")
+    with Cluster(tmp_path, 1, sources=tmp_path / "other") as cluster:
         assert sweep(study, "--out", tmp_path / "a", "--executor", cluster.address) == 2
     told = capsys.readouterr().err
     assert "has other versions than this process (code " in told

@@ -12,10 +12,13 @@ from pathlib import Path
 import pytest
 
 import vibroswarm
-from vibroswarm.cli.beside import COMMAND
-from vibroswarm.compiled import PLAIN
+from vibroswarm.cli.background_compile import COMMAND
+from vibroswarm.core.jit import PLAIN
 
-pytestmark = pytest.mark.skipif(PLAIN or sys.platform == "win32", reason="nothing is compiled, or no signals")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(PLAIN or sys.platform == "win32", reason="nothing is compiled, or no signals"),
+]
 RUN = ["-m", "vibroswarm", "run", "--json", "--set", "run.t_end_s=30"]
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -60,8 +63,10 @@ def test_without_the_other_process_the_first_run_gives_what_later_ones_give(tmp_
     assert first.returncode == 0, err
     kept = set(tmp_path.rglob("*.nbc"))
     names = {p.name.split("-")[0] for p in kept}
-    assert {"event.events", "model.read_samples"} <= names
-    assert any(name.startswith("vibroswarm_made.none_ideal_") and name.endswith(".replay") for name in names)
+    assert {"engine.events", "observe.read_samples"} <= names
+    assert any(
+        name.startswith("vibroswarm_generated.none_ideal_") and name.endswith(".replay") for name in names
+    )
     again = started(tmp_path, *RUN)
     assert again.communicate(timeout=600) == (out, ""), "the same, and nothing compiled"
 

@@ -60,6 +60,7 @@ SMALL = {
     "reproduce": ["--runs", "4", "--no-pictures"],
     "lab replay": ["--draws", "4"],
     "calibrate fit": ["--candidates", "40"],
+    "calibrate effect": ["--runs", "100"],
 }
 """What is put in place of what a command says, so that it takes a moment and not minutes."""
 
@@ -118,6 +119,8 @@ def small(command: list[str]) -> list[str]:
     changes = SMALL.get(name, [])
     if name == "optimize" and ("--check" in command or "grid" in command):
         changes = ["--runs", "4", "--no-pictures"]
+    if name == "reproduce" and "--only" not in command:
+        changes = [*changes, "--columns", "paper"]
     if "--sensitivity" in command:
         changes = ["--budget", "1120"]
     dropped = {"--until", *(word for word in changes if word.startswith("--"))}
@@ -179,6 +182,7 @@ def test_every_block_says_what_it_is(document):
     assert text.count("<!-- not run") == sum(not block.is_run for block in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_the_code_runs(document, here, monkeypatch):
     main_module = ModuleType("__main__")  # what is typed in there can be found by its name
@@ -233,8 +237,8 @@ def check_line(line: str, block: Block, monkeypatch: pytest.MonkeyPatch) -> None
 def read_as_what_it_is(text: str, folder: Path) -> str:
     """What a TOML block is, found by its tables; raises where it is not right."""
     from vibroswarm import Scenario, Study
-    from vibroswarm.lab.mapped import column_map
     from vibroswarm.optimize import Search
+    from vibroswarm.recordings.column_map import column_map
     from vibroswarm.study.plan import plan_of
 
     tables = tomllib.loads(text)
@@ -337,7 +341,7 @@ def strategies_made_in(text):
 
 
 def test_fields_that_documents_name_are_there():
-    from vibroswarm.scenario import Scenario, field_names
+    from vibroswarm.scenario.scenario import Scenario, field_names
 
     known = set(field_names())
     sections = "|".join(Scenario.model_fields)
@@ -354,7 +358,7 @@ def test_fields_that_documents_name_are_there():
 
 def test_the_glossary_has_the_values_of_preset_paper():
     from vibroswarm import preset
-    from vibroswarm.scenario import value_of
+    from vibroswarm.scenario.scenario import value_of
 
     text = (DOCS / "glossary.md").read_text(encoding="utf-8")
     found = re.findall(r"`(\w+(?:\.\w+)+)` \(([\d.]+)", text)

@@ -35,6 +35,7 @@ def of_the_documentation() -> str:
     return str(block).replace("(8,", "(2,")
 
 
+@pytest.mark.slow
 def test_the_documentations_pool_of_processes_ends(tmp_path: Path) -> None:
     done = script(tmp_path, of_the_documentation() + "    print(result.runs().height)\n")
     assert done.stdout.split() == ["8"], done.stderr
@@ -101,6 +102,7 @@ print(
 """
 
 
+@pytest.mark.slow
 @needs_fork
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads cannot be seen")
 def test_what_works_after_a_fork_is_not_refused(tmp_path: Path) -> None:

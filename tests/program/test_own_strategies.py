@@ -13,7 +13,7 @@ from vibroswarm.cli import main
 from vibroswarm.errors import CodeError
 from vibroswarm.result import Result
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.result import StudyResult
+from vibroswarm.study.study_result import StudyResult
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 VOTER, AVOIDER = (f"{EXAMPLES / name}.py:{name}" for name in ("voter", "avoider"))
@@ -81,6 +81,7 @@ def test_a_study_keeps_cells_apart_and_is_shown_without_the_code(
     assert "was another file then" in said(capsys, main([*study, "--runs", "16"]), 2)
 
 
+@pytest.mark.slow
 def test_processes_are_given_the_code_by_its_content(tmp_path: Path) -> None:
     tables = []
     for how in (["--workers", "1"], ["--executor", "processes", "--workers", "2"]):
@@ -161,9 +162,9 @@ BAD = {
     "text for a decision": (GOOD.replace("return -1", "return 'yes'"), 2, "cannot be compiled"),
     "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
     "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
-    "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws by itself"),
-    "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*changes count"),
-    "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 16.*makes an array"),
+    "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws random numbers"),
+    "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*the global count"),
+    "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 16.*creates an array"),
     "a name that is taken": (GOOD.replace("mine = ", "soft = ").replace('"mine"', '"soft"'), 2, "vibroswarm has"),
 }  # fmt: skip
 
@@ -200,6 +201,7 @@ def test_one_that_never_decides_leaves_all_undecided(tmp_path: Path) -> None:
 RARELY = "    s.n += 1\n    if u(d, 0) < 0.002:\n        raise ValueError('rare')\n    return True\n"
 
 
+@pytest.mark.slow
 def test_runs_that_fail_in_a_study_are_told_and_nothing_else_is_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

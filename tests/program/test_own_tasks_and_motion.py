@@ -9,12 +9,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm import code_files, preset, tasks
+from vibroswarm import preset, tasks
 from vibroswarm.cli import main
-from vibroswarm.motion import contract
+from vibroswarm.motion import source
 from vibroswarm.result import Result
+from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
-from vibroswarm.study.result import StudyResult
+from vibroswarm.study.study_result import StudyResult
 
 SHORT = ("--set", "run.t_end_s=200", "--set", "decision.min_observations=10")
 HALVES = '''"""Does the left part of the floor vibrate more than the right?"""
@@ -43,7 +44,7 @@ import math
 
 import polars as pl
 
-from vibroswarm.motion.contract import ENDS, MOTION, Motion, Source
+from vibroswarm.motion.source import ENDS, MOTION, Motion, Source
 
 
 class Standing:
@@ -90,8 +91,8 @@ def files(tmp_path: Path) -> Path:
 def as_in_another_process() -> None:
     """Nothing of these files is known, nor their texts."""
     tasks.base.forget("halves")
-    contract.forget("standing")
-    code_files._texts.clear()
+    source.forget("standing")
+    plugins._texts.clear()
 
 
 def right_by_hand(result: Result, run: int) -> int | None:
@@ -121,6 +122,7 @@ def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.Capture
     assert result.runs["truth"].to_list() == other.runs["truth"].to_list()[:1]
 
 
+@pytest.mark.slow
 def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, task = files / "a study", f"{files / 'halves.py'}:halves"
     study = [
@@ -182,7 +184,11 @@ fresh = 8
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("None if left == right else int(left > right)", "7", "line 14, in truth: gives 7; 0, 1 or None"),
+        (
+            "None if left == right else int(left > right)",
+            "7",
+            "line 14, in truth: returned 7; return 0, 1 or None",
+        ),
         ("left, right =", "left, right, more =", "line 15, in truth: ValueError"),
     ],
 )
@@ -198,9 +204,10 @@ def test_a_task_that_is_wrong(
 
 def test_commands_about_shares_refuse_another_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["detect", "--task", f"{files / 'halves.py'}:halves", "--runs", "4"]) == 2
-    assert "asks for shares that vibrate" in capsys.readouterr().err
+    assert "task.name: must be fill_ratio for this command" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion, out = f"{files / 'standing.py'}:standing", files / "out"
     assert main(["run", "--motion", motion, *SHORT, "--out", str(out)]) == 0
@@ -230,7 +237,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "is not loaded" in capsys.readouterr().err
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
     table = json.loads((study / "study.json").read_text(encoding="utf-8"))
-    assert table["format"] == 2
+    assert table["format"] == 3
     assert main(["run", "--motion", motion, "--watch", *SHORT]) == 2
 
 
@@ -240,7 +247,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
         ("0.1 + 0.1 * i", "0.9 + 0.1 * i", "column 'x_m' leaves the arena"),
         ("(k + 1) * 10.0", "(k + 3) * 10.0", "has times of 30 to 110 s"),
         ('"drive_s": 0.0, ', "", "values that are missing"),
-        ("return Motion(table, ends)", "return table", "gives DataFrame, and no Motion"),
+        ("return Motion(table, ends)", "return table", "gives DataFrame, not Motion"),
         ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "column 'x_m' is missing"),
         ("self.tick = max", "self.ticks = max", "its time_s is 0"),
         ("every, robots =", "every, robots, more =", "line 21, in advance: ValueError"),

@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.page.record import RunRecord
-from vibroswarm.page.write import write_page
+from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.write import write_page
 
 BLANK = """(id) => {
   const canvas = document.getElementById(id);
@@ -185,13 +185,14 @@ def test_numbers_of_now_are_those_of_the_tables(open_page: Open, record: RunReco
     for index, robot in enumerate(record.robots["robot"]):
         row = latest(record, robot, time_s)
         mind = page.evaluate("([id, t]) => vibroswarm.mind(id, t)", [robot, time_s])
-        assert {
-            name: row[name] for name in ("alpha", "beta", "belief", "decision", "received")
-        }.items() <= mind.items()
+        assert {name: mind[name] for name in ("alpha", "beta", "belief", "decision", "received")} == {
+            "alpha": row["alpha"], "beta": row["beta"], "belief": row["belief_below"], "decision": row["decision"],
+            "received": row["messages_received"],
+        }  # fmt: skip
         card = page.locator(".card").nth(index)
         assert card.locator(".card-alpha").text_content() == str(row["alpha"])
         assert card.locator(".card-beta").text_content() == str(row["beta"])
-        assert card.locator(".card-p").text_content() == _said(row["belief"])
+        assert card.locator(".card-p").text_content() == _said(row["belief_below"])
         decided += row["decision"] >= 0
     assert page.text_content("#now-decided") == str(decided)
 
@@ -204,7 +205,7 @@ def test_the_table_is_the_table(open_page: Open, record: RunRecord) -> None:
         def said(column: str, cells: Any = cells) -> str:
             return str(cells.locator(f"[data-column={column}]").text_content())
 
-        for column in ("alpha", "beta", "samples", "sent", "received"):
+        for column in ("alpha", "beta", "samples", "sent", "messages_received"):
             assert said(column) == str(row[column])
         undecided = row["decision"] < 0
         time_s = "–" if undecided else f"{row['decision_time_s']:.3f}".rstrip("0").rstrip(".") + " s"
@@ -229,13 +230,13 @@ def test_robots_are_where_the_segments_say(open_page: Open, record: RunRecord) -
         ("wrong", "The swarm is wrong"),
         ("split", "The swarm is split"),
         ("incomplete", "decided"),
-        ("agreed", "The swarm agrees"),
+        ("truth_undefined", "The swarm agrees"),
     ],
 )
 def test_every_outcome_is_said(
     open_page: Open, record: RunRecord, tmp_path: Path, outcome: str, words: str
 ) -> None:
-    fill = 0.5 if outcome == "agreed" else record.fill_ratio
+    fill = 0.5 if outcome == "truth_undefined" else record.fill_ratio
     write_page(
         replace(record, consensus=outcome, fill_ratio=fill, consensus_time_s=None), tmp_path / "run.html"
     )

@@ -13,8 +13,8 @@ import pytest
 
 from vibroswarm.optimize import Search, run_search, truth_of
 from vibroswarm.optimize import write_report as write_search
-from vibroswarm.page.report import Column, Report, ReportTable, Section, picture_of, write_report
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
+from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
 
 Open = Callable[..., Any]
 NASTY = "</script><img src=x onerror=alert(1)><script>alert(2)</script>"
@@ -83,7 +83,7 @@ def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def search_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of a small search of a hostile name, with a start that won and so two warnings at least."""
-    small = (Path(__file__).parents[1] / "small_search.toml").read_text()
+    small = (Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()
     begin = 'start = [{ "sample.sample_interval_ms" = 6000.0, "decision.min_observations" = 60 }]\n'
     search = Search.from_toml(f"name = {json.dumps(NASTY)}\n{begin}{small}[search]\nbudget = 60\n")
     found = run_search(search)

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vibroswarm.calibrate.compare import Comparison, compare
-from vibroswarm.calibrate.figures import figures_of
-from vibroswarm.floors.files import read_tiles
+from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
+from vibroswarm.calibrate.session_statistics import figures_of
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import recording_of
-from vibroswarm.presets import preset
+from vibroswarm.floors.io import read_tiles
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import recording_of
+from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(
@@ -65,10 +65,10 @@ def test_real_sessions_are_nearer_each_other_than_the_simulator_is(found: Compar
 
 
 def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> None:
-    assert found.told_apart.simulated.estimate > 0.7
-    assert found.told_apart.simulated_by_robot.low > 0.7
-    assert found.told_apart.real is not None
-    assert found.told_apart.real.high < 0.6
+    assert found.classifier.simulated.estimate > 0.7
+    assert found.classifier.simulated_by_robot.low > 0.7
+    assert found.classifier.real is not None
+    assert found.classifier.real.high < 0.6
 
 
 def test_the_figures_are_those_of_the_readings() -> None:

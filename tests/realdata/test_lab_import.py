@@ -12,16 +12,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.correlation import lag_one, packet_loss
-from vibroswarm.analysis.sampling import walk_figures
+from vibroswarm.analysis.sampling import lag_one, packet_loss, walk_figures
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
-from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import Recording, recording_of
-from vibroswarm.page.from_result import record_of
-from vibroswarm.presets import preset
+from vibroswarm.floors.io import read_tiles
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.run_page.write import record_of
+from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(

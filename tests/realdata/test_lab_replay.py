@@ -11,12 +11,12 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import Recording, recording_of
-from vibroswarm.lab.replay import as_logged, lab_replay, told
-from vibroswarm.presets import preset
+from vibroswarm.floors.io import read_tiles
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(
@@ -33,9 +33,9 @@ def real() -> Recording:
 
 def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
     """Threshold, gate and strategy are those that were inferred, so this is their evidence too."""
-    replayed = lab_replay(real, real.scenario, draws=20)
-    logged = as_logged(real)
-    for mine, theirs in zip(told(real, replayed), logged, strict=True):
+    replayed = replay_recording(real, real.scenario, draws=20)
+    logged = logged_outcomes(real)
+    for mine, theirs in zip(session_outcomes(real, replayed), logged, strict=True):
         assert mine.consensus == {"right": 1.0}
         assert mine.decision_time_s == pytest.approx(theirs.decision_time_s, abs=30.0)
     # Sessions 1 and 3 waited for the gate: to the sample.
@@ -44,9 +44,9 @@ def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
     )
     assert (gated["decision_time_s"] == gated["decision_time_s_logged"]).all()
     assert replayed.put_back == 4
-    assert replayed.unsent < 0.005 * real.inference.group_by("run", "robot").last()["received"].sum()
+    assert replayed.unsent < 0.005 * real.inference.group_by("run", "robot").last()["messages_received"].sum()
 
 
 def test_at_a_lower_threshold_session_two_goes_wrong(real: Recording) -> None:
-    lower = lab_replay(real, real.scenario.with_values({"sensor.rms_threshold": 1.4}), draws=20)
-    assert told(real, lower)[1].consensus.get("wrong", 0.0) > 0.9
+    lower = replay_recording(real, real.scenario.with_values({"sensor.rms_threshold": 1.4}), draws=20)
+    assert session_outcomes(real, lower)[1].consensus.get("wrong", 0.0) > 0.9

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import Recording, recording_of
-from vibroswarm.lab.threshold import at_threshold, edge_profile, find_thresholds, labelled
-from vibroswarm.presets import preset
+from vibroswarm.floors.io import read_tiles
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
+from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(

@@ -15,8 +15,8 @@ import pytest
 from vibroswarm.analysis.decidability import decidability_of_share, observed_share, samples_needed
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
-from vibroswarm.floors.files import read_tiles
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.io import read_tiles
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")

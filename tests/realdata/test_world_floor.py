@@ -9,7 +9,7 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
-from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.source import resolve
 
 

@@ -6,7 +6,7 @@ import json
 
 from vibroswarm.calibrate.effect import effects
 from vibroswarm.cli import main
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 
 EASY = preset("paper").with_values({"floor.source": "random:0.2", "decision.min_observations": 40})
 
@@ -33,4 +33,4 @@ def test_the_command_tells_it(capsys) -> None:
     told = json.loads(capsys.readouterr().out)
     assert [one["strategy"] for one in told] == ["none", "positive", "soft"]
     assert main(["calibrate", "effect", "--runs", "1"]) == 2
-    assert "no whole number from 2" in capsys.readouterr().err
+    assert "is not from 2 to" in capsys.readouterr().err

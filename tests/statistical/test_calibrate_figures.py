@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.figures import FIGURES, figures_of
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import recording_of
-from vibroswarm.lab.write import write_rugbot
-from vibroswarm.presets import preset
+from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
+from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import recording_of
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 
@@ -48,9 +48,9 @@ def test_a_veer(misalignment: float) -> None:
     """w = 2 v m_d / track, anticlockwise where the right wheel is the faster."""
     result = made(1, robot__misalignment_min=misalignment, robot__misalignment_max=misalignment)
     found = drive_of(drive_table(result))
-    wanted = 2 * found.speed_m_s * misalignment / 0.0394
-    assert found.veer_rad_s == pytest.approx(wanted, rel=0.06)
-    assert found.veer_between_rad_s < 0.01
+    wanted = 2 * found["speed_m_s"] * misalignment / 0.0394
+    assert found["veer_rad_s"] == pytest.approx(wanted, rel=0.06)
+    assert found["veer_between_rad_s"] < 0.01
 
 
 def test_a_log_tells_the_same_as_the_paths(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_log_tells_the_same_as_the_paths(tmp_path: Path) -> None:
 
 
 def test_an_even_spread_has_density_one() -> None:
-    from vibroswarm.calibrate.figures import _ring
+    from vibroswarm.calibrate.session_statistics import _ring
 
     rng = np.random.default_rng(1)
     wall = np.min([np.minimum(one, 1 - one) for one in rng.random((2, 200_000))], axis=0)

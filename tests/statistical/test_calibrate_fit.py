@@ -10,18 +10,20 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
+from vibroswarm.calibrate.cross_validation import on_floor, readings_of
+from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
 from vibroswarm.calibrate.fit_avoidance import PRIOR, SUMMARIES, posterior
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
+from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import fit_sensor
-from vibroswarm.calibrate.fit_sight import fit_sight
-from vibroswarm.calibrate.folds import on_floor, readings_of
-from vibroswarm.calibrate.measured import Measured, edge_distance, measured
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+
+pytestmark = pytest.mark.slow
 
 FLOOR = Floor.filling([[0, 1, 0, 1, 0], [1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [0, 1, 1, 0, 1], [1, 0, 0, 1, 0]])
 MADE: dict[str, Any] = {
@@ -45,18 +47,18 @@ MADE: dict[str, Any] = {
 BASE = on_floor(preset("paper-empirical"), FLOOR)
 
 
-def made(runs: int = 8, **changes: Any) -> Measured:
+def made(runs: int = 8, **changes: Any) -> Dataset:
     values = MADE | {name.replace("__", "."): value for name, value in changes.items()}
     scenario = BASE.with_values({name: value for name, value in values.items() if value is not None})
-    return measured([simulate(scenario, 41, runs, segments=True)])
+    return dataset_of([simulate(scenario, 41, runs, segments=True)])
 
 
 @pytest.fixture(scope="module")
-def found() -> Measured:
+def found() -> Dataset:
     return made()
 
 
-def test_drives(found: Measured) -> None:
+def test_drives(found: Dataset) -> None:
     fit = fit_drive(found, BASE)
     values, errors = fit.values, {name: draws.std() for name, draws in fit.draws.items()}
     assert abs(values["start_speed_m_s"] - 0.0549 * 1.1) < 3.5 * errors["start_speed_m_s"]
@@ -72,13 +74,13 @@ def test_drives(found: Measured) -> None:
 
 
 def test_speeds_of_the_paper_are_not_taken_for_robots_own() -> None:
-    fit = fit_drive(measured([simulate(BASE, 42, 2, segments=True)]), BASE)
+    fit = fit_drive(dataset_of([simulate(BASE, 42, 2, segments=True)]), BASE)
     assert fit.values["share_between"] < 0.2
     assert fit.fields(BASE)["robot.speed_redraw"] == "sample"
     assert fit.fields(BASE)["robot.speed_wander"] is None
 
 
-def test_bodies_that_go_by_other_numbers_are_matched(found: Measured) -> None:
+def test_bodies_that_go_by_other_numbers_are_matched(found: Dataset) -> None:
     speeds, bent = [0.85, 1.0, 1.1, 1.25, 1.4], [-0.05, -0.01, -0.04, -0.02, -0.03]
     same = made(3, robot__speed_factors=speeds, robot__misalignments=bent)
     others = {0: 3, 1: 0, 2: 4, 3: 1, 4: 2}
@@ -95,14 +97,14 @@ def test_where_robots_turn_tells_where_their_rays_are() -> None:
     ahead = [0.01, 0.05, 0.03, 0.02, 0.04]
     changes = {"rays.forward_each_m": ahead, "rays.angle_deg": [0.0, 40.0, -40.0], "walk.turn_max_deg": 130.0}
     found = made(3, **{name.replace(".", "__"): value for name, value in changes.items()})
-    fit = fit_sight(found, BASE, draws=8)
+    fit = fit_rays(found, BASE, draws=8)
     assert fit.forward_m == pytest.approx(ahead, abs=0.006)
     assert fit.values["ray_deg"] == pytest.approx(40.0, abs=8.0)
     assert fit.values["turn_max_deg"] == pytest.approx(130.0, abs=8.0)
     BASE.with_values(fit.fields(BASE))
 
 
-def test_a_camera_that_magnifies_is_found_and_one_that_is_right_is_left_alone(found: Measured) -> None:
+def test_a_camera_that_magnifies_is_found_and_one_that_is_right_is_left_alone(found: Dataset) -> None:
     camera = Camera(1.03, 0.004, -0.006)
     fit = fit_camera(replace(found, samples=found.seen_by(camera)), draws=4)
     assert fit.camera.magnification == pytest.approx(1.03, abs=0.004)
@@ -121,7 +123,7 @@ def test_what_a_camera_sees_and_what_is_true_undo_each_other() -> None:
     assert back[1] == pytest.approx([0.5, 0.6])
 
 
-def test_sensing(found: Measured) -> None:
+def test_sensing(found: Dataset) -> None:
     fit = fit_sensor(found, draws=10)
     values, errors = fit.values, {name: draws.std() for name, draws in fit.draws.items()}
     assert abs(values["edge_reach_m"] - 0.01) < 4 * errors["edge_reach_m"]
@@ -142,7 +144,7 @@ def test_edges_that_are_none_are_not_found() -> None:
     assert values["tile_spread"] < 0.08
 
 
-def test_losses_and_turns_that_are_finished(found: Measured) -> None:
+def test_losses_and_turns_that_are_finished(found: Dataset) -> None:
     loss = fit_loss(found)
     assert loss is not None
     assert loss.value == pytest.approx(0.05, abs=0.006)
@@ -172,16 +174,16 @@ def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:
 
 def test_distances_of_edges() -> None:
     floor = Floor.filling([[1, 0]])
-    distance, tile, other = edge_distance(floor, np.array([0.1, 0.6, 1.0]), np.array([0.5, 0.5, 0.5]))
+    distance, tile, other = signed_edge_distance(floor, np.array([0.1, 0.6, 1.0]), np.array([0.5, 0.5, 0.5]))
     assert distance == pytest.approx([-0.4, 0.1, 0.5])
     assert tile.tolist() == [0, 1, 1]
     assert other.tolist() == [1, 0, 0]
-    alone = edge_distance(Floor.filling([[1]]), np.array([0.3]), np.array([0.3]))
+    alone = signed_edge_distance(Floor.filling([[1]]), np.array([0.3]), np.array([0.3]))
     assert alone[0].tolist() == [-np.inf]
     assert alone[2].tolist() == [-1]
 
 
-def test_sessions_taken_apart_keep_their_numbers(found: Measured) -> None:
+def test_sessions_taken_apart_keep_their_numbers(found: Dataset) -> None:
     assert found.only([2, 5]).sessions == [2, 5]
     readings = readings_of(found.only([2]).samples, 1.33)
     assert (
@@ -193,4 +195,4 @@ def test_sessions_taken_apart_keep_their_numbers(found: Measured) -> None:
 
 def test_nothing_to_fit() -> None:
     with pytest.raises(InputError, match="nothing to fit"):
-        measured([])
+        dataset_of([])

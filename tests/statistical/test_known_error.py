@@ -9,14 +9,15 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from vibroswarm.analysis.both_sides import on_both_sides
-from vibroswarm.analysis.known import could_be_known
-from vibroswarm.analysis.tile_counts import log_ratios
+from vibroswarm.analysis.oracle_posterior import could_be_known, on_both_sides
+from vibroswarm.analysis.tile_posterior import log_ratios
 from vibroswarm.errors import InputError
-from vibroswarm.posterior import sides
-from vibroswarm.presets import preset
+from vibroswarm.posterior import boundary_side
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+
+pytestmark = pytest.mark.slow
 
 PLAIN = dict.fromkeys(
     ("sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread", "sensor.robot_spread")
@@ -63,8 +64,8 @@ def test_what_the_chains_cannot_settle_is_refused_in_words(
     calibrated: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = replace(calibrated, runs=calibrated.runs.head(4))
-    monkeypatch.setattr(sides, "BATCHES", 1)
-    monkeypatch.setattr(sides, "LARGE", 0.0)
+    monkeypatch.setattr(boundary_side, "BATCHES", 1)
+    monkeypatch.setattr(boundary_side, "LARGE", 0.0)
     with pytest.raises(InputError, match="the chains that sample the posterior left"):
         could_be_known(few, "mirror", times_s=TIMES_S)
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import polars as pl
 import pytest
 
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+
+pytestmark = pytest.mark.slow
 
 SEED = 20
 TIME_S = (860.0, 910.0)

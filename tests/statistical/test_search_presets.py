@@ -9,8 +9,10 @@ import pytest
 from vibroswarm import preset
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import Scored, paired_score, score_fresh
-from vibroswarm.presets import preset_names
+from vibroswarm.optimize.validation import Scored, paired_score, score_fresh
+from vibroswarm.scenario.presets import preset_names
+
+pytestmark = pytest.mark.slow
 
 SEARCHES = Path(__file__).parents[2] / "examples" / "searches"
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import truth_of
+from vibroswarm.optimize.validation import truth_of
+
+pytestmark = pytest.mark.slow
 
 SMALL = """
 [scenario]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import vibroswarm
 from vibroswarm.cli import main
-from vibroswarm.csv_text import csv_bytes, escaped, unescaped
+from vibroswarm.core.tables import csv_bytes, escaped, unescaped
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("http://x")', "'=1"]
 PLAIN = ["soft", "", "-", "-5", "+1.5e-3", "1-2", "a=b", "'quoted'", "−5", None]
@@ -52,7 +52,7 @@ def test_no_table_is_written_in_another_way() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Attribute) and node.attr == "write_csv"
     ]
-    assert calls == ["csv_text.py"]
+    assert calls == ["core/tables.py"]
 
 
 def test_a_label_that_is_a_formula_is_escaped_in_all_files_of_a_study(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.energies import read_energies
+from vibroswarm.observation.measured_csv import read_energies
 
 
 def test_kinds_and_energies(tmp_path):
@@ -23,10 +23,10 @@ def test_kinds_and_energies(tmp_path):
         ("a,b\n1,2\n", "has to name kind and energy"),
         ("kind,energy\nstill,1\n", "no energy of a vibrating tile"),
         ("kind,energy\nvibrating,1\n", "no energy of a still tile"),
-        ("kind,energy\nwobbling,1\n", "line 2: 'wobbling' is no kind"),
-        ("kind,energy\nstill,-1\n", "line 2: '-1' is no energy"),
-        ("kind,energy\nstill,nan\n", "line 2: 'nan' is no energy"),
-        ("kind,energy\nstill,inf\n", "line 2: 'inf' is no energy"),
+        ("kind,energy\nwobbling,1\n", "line 2: 'wobbling' is not a kind"),
+        ("kind,energy\nstill,-1\n", "line 2: '-1' is not an energy"),
+        ("kind,energy\nstill,nan\n", "line 2: 'nan' is not an energy"),
+        ("kind,energy\nstill,inf\n", "line 2: 'inf' is not an energy"),
         ("kind,energy\nstill,1,2\n", "line 2: 3 columns where the first line has 2"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 from vibroswarm.cli.floors import add_parser
 from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
-from vibroswarm.floors.files import read_tiles
+from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.patterns import NAMES
 
 
@@ -52,7 +52,7 @@ def test_show_draws_here_and_to_a_file(capsys, tmp_path):
     assert run("show", "stripe:0.46", "--out", path) == 0
     out = capsys.readouterr().out
     assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in out
-    assert out.splitlines()[-1] == f"written: {path}"
+    assert out.splitlines()[-1] == f"Saved: {path}"
     assert path.read_text().startswith("<?xml")
     with pytest.raises(InputError, match="--force"):
         run("show", "stripe:0.46", "--out", path)
@@ -105,7 +105,7 @@ def test_make_says_and_gives_the_nearest_with_exit_code_1(capsys, tmp_path):
 
 
 def test_make_refuses_before_it_works(tmp_path):
-    with pytest.raises(InputError, match="--tiles: '5' is no size"):
+    with pytest.raises(InputError, match="--tiles: '5' is not a size"):
         run("make", "--tiles", "5", "--fill-ratio", "0.48", "--moran", "0")
     with pytest.raises(InputError, match="end the name with"):
         run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0", "--out", tmp_path / "a.gif")

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.anneal import Goal, Schedule, anneal
-from vibroswarm.floors.clusters import no_clusters, put, take
-from vibroswarm.floors.constructions import constructions
-from vibroswarm.floors.design import TOLERANCE, make_floor
+from vibroswarm.floors.anneal import Goal, Schedule, add_tile, anneal, no_clusters, remove_tile
+from vibroswarm.floors.design import TOLERANCE, constructions, make_floor
 from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index
 
 
@@ -29,7 +27,7 @@ def test_clusters_kept_step_by_step_are_those_of_the_floor(rows, columns, cells)
     for cell in cells:
         row, column = divmod(cell % (rows * columns), columns)
         place = (row + 1) * stride + column + 1
-        whole += take(state, place) if tiles[row, column] else put(state, place)
+        whole += remove_tile(state, place) if tiles[row, column] else add_tile(state, place)
         tiles[row, column] ^= 1
         sizes = cluster_sizes(tiles)
         assert np.array_equal(state.tile.reshape(rows + 2, stride)[1:-1, 1:-1], tiles)

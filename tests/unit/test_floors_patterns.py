@@ -89,7 +89,7 @@ def test_other_ways_to_write_a_name(written, name):
         ("diagonal:0.5", "has no fill ratio '0.5'"),
         ("diagonal:nan", "has no fill ratio 'nan'"),
         ("diagnal:0.48", "did you mean 'diagonal:0.48'"),
-        ("", "is no pattern"),
+        ("", "is not a pattern"),
     ],
 )
 def test_an_unknown_name_says_what_there_is(name, message):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import TILE_LIMIT
-from vibroswarm.floors.random import exact_ones, random_tiles
+from vibroswarm.floors.source import exact_ones, random_tiles
 
 
 @settings(deadline=None, max_examples=60)

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 import vibroswarm.floors
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patterns import NAMES, pattern
-from vibroswarm.floors.random import random_tiles
-from vibroswarm.floors.source import is_random, named_tiles, resolve
+from vibroswarm.floors.source import is_random, named_tiles, random_tiles, resolve
 
 
 def test_a_pattern_by_name():
@@ -65,18 +64,18 @@ def test_a_grid_of_another_size_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("diagnal:0.48", "no floor and no file, did you mean 'diagonal:0.48'"),
+        ("diagnal:0.48", "neither a floor nor a file, did you mean 'diagonal:0.48'"),
         ("strype:0.46", "did you mean 'stripe:0.46'"),
-        ("", "no floor and no file"),
-        ("random", "'random' needs a fill ratio; say for example random:0.48"),
-        ("random:much", "'much' is no fill ratio"),
+        ("", "neither a floor nor a file"),
+        ("random", "'random' needs a fill ratio; give for example random:0.48"),
+        ("random:much", "'much' is not a fill ratio"),
         ("random:0.5", "0.5 of 5 x 5 tiles is 12.5"),
-        ("random:inf", "is no share"),
+        ("random:inf", "is not a share"),
         ("alternating", "needs a fill ratio; say alternating:0.48 or .*paper-0.46"),
         ("floors/none.txt", "no such file"),
         ("none.csv", "no such file"),
-        ("a\0b", "no floor and no file"),
-        ("x" * 5000, "no floor and no file"),
+        ("a\0b", "neither a floor nor a file"),
+        ("x" * 5000, "neither a floor nor a file"),
     ],
 )
 def test_an_unknown_floor_says_what_would_be_right(spec, message):
@@ -97,7 +96,7 @@ def test_any_spec_gives_a_floor_or_an_input_error(spec):
 def test_named_tiles_reads_no_files(tmp_path):
     path = tmp_path / "f.txt"
     path.write_text("10\n01\n")
-    with pytest.raises(InputError, match="no floor"):
+    with pytest.raises(InputError, match="neither a floor nor a file"):
         named_tiles(str(path), 2, 2, 0, 0)
     assert np.array_equal(named_tiles("random:0.25", 2, 2, 1, 2), random_tiles(2, 2, 0.25, 1, 2))
     assert np.array_equal(named_tiles("diagonal:0.48", 2, 2, 0, 0), pattern("diagonal:0.48"))

@@ -12,14 +12,14 @@ from typing import Any
 import polars as pl
 import pytest
 
+from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
-from vibroswarm.lab.readers import read_log
-from vibroswarm.lab.recording import Recording, recording_of
-from vibroswarm.lab.write import write_rugbot
-from vibroswarm.presets import preset
+from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
 from vibroswarm.result import SCHEMAS, TABLES, Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
-from vibroswarm.tables import ALLOWED, check_table
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]
 
@@ -129,7 +129,7 @@ KEYS: list[tuple[str, str, Change]] = [
     ("observations", "'sample'", lambda f: f.reverse()),
     ("observations", "'tile'", put("tile", 4)),
     ("inference", "'sample'", lambda f: f.clear()),
-    ("inference", "'received'", put("received", None)),
+    ("inference", "'messages_received'", put("messages_received", None)),
     ("ends", "rows", lambda f: f.head(5)),
     ("ends", "twice", lambda f: pl.concat([f, f])),
     ("ends", "'end_s'", put("end_s", 1e6)),

@@ -13,7 +13,7 @@ import pytest
 
 from vibroswarm.cli import main
 
-SEARCH = Path(__file__).parents[1] / "small_search.toml"
+SEARCH = Path(__file__).parents[1] / "helpers" / "small_search.toml"
 MORE = '\n[search]\nmethod = "random"\nbudget = 12\nevaluations = 3\nfinal = 3\nfresh = 4\n'
 
 

@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 import vibroswarm
-from vibroswarm import leftovers
-from vibroswarm.files import whole_file, whole_folder
-from vibroswarm.leftovers import OLD, remove_leftovers, tag
+from vibroswarm.core import atomic_io
+from vibroswarm.core.atomic_io import OLD_MARK, remove_leftovers, tag, whole_file, whole_folder
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
 
@@ -28,13 +27,13 @@ def run(text: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def dead() -> str:
     """A name's tag of a process that has ended."""
-    return run("from vibroswarm.leftovers import tag; print(tag())").stdout.strip()
+    return run("from vibroswarm.core.atomic_io import tag; print(tag())").stdout.strip()
 
 
 KILLED = """
 import os, signal
 from pathlib import Path
-from vibroswarm.files import whole_file, whole_folder
+from vibroswarm.core.atomic_io import whole_file, whole_folder
 with {with_}(Path({path!r})) as part:
     {write}
     os.kill(os.getpid(), signal.SIGKILL)
@@ -58,7 +57,7 @@ def test_what_a_killed_process_had_begun_is_removed_by_the_next(tmp_path: Path) 
     assert (
         run(KILLED.format(with_="whole_file", path=str(file), write="part.write_text('x')")).returncode == -9
     )
-    leftovers._looked_at.clear()
+    atomic_io._cleaned_folders.clear()
     with whole_file(file) as part:
         part.write_text("y")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "table.csv"]
@@ -94,8 +93,8 @@ def test_only_what_is_ours_and_dead_is_removed(tmp_path: Path, dead: str) -> Non
 
 @needs_posix
 def test_a_result_moved_out_of_the_way_by_a_killed_process_comes_back(tmp_path: Path, dead: str) -> None:
-    (tmp_path / f".result.{OLD}{dead}").mkdir()
-    (tmp_path / f".result.{OLD}{dead}" / "scenario.toml").touch()
+    (tmp_path / f".result.{OLD_MARK}{dead}").mkdir()
+    (tmp_path / f".result.{OLD_MARK}{dead}" / "scenario.toml").touch()
     remove_leftovers(tmp_path)
     assert [path.name for path in tmp_path.rglob("*")] == ["result", "scenario.toml"]
 
@@ -115,7 +114,7 @@ def test_the_mask_of_the_process_is_kept_and_not_touched(mask: int, tmp_path: Pa
     text = f"""
 import os
 from pathlib import Path
-from vibroswarm.files import whole_file, whole_folder
+from vibroswarm.core.atomic_io import whole_file, whole_folder
 os.umask({mask})
 def never(mask):
     raise AssertionError("another thread may be making a file just now")
@@ -141,7 +140,7 @@ def test_names_as_long_as_a_file_system_allows_are_written(tmp_path: Path) -> No
 AT_ONCE = """
 import sys
 from pathlib import Path
-from vibroswarm.files import whole_folder
+from vibroswarm.core.atomic_io import whole_folder
 for k in range(60):
     with whole_folder(Path(sys.argv[1]), replace=True, marker="m") as part:
         (part / "m").write_text(str(k))

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors import grids
-from vibroswarm.floors.files import read_tiles
-from vibroswarm.lab.mapped import column_map
-from vibroswarm.lab.readers import read_log
-from vibroswarm.observation import energies
-from vibroswarm.observation.energies import read_energies
+from vibroswarm.floors import grid_text
+from vibroswarm.floors.io import read_tiles
+from vibroswarm.observation import measured_csv
+from vibroswarm.observation.measured_csv import read_energies
+from vibroswarm.recordings.column_map import column_map
+from vibroswarm.recordings.readers import read_log
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.spec import Study
 
 READERS: list[Callable[[Path], Any]] = [
@@ -58,7 +58,7 @@ def test_what_may_never_end_is_not_opened(read: Callable[[Path], Any], kind: str
 def test_a_floor_of_too_many_lines_is_refused(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grids, "MOST_LINES", 10)
+    monkeypatch.setattr(grid_text, "MAX_LINES", 10)
     path = tmp_path / "floor.txt"
     path.write_text(text)
     with pytest.raises(InputError, match=r"10 lines|at most 10"):
@@ -68,7 +68,7 @@ def test_a_floor_of_too_many_lines_is_refused(
 
 
 def test_a_floor_of_too_many_tiles_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grids, "TILE_LIMIT", 12)
+    monkeypatch.setattr(grid_text, "TILE_LIMIT", 12)
     path = tmp_path / "floor.txt"
     for text in ("0 " * 13, "0,1,1\n" * 5, "0" * 13):
         path.write_text(text)
@@ -77,7 +77,7 @@ def test_a_floor_of_too_many_tiles_is_refused(tmp_path: Path, monkeypatch: pytes
 
 
 def test_too_many_energies_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(energies, "MOST_ENERGIES", 3)
+    monkeypatch.setattr(measured_csv, "MAX_ENERGIES", 3)
     path = tmp_path / "energies.csv"
     path.write_text("kind,energy\nstill,0.5\n" + "vibrating,2\n" * 3)
     assert read_energies(path) == ((2.0, 2.0, 2.0), (0.5,))

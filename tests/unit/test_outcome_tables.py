@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from vibroswarm.inference.agents import FINALS
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table
 from vibroswarm.inference.replay import infer, outcomes
-from vibroswarm.inference.timeline import Timeline, timeline_of
-from vibroswarm.motion.contract import Motion, source
-from vibroswarm.observation.model import observe
+from vibroswarm.motion.source import Motion, source
+from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import floors_of, replay, simulate, summarise
 
 # The definitions
@@ -49,9 +49,11 @@ def robots_by_query(
     decided = turned.group_by(who).agg(
         pl.col("decision").last(),
         decision_time_s=pl.col("time_s").last(),
-        belief_at_decision=pl.col("belief").last(),
+        belief_at_decision=pl.col("belief_below").last(),
     )
-    last = timed.group_by(who).agg(last_belief=pl.col("belief").last(), samples=pl.len().cast(pl.UInt32))
+    last = timed.group_by(who).agg(
+        last_belief=pl.col("belief_below").last(), samples=pl.len().cast(pl.UInt32)
+    )
     belief = pl.coalesce("belief_at_decision", "last_belief")
     table = (
         finals.join(decided, on=who, how="left", maintain_order="left")
@@ -60,7 +62,7 @@ def robots_by_query(
         .with_columns(
             pl.col("decision").fill_null(-1),
             pl.col("samples").fill_null(0),
-            belief=belief,
+            belief_below=belief,
             belief_in_truth=pl.when(pl.col("truth") == 0)
             .then(belief)
             .when(pl.col("truth") == 1)
@@ -94,7 +96,7 @@ def runs_by_query(
         .when(~pl.col("alike"))
         .then(pl.lit("split"))
         .when(true.is_null())
-        .then(pl.lit("agreed"))
+        .then(pl.lit("truth_undefined"))
         .when(pl.col("right") > 0)
         .then(pl.lit("right"))
         .otherwise(pl.lit("wrong"))
@@ -117,7 +119,7 @@ def by_query(result: Result) -> tuple[pl.DataFrame, pl.DataFrame]:
         for run in result.floors["run"]
     }
     truth = truths(fills, boundary)
-    counts = result.robots.select("run", "robot", "alpha", "beta", "received")
+    counts = result.robots.select("run", "robot", "alpha", "beta", "messages_received")
     robots = robots_by_query(result.motion, result.inference, counts, truth)
     return robots, runs_by_query(robots, result.ends, truth, scenario.run.t_end_s)
 
@@ -192,7 +194,7 @@ def test_the_examples_hold_what_they_are_meant_to() -> None:
     sampled = short.robots.group_by("run").agg(pl.col("samples").min(), most=pl.col("samples").max())
     assert sampled.filter((pl.col("samples") == 0) & (pl.col("most") > 0)).height > 0
     never = short.robots.filter(pl.col("samples") == 0)
-    assert never["belief"].null_count() == never["belief_in_truth"].null_count() == never.height > 0
+    assert never["belief_below"].null_count() == never["belief_in_truth"].null_count() == never.height > 0
     values = {"run.t_end_s": 120.0, "strategy.name": "soft", "decision.revise": True, "decision.min_observations": 0,
               "decision.credible_threshold": 0.75}  # fmt: skip
     revised = simulate(Scenario().with_values(values), 1, 20)
@@ -200,7 +202,7 @@ def test_the_examples_hold_what_they_are_meant_to() -> None:
     assert (changes["decision"] == 3).any()
     even = simulate(Scenario().with_values(values | FLOORS[2]), 1, 20)
     assert even.runs["truth"].is_null().all()
-    assert {"agreed", "split"} <= set(even.runs["consensus"])
+    assert {"truth_undefined", "split"} <= set(even.runs["consensus"])
     early = simulate(Scenario().with_values(values | {"run.stop": "all_decided"}), 1, 3)
     assert early.runs["stopped_early"].all()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from base64 import b64decode
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +12,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.page.payload import payload
-from vibroswarm.page.record import RunRecord
+from vibroswarm.run_page.payload import payload
+from vibroswarm.run_page.record import RunRecord
 
 
 def columns(packed: dict[str, dict[str, str]]) -> dict[str, np.ndarray[Any, Any]]:
@@ -51,7 +50,7 @@ def test_robots_and_outcome_are_those_of_the_tables(record: RunRecord) -> None:
         "alpha",
         "beta",
         "sent",
-        "received",
+        "messages_received",
     ):
         assert [robot[name] for robot in made["robots"]] == rows[name].to_list()
     assert made["outcome"] == {"consensus": record.consensus, "time_s": record.consensus_time_s}
@@ -77,11 +76,9 @@ def test_truth(record: RunRecord, fill: float, truth: int | None) -> None:
 
 def test_a_missing_column_is_named(record: RunRecord) -> None:
     with pytest.raises(InputError, match="inference: the table has no column belief"):
-        replace(record, inference=record.inference.drop("belief"))
+        replace(record, inference=record.inference.drop("belief_below"))
 
 
-def test_an_outcome_that_is_not_known_is_refused(
-    make_record: Callable[..., RunRecord], record: RunRecord
-) -> None:
+def test_an_outcome_that_is_not_known_is_refused(record: RunRecord) -> None:
     with pytest.raises(InputError, match="consensus: 'perhaps'"):
         replace(record, consensus="perhaps")

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.page.packing import (
+from vibroswarm.run_page.payload import (
     HEADING_QUANTUM_RAD,
     POSITION_QUANTUM_M,
     TIME_QUANTUM_S,
     packed_track,
     varints,
 )
-from vibroswarm.page.poses import KINDS, along, tracks
-from vibroswarm.page.record import RunRecord
+from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.trajectory_thinning import KINDS, along, tracks
 
 MOST_OFF_M, MOST_OFF_RAD = 0.001, np.radians(3)
 

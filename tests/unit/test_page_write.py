@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.page.payload import payload
-from vibroswarm.page.record import RunRecord
-from vibroswarm.page.write import page_html, script_json, write_page
+from vibroswarm.run_page.payload import payload
+from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.write import page_html, script_json, write_page
 
 NASTY = (
     "</script><script>alert(1)</script><!-- <script> {{data}} {{title}} &amp; \u2028\u2029 ' \" \\ ]]> <b>"

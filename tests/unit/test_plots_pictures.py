@@ -35,7 +35,7 @@ from vibroswarm.plots import (
     draw_violins,
 )
 from vibroswarm.plots.front import on_front
-from vibroswarm.plots.per_run import Group, quantile
+from vibroswarm.plots.inputs import Group, quantile
 from vibroswarm.plots.picture import picture_bytes
 from vibroswarm.plots.style import STYLES, settings
 
@@ -78,7 +78,7 @@ def estimates(xs: list[Any], series: list[str], breadth: float = 30.0) -> pl.Dat
 
 def counts(cells: list[str]) -> pl.DataFrame:
     drawn = np.random.default_rng(3).multinomial(200, [0.5, 0.2, 0.1, 0.15, 0.05], len(cells))
-    kinds = ("right", "wrong", "split", "incomplete", "agreed")
+    kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
     return pl.DataFrame(
         {"cell": cells, **{kind: drawn[:, at] for at, kind in enumerate(kinds)}}
     ).with_columns(right_low=pl.col("right") / 200 - 0.06, right_high=pl.col("right") / 200 + 0.06)
@@ -384,7 +384,7 @@ def test_outcome_bars_are_the_shares_and_fill_the_row():
     at = 0
     for row, values in enumerate(picture.numbers.to_dicts()):
         left = 0.0
-        for kind in ("right", "wrong", "split", "incomplete", "agreed"):
+        for kind in ("right", "wrong", "split", "incomplete", "truth_undefined"):
             if values[kind]:
                 assert drawn[at] == pytest.approx((row, left, values[kind]))
                 left, at = left + values[kind], at + 1
@@ -577,7 +577,7 @@ def test_detection_draws_each_curve():
         )
     assert "5 % tolerated" in picture.caption
     assert "decision boundary 0.03" in picture.caption
-    with pytest.raises(InputError, match="missed: holds a number outside 0 to 1"):
+    with pytest.raises(InputError, match="missed: contains a number outside 0 to 1"):
         draw_detection(frame.with_columns(missed=pl.lit(1.5)))
 
 
@@ -623,7 +623,7 @@ def test_forest_rows_are_the_differences():
 def test_frames_that_are_not_as_asked_are_refused(frame, wrong):
     with pytest.raises(InputError, match=wrong):
         draw_error_bars(frame)
-    with pytest.raises(InputError, match="at or below 0"):
+    with pytest.raises(InputError, match="needs numbers above 0"):
         draw_error_bars(estimates([0, 1], [""]), log=True)
 
 

@@ -10,8 +10,8 @@ from matplotlib.patches import Rectangle
 from vibroswarm.plots.picture import themed_svg
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import settings
-from vibroswarm.presets import preset
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 

@@ -14,10 +14,20 @@ from matplotlib.figure import Figure
 
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_error_bars, draw_outcomes
-from vibroswarm.plots.palette import NAMES, OUTCOME_HATCHES, OUTCOMES, PAPER, SERIES, SERIES_UP_TO, look
+from vibroswarm.plots.layout import fitted, fitted_names, number, plain, share, width_pt
 from vibroswarm.plots.picture import FORMATS, picture_bytes, themed_svg, write_picture
-from vibroswarm.plots.style import STYLES, settings, style_named
-from vibroswarm.plots.words import fitted, fitted_names, number, plain, share, width_pt
+from vibroswarm.plots.style import (
+    NAMES,
+    OUTCOME_HATCHES,
+    OUTCOMES,
+    PAPER,
+    SERIES,
+    SERIES_UP_TO,
+    STYLES,
+    look,
+    settings,
+    style_named,
+)
 
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
 SEEN = {
@@ -278,5 +288,5 @@ def test_shares_never_round_some_to_none(part, whole, said):
 
 def test_more_series_than_marks_are_refused():
     frame = pl.DataFrame({"cell": ["a"] * 13, "series": [str(i) for i in range(13)], "value": [1.0] * 13})
-    with pytest.raises(InputError, match="13 series cannot be told apart; at most 12"):
+    with pytest.raises(InputError, match="13 series cannot be distinguished; at most 12"):
         draw_boxes(frame)

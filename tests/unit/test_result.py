@@ -12,7 +12,7 @@ import pytest
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate, versions
 
 SHORT: dict[str, Any] = {
@@ -60,7 +60,7 @@ def test_equality_sees_every_part(result: Result) -> None:
         replace(result, scenario=result.scenario.with_values({"run.t_end_s": 61.0})),
         replace(result, segments=None),
         replace(result, motion=result.motion.reverse()),
-        replace(result, inference=result.inference.with_columns(pl.col("belief") + 1e-16)),
+        replace(result, inference=result.inference.with_columns(pl.col("belief_below") + 1e-16)),
         replace(result, observations=result.observations.cast({"energy": pl.Float64})),
         replace(result, floors=result.floors.with_columns(name=pl.lit("other"))),
     ]
@@ -237,7 +237,7 @@ def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "null", "{}", '{"schema_version": 2}', '{"schema_version": "x"}']
+    "text", ["", "{", "[]", "null", "{}", '{"schema_version": 3}', '{"schema_version": "x"}']
 )
 def test_a_damaged_head_is_named(folder: Path, text: str) -> None:
     (folder / "result.json").write_text(text, encoding="utf-8")
@@ -289,7 +289,7 @@ def test_a_damaged_scenario_is_refused(folder: Path) -> None:
 def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "nothing", tmp_path / "file"):
         (tmp_path / "file").write_text("x", encoding="utf-8")
-        with pytest.raises(InputError, match="no result of vibroswarm"):
+        with pytest.raises(InputError, match="is not a vibroswarm result"):
             Result.read(path)
 
 
@@ -302,17 +302,17 @@ def test_robots_and_runs_sum_up_the_samples(result: Result) -> None:
         own = (pl.col("run") == robot["run"]) & (pl.col("robot") == robot["robot"])
         rows = result.inference.filter(own)
         times = result.motion.filter(own)["time_s"].to_list()
-        decisions, beliefs = rows["decision"].to_list(), rows["belief"].to_list()
+        decisions, beliefs = rows["decision"].to_list(), rows["belief_below"].to_list()
         first = next((k for k, d in enumerate(decisions) if d != -1), None)
         truth = result.runs.filter(pl.col("run") == robot["run"])["truth"].item()
         assert robot["samples"] == robot["sent"] == rows.height
         assert robot["decision"] == (decisions[first] if first is not None else -1)
         assert robot["decision_time_s"] == (times[first] if first is not None else None)
         belief = beliefs[first if first is not None else -1]
-        assert robot["belief"] == belief
+        assert robot["belief_below"] == belief
         assert robot["belief_at_decision"] == (belief if first is not None else None)
         assert robot["belief_in_truth"] == (belief if truth == 0 else 1 - belief)
-        assert robot["alpha"] + robot["beta"] == 2 + robot["samples"] + robot["received"]
+        assert robot["alpha"] + robot["beta"] == 2 + robot["samples"] + robot["messages_received"]
     for run in result.runs.to_dicts():
         robots = result.robots.filter(pl.col("run") == run["run"])
         counts = [(robots["decision"] == d).sum() for d in (run["truth"], 1 - run["truth"], -1)]

@@ -11,19 +11,18 @@ from pathlib import Path
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
-from vibroswarm.folder_lock import FILE, folder_lock
-from vibroswarm.notices import say_once
-from vibroswarm.optimize import dashboard
-from vibroswarm.optimize.dashboard import DAMAGED, Dashboard
-from vibroswarm.optimize.dashboard import FILE as OPTUNA
+from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
+from vibroswarm.errors import InputError, warn_once
+from vibroswarm.optimize import optuna_storage
 from vibroswarm.optimize.journal import JOURNAL, held
 from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.report import candidate_table
+from vibroswarm.optimize.optuna_storage import DAMAGED, Dashboard
+from vibroswarm.optimize.optuna_storage import FILE as OPTUNA
+from vibroswarm.optimize.search_report import candidate_table
 from vibroswarm.optimize.spec import Search
 
 SMALL = (
-    Path(__file__).parents[1] / "small_search.toml"
+    Path(__file__).parents[1] / "helpers" / "small_search.toml"
 ).read_text() + "iterations = 2\n[search]\nfinal = 0\n"
 SHOWN = SMALL + "dashboard = true\n"
 
@@ -54,9 +53,9 @@ def test_a_second_search_is_refused_in_words_and_may_begin_when_the_first_was_ki
     finally:
         other.kill()
         other.join()
-    assert (folder / FILE).exists(), "left behind, and no obstacle"
+    assert (folder / LOCK_FILE).exists(), "left behind, and no obstacle"
     assert main(command) == 0
-    assert not (folder / FILE).exists()
+    assert not (folder / LOCK_FILE).exists()
     assert (folder / JOURNAL).read_bytes() == before
 
 
@@ -68,8 +67,8 @@ def test_two_in_one_process_are_two(tmp_path: Path) -> None:
     ):
         pass
     with folder_lock(tmp_path):
-        assert (tmp_path / FILE).exists()
-    assert not (tmp_path / FILE).exists()
+        assert (tmp_path / LOCK_FILE).exists()
+    assert not (tmp_path / LOCK_FILE).exists()
 
 
 def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
@@ -86,7 +85,7 @@ def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
         folder = tmp_path / f"foreign {name}"
         folder.mkdir()
         (folder / name).write_text(text)
-        with pytest.raises(InputError, match="no search"):
+        with pytest.raises(InputError, match="is not a search"):
             run_search(search, folder)
         assert [path.name for path in folder.iterdir()] == [name]
 
@@ -123,16 +122,14 @@ def test_a_torn_last_line_is_dropped_and_said(tmp_path: Path, caplog: pytest.Log
     journal.write_bytes(data[:-9])
     with caplog.at_level(logging.WARNING):
         run_search(search, tmp_path)
-    assert [f"{journal}: the last line was not written whole" in r.getMessage() for r in caplog.records] == [
-        True
-    ]
+    assert [f"{journal}: the last line is incomplete" in r.getMessage() for r in caplog.records] == [True]
     assert journal.read_bytes() == data
 
 
 @pytest.mark.parametrize("left", ["to nowhere", "to the journal", "file"])
 def test_a_lock_left_behind_is_taken_over(left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("optuna")
-    monkeypatch.setattr(dashboard, "LOCK_S", 0.2)
+    monkeypatch.setattr(optuna_storage, "LOCK_S", 0.2)
     monkeypatch.chdir(tmp_path)
     search = Search.from_toml(SHOWN)
     run_search(search, "out/s")
@@ -151,10 +148,10 @@ def test_a_lock_left_behind_is_taken_over(left: str, tmp_path: Path, monkeypatch
 
 def test_a_lock_that_is_held_is_waited_for(tmp_path: Path) -> None:
     """Negative control: only what does not change is taken over."""
-    first, second = dashboard.Lock(tmp_path / OPTUNA), dashboard.Lock(tmp_path / OPTUNA)
+    first, second = optuna_storage.Lock(tmp_path / OPTUNA), optuna_storage.Lock(tmp_path / OPTUNA)
     assert first.acquire()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dashboard, "LOCK_S", 0.4)
+        patch.setattr(optuna_storage, "LOCK_S", 0.4)
         began_s = time.monotonic()
         assert second.acquire()
         assert time.monotonic() - began_s >= 0.4
@@ -166,7 +163,7 @@ def test_a_torn_or_damaged_copy_for_optuna_does_not_stop_a_search(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     optuna = pytest.importorskip("optuna")
-    say_once.cache_clear()
+    warn_once.cache_clear()
     search = Search.from_toml(SHOWN)
     found = run_search(search, tmp_path)
     copy = tmp_path / OPTUNA

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.dask_cluster import Cluster
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective, Rows
-from vibroswarm.optimize.report import as_dict, candidate_table, history_table, write_report
+from vibroswarm.optimize.search_report import as_dict, candidate_table, history_table, write_report
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import truth_of
+from vibroswarm.optimize.validation import truth_of
 from vibroswarm.study import executors
 
 SMALL = f"""
 start = [{{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }}]
-{(Path(__file__).parents[1] / "small_search.toml").read_text()}
+{(Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()}
 iterations = 6
 [search]
 final = 60
@@ -76,18 +77,18 @@ def test_no_result_depends_on_who_does_the_work(whole: Found) -> None:
 
 
 def test_on_a_cluster_that_loses_a_worker_it_is_the_same(
-    whole: Found, tmp_path: Path, dask_cluster: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    whole: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
     killed: list[int] = []
-    with dask_cluster(tmp_path, 2) as cluster:
+    with Cluster(tmp_path, 2) as cluster:
 
-        def tell(told: Any) -> None:
+        def progress(told: Any) -> None:
             if told.runs > 30 and not killed:
                 cluster.workers[0].kill()
                 killed.append(cluster.workers[0].wait())
 
-        assert same(whole, run_search(small(), executor=str(cluster.scheduler_file), tell=tell))
+        assert same(whole, run_search(small(), executor=str(cluster.scheduler_file), progress=progress))
         assert killed
 
         def kill_the_rest(told: Any) -> None:
@@ -95,7 +96,7 @@ def test_on_a_cluster_that_loses_a_worker_it_is_the_same(
 
         monkeypatch.setattr(executors, "WITHOUT_WORKERS_S", 1.0)
         with pytest.raises(RunError, match=r"no worker for|workers are gone"):
-            run_search(small(), tmp_path / "s", executor=cluster.address, tell=kill_the_rest)
+            run_search(small(), tmp_path / "s", executor=cluster.address, progress=kill_the_rest)
     assert same(whole, run_search(small(), tmp_path / "s"))
 
 
@@ -130,7 +131,7 @@ def test_stopped_and_resumed_it_gives_the_same_bit_by_bit(tmp_path: Path, whole:
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_search(small(), tmp_path / "s", tell=stop, workers=2)
+        run_search(small(), tmp_path / "s", progress=stop, workers=2)
     assert (tmp_path / "s" / "journal.jsonl").read_bytes().count(b"\n") >= steps
     assert same(whole, run_search(small(), tmp_path / "s"))
     assert same(whole, run_search(small(), tmp_path / "s"))
@@ -177,7 +178,7 @@ def test_a_changed_search_is_refused_with_what_differs(tmp_path: Path, old: str,
 def test_folders_that_are_no_search(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
-    with pytest.raises(InputError, match="no search"):
+    with pytest.raises(InputError, match="is not a search"):
         run_search(small(), tmp_path / "other")
     run_search(small(), tmp_path / "s")
     journal = tmp_path / "s" / "journal.jsonl"
@@ -243,7 +244,7 @@ def test_values_that_make_no_scenario_are_failures() -> None:
     assert found.values["walk.leg_min_ms"] <= 30000
     bad = free.replace("[space]", "[scenario.walk]\nleg_max_ms = 10.0\nleg_min_ms = 0.0\n[space]")
     bad = bad.replace("[space]", '[space]\n"walk.leg_min_ms" = { from = 50, to = 60 }')
-    with pytest.raises(RunError, match="none of the first 12 runs"):
+    with pytest.raises(RunError, match="all of the first 12 runs failed"):
         run_search(small(bad))
 
 
@@ -280,10 +281,10 @@ def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
     high = replace(truth, believed=truth.winner.score.estimate * 2.0)
     assert "unlucky" in high.words
     equal = replace(truth, believed=truth.winner.score.estimate)
-    assert "no luck" in equal.words
+    assert "no sign of a lucky choice" in equal.words
     few = truth_of(whole, runs=8)
     assert few.winner.score.low < 0.7 * few.winner.score.estimate
-    assert "do not tell" in replace(few, believed=0.8 * few.winner.score.estimate).words
+    assert "too few validation runs" in replace(few, believed=0.8 * few.winner.score.estimate).words
 
 
 def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
@@ -305,7 +306,7 @@ def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
         ("from = 1000, to = 6000", "from = 6000, to = 1000", "6000 is not below 1000"),
         ("2000.0", "500.0", "start: sample.sample_interval_ms: 500 lies outside"),
         ("final = 60", "final = 90", "search.budget"),
-        ("final = 60", "budget = 20", "do not last for one iteration"),
+        ("final = 60", "budget = 20", "are too few for one iteration"),
         ("final = 60", "method = 'psi'", "did you mean 'pso'"),
         ("final = 60", "finale = 60", "did you mean 'final'"),
         ("[pso]", "[psu]", "psu"),

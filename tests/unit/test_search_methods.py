@@ -8,22 +8,23 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
+from helpers import search_functions as functions
+from vibroswarm.analysis.tradeoff import pareto_front
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.archive import Archive, unbeaten
-from vibroswarm.optimize.batches import Random, Sobol
-from vibroswarm.optimize.fronts import front_of
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.batch_samplers import Random, Sobol
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.method import Method
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.report import candidate_table, write_report
+from vibroswarm.optimize.search_report import candidate_table, write_report
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import front_of
 
 # Torch is too heavy for what `make test` sets up: with `pip install ".[gp]"` the Gaussian process is tested too.
 GP = ("gp",) if importlib.util.find_spec("torch") else ()
@@ -62,18 +63,18 @@ def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Method:
     if name in ("random", "sobol"):
         return {"random": Random, "sobol": Sobol}[name](archive, 1, budget, 1, starts)
     need(name)
-    from vibroswarm.optimize.libraries import Cmaes, OfOptuna
+    from vibroswarm.optimize.optuna_samplers import Cmaes, OptunaSampler
 
     if name == "cmaes":
         return Cmaes(archive, 1, budget, 1, starts)
-    return OfOptuna(archive, 1, budget, 1, starts, name)
+    return OptunaSampler(archive, 1, budget, 1, starts, name)
 
 
 @pytest.mark.parametrize(
     ("name", "near"),
     [("random", 0.02), ("sobol", 0.02), ("tpe", 0.002), ("cmaes", 1e-5), *((gp, 1e-3) for gp in GP)],
 )
-def test_the_optimum_of_a_bowl_is_found(functions: ModuleType, name: str, near: float) -> None:
+def test_the_optimum_of_a_bowl_is_found(name: str, near: float) -> None:
     archive = functions.archive_for()
     budget = 60 if name == "gp" else 300  # it takes its time, and needs few
     method = made(name, archive, budget)
@@ -83,13 +84,13 @@ def test_the_optimum_of_a_bowl_is_found(functions: ModuleType, name: str, near: 
 
 
 @pytest.mark.parametrize("name", ["random", "sobol", *LIBRARIES])
-def test_starts_are_tried_first(functions: ModuleType, name: str) -> None:
+def test_starts_are_tried_first(name: str) -> None:
     start = np.array([0.25, 0.5, 0.125])
     method = made(name, functions.archive_for(), 40, [start])
     assert method.archive[method.ask()[0].key].point.tolist() == start.tolist()
 
 
-def test_a_front_is_found(functions: ModuleType) -> None:
+def test_a_front_is_found() -> None:
     """Two bowls: what none beats lies on the line between their optima."""
     archive = functions.archive_for(objectives=2)
     method = made("nsga2", archive, 600)
@@ -107,6 +108,7 @@ def test_a_front_is_found(functions: ModuleType) -> None:
     assert all(a[0] <= b[0] and a[1] >= b[1] for a, b in pairwise(scores))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["random", "sobol", *LIBRARIES])
 def test_every_method_keeps_its_account_and_resumes(tmp_path: Path, name: str) -> None:
     need(name)
@@ -143,7 +145,7 @@ def assert_front_is_scored_again(found: Found, folder: Path) -> None:
         assert all(score.low < score.estimate < score.high for score in member.true)
         assert all(score.n == front.runs for score in member.true)
     true = [[score.estimate for score in member.true] for member in front.members]
-    assert [member.stays for member in front.members] == unbeaten(true)
+    assert [member.stays for member in front.members] == pareto_front(*zip(*true, strict=True)).tolist()
     assert front.too_little[0] == pytest.approx(
         np.median([1 - m.believed[0] / m.true[0].estimate for m in front.members])
     )
@@ -151,16 +153,6 @@ def assert_front_is_scored_again(found: Found, folder: Path) -> None:
     assert pl.read_csv(folder / "front.csv")["key"].to_list() == list(found.front)
     assert (folder / "true-front.svg").is_file()
     assert json.loads((folder / "result.json").read_text())["front"]["says"] == front.words
-
-
-def test_what_none_beats() -> None:
-    assert unbeaten([[1.0, 3.0], [2.0, 2.0], [3.0, 1.0], [2.0, 3.0], [1.0, 3.0]]) == [
-        True,
-        True,
-        True,
-        False,
-        True,
-    ]
 
 
 def test_several_objectives_take_the_method_for_them() -> None:
@@ -175,12 +167,12 @@ def test_several_objectives_take_the_method_for_them() -> None:
 
 def test_a_search_is_visible_in_optunas_storage(tmp_path: Path) -> None:
     optuna = pytest.importorskip("optuna")
-    from vibroswarm.optimize.libraries import no_warnings
+    from vibroswarm.optimize.optuna_samplers import ignore_warnings
 
     search = Search.from_toml(SMALL.replace("[search]", '[search]\nmethod = "tpe"'))
     found = run_search(search, tmp_path / "s")
     run_search(search, tmp_path / "s")  # again: nothing is there twice
-    with no_warnings():
+    with ignore_warnings():
         backend = optuna.storages.journal.JournalFileBackend(str(tmp_path / "s" / "optuna.journal"))
         study = optuna.load_study(study_name="vibroswarm", storage=optuna.storages.JournalStorage(backend))
         trials = study.trials
@@ -220,7 +212,7 @@ def test_a_library_that_is_not_there_is_told_before_a_folder_is_made(
 
 def test_what_told_good_candidates_from_the_rest() -> None:
     pytest.importorskip("optuna")
-    from vibroswarm.optimize.importance import ped_anova
+    from vibroswarm.optimize.sensitivity import ped_anova
 
     text = SMALL.replace("budget = 160", 'method = "random"\nbudget = 460').replace(
         "evaluations = 2", "evaluations = 4"

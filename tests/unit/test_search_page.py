@@ -13,25 +13,24 @@ import numpy as np
 import pytest
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize import evaluate
-from vibroswarm.optimize.fronts import Front, front_of
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
+from vibroswarm.optimize.grid_page import grid_page
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.page import search_page
-from vibroswarm.optimize.page_grid import grid_page
-from vibroswarm.optimize.page_tables import bound_of
-from vibroswarm.optimize.report import grid_pictures, made_by, write_grid, write_report
+from vibroswarm.optimize.search_page import search_page
+from vibroswarm.optimize.search_report import grid_pictures, made_by, write_grid, write_report
+from vibroswarm.optimize.search_tables import bound_of
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.truth import LUCK, Truth, truth_of
-from vibroswarm.page.report import Report, report_html
+from vibroswarm.optimize.validation import LUCK, Front, Truth, front_of, truth_of
+from vibroswarm.report.html import Report, report_html
 from vibroswarm.simulation import versions
-from vibroswarm.study.result import run as run_study
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import run as run_study
 
-SMALL = (Path(__file__).parents[1] / "small_search.toml").read_text()
+SMALL = (Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()
 START = 'start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]\n'
 RACE = "[search]\nbudget = 90\nfinal = 60\nfinalists = 2\n"
 TWO = """[search]
@@ -222,7 +221,7 @@ def test_an_interval_that_tells_little_is_a_warning(found: Found, truth: Truth) 
         wide = score._replace(low=score.estimate * (1 - within), high=score.estimate * 1.1)
         one = replace(truth, believed=score.estimate, winner=replace(truth.winner, score=wide))
         assert one.luck == "none to be seen"
-        assert warned(page_of(found, one), "So few fresh runs do not tell much") == said
+        assert warned(page_of(found, one), "Too few validation runs") == said
         assert warned(page_of(found, one), "known to within 30 %") == (within == 0.3)
 
 
@@ -360,7 +359,9 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     assert "All cells replay one motion" in text
     assert (truth.words in report.warnings) == (truth.luck != "none to be seen")
     others = standing.count("not told apart")
-    assert warned(report, f"Beside the lowest cell, {others} of 5 are not told apart") == (others > 0)
+    assert warned(report, f"Beside the lowest cell, {others} of 5 are not significantly different") == (
+        others > 0
+    )
     eta = nodes.best.cell.point["strategy.soft.eta"]
     assert warned(report, "edge of the grid", "`eta`") == (eta in (10.0, 1000.0))
     assert not warned(report, "`kappa`")  # two values have no middle

@@ -66,7 +66,7 @@ def test_a_space_comes_back_from_its_block() -> None:
         ({"walk.leg_min_ms": [1]}, "at least two"),
         ({"walk.leg_min_ms": {"from": 0, "to": 1, "steps": 3}}, "for a grid"),
         ({"walk.leg_min_ms": 3}, "no range"),
-        ({"walk.leg_min_ms": {"from": "a", "to": 1}}, "no number"),
+        ({"walk.leg_min_ms": {"from": "a", "to": 1}}, "give a number"),
         ({"preset": ["paper", "text"]}, "name fields"),
         ({}, "empty"),
     ],

@@ -7,10 +7,16 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vibroswarm.presets import preset
-from vibroswarm.study.compare import comparison_table, comparisons, pairs_of, second_block, second_seed
-from vibroswarm.study.result import StudyResult
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.study.cell_comparison import (
+    comparison_table,
+    comparisons,
+    pairs_of,
+    second_block,
+    second_seed,
+)
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
 
 SHORT = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 60})
 
@@ -57,17 +63,17 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, Stu
 def test_the_second_block_is_of_other_seeds_and_lies_in_the_study(
     compared: tuple[StudyResult, StudyResult],
 ) -> None:
-    result, again = compared
-    assert again.study.seed == second_seed(result.study.seed) != result.study.seed
-    assert Path(again.store.folder).parent == Path(result.store.folder)
-    assert not again.runs(0)["fill_ratio"].is_empty()
-    assert not result.runs(0).equals(again.runs(0))
-    assert [cell.scenario for cell in again.study.cells] == [cell.scenario for cell in result.study.cells]
+    result, replicate = compared
+    assert replicate.study.seed == second_seed(result.study.seed) != result.study.seed
+    assert Path(replicate.store.folder).parent == Path(result.store.folder)
+    assert not replicate.runs(0)["fill_ratio"].is_empty()
+    assert not result.runs(0).equals(replicate.runs(0))
+    assert [cell.scenario for cell in replicate.study.cells] == [cell.scenario for cell in result.study.cells]
 
 
 def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, StudyResult]) -> None:
-    result, again = compared
-    found = comparisons(result, again)
+    result, replicate = compared
+    found = comparisons(result, replicate)
     assert len(found) == 4 * 5  # four pairs, five figures
     one = next(
         c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s"
@@ -79,8 +85,8 @@ def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, S
     ]
     assert one.first.difference.estimate == pytest.approx((by_run[0] - by_run[1]).mean())
     assert one.first.pairs == 60
-    assert one.again is not None
-    assert one.again.second.pairs == 60
+    assert one.replicate is not None
+    assert one.replicate.second.pairs == 60
     assert one.first.wins + one.first.ties + one.first.losses == 60
 
 

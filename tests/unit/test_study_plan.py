@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
-from vibroswarm.study.runner import Share
+from vibroswarm.study.runner import Job
 from vibroswarm.study.spec import Study
 
 RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).map(tuple), max_size=8)
@@ -27,7 +27,7 @@ GROUPS = [group_of(k, *size) for k, size in enumerate([(60.0, 2), (1200.0, 5), (
 @settings(max_examples=100, deadline=None)
 def test_blocks_and_shares_cover_each_run_once(group, low, high, of):
     low, high = sorted((low, high))
-    shares = [Share(k + 1, of) for k in range(of)]
+    shares = [Job(k + 1, of) for k in range(of)]
     covered = []
     for number, first, last in group.blocks(low, high):
         covered += range(first, last)
@@ -92,9 +92,9 @@ def test_runs_that_end_when_all_have_decided_share_nothing():
 
 @pytest.mark.parametrize("text", ["5/4", "0/4", "1/0", "3", "a/b", "-1/4", "1/4/2", "", "1.5/4"])
 def test_what_is_no_share_is_said(text: str) -> None:
-    with pytest.raises(InputError, match="is no share; such as 3/16"):
-        Share.from_words(text)
+    with pytest.raises(InputError, match="is no job; give one such as 3/16"):
+        Job.from_words(text)
 
 
 def test_a_share_from_words():
-    assert Share.from_words("3/16") == (3, 16)
+    assert Job.from_words("3/16") == (3, 16)

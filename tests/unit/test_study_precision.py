@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.errors import InputError
-from vibroswarm.study.looks import figure_of, settled
 from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision
-from vibroswarm.study.result import StudyResult
+from vibroswarm.study.sequential_stopping import figure_of, settled
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
 
 BASE = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
 
@@ -64,7 +64,7 @@ def test_a_precision_from_words(text: str, share: float) -> None:
 
 @pytest.mark.parametrize("text", ["2", "%", "0%", "-1%", "100%", "nan%", "inf%", "two%", 2, 0.02, None, True])
 def test_what_is_no_precision_is_said(text: object) -> None:
-    with pytest.raises(InputError, match="per cent sign, such as 2%"):
+    with pytest.raises(InputError, match="no percentage; give one such as 2%"):
         Precision.from_words(text)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm.presets import preset
-from vibroswarm.study import references
-from vibroswarm.study.references import References, references_of
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.study import baselines
+from vibroswarm.study.baselines import References, references_of
 from vibroswarm.study.spec import Study
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0})
@@ -41,14 +41,14 @@ def test_what_is_said_where_it_is_no_bound() -> None:
 def test_what_is_said_where_there_is_none() -> None:
     on_boundary = found({"floor.source": ["random:0.48"], "decision.decision_boundary": [0.48]})[0]
     assert (on_boundary.known, on_boundary.as_row().get("known_time_s")) == (None, None)
-    assert "lies on the boundary" in on_boundary.says[0]
+    assert "is on the boundary" in on_boundary.says[0]
     cut = found({"floor.tile_width_m": [0.22]})[0]
     assert cut.known is None
     assert "cuts some of the tiles" in cut.says[0]
 
 
 def test_where_edges_are_felt_fewer_runs_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(references, "RUNS_BY_CHAINS", 4)
+    monkeypatch.setattr(baselines, "RUNS_BY_CHAINS", 4)
     edges = found({"sensor.edge_blur_m": [0.01]})[0]
     assert edges.known is not None
     assert (edges.known.how, edges.known.runs.height, edges.runs) == ("chains", 4, RUNS)

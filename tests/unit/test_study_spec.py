@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.presets import preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study
 
@@ -136,13 +136,13 @@ BAD = {
     "runs 0": ("runs = 0", "runs: 0 is wrong"),
     "runs a text": ('runs = "3"', "'3' is wrong"),
     "runs true": ("runs = true", "True is wrong"),
-    "runs and until": ('runs = 3\nuntil = "2%"', "one of the two"),
-    "until without a sign": ('until = "2"', "per cent"),
-    "until 0": ('until = "0%"', "no share"),
-    "until nan": ('until = "nan%"', "no share"),
+    "runs and until": ('runs = 3\nuntil = "2%"', "either a number of runs or a precision"),
+    "until without a sign": ('until = "2"', "no percentage"),
+    "until 0": ('until = "0%"', "no percentage"),
+    "until nan": ('until = "nan%"', "no percentage"),
     "figure without until": (HEAD + 'figure = "right"', "goes with 'until'"),
     "unknown figure": ('until = "2%"\nfigure = "rihgt"', "did you mean 'right'"),
-    "max_runs too few": ('until = "2%"\nmax_runs = 99', "at least 100"),
+    "max_runs too few": ('until = "2%"\nmax_runs = 99', "whole number from 100"),
     "seed": (HEAD + "seed = -1", "seed: -1 is wrong"),
     "seed too large": (HEAD + f"seed = {2**63}", "seed"),
     "motion": (HEAD + 'motion = "evnt"', "did you mean 'event'"),
@@ -183,7 +183,7 @@ def test_a_study_file_that_is_none(tmp_path: Path) -> None:
         stream.truncate(65 * 2**20)
     with pytest.raises(InputError, match="64 MiB"):
         Study.read(tmp_path / "huge.toml")
-    with pytest.raises(InputError, match="no plain file"):
+    with pytest.raises(InputError, match="is a folder"):
         Study.read(tmp_path)
 
 
@@ -199,5 +199,5 @@ def test_a_varied_preset_is_not_hidden_by_the_base() -> None:
     study = Study({"swarm": {"robots": 8}}, {"grid": {"preset": ["paper", "text"]}}, runs=1)
     for cell, name in zip(study.cells, ("paper", "text"), strict=True):
         assert cell.scenario == preset(name).with_values({"swarm.robots": 8})
-    with pytest.raises(InputError, match="a whole scenario leaves a preset nothing to say"):
+    with pytest.raises(InputError, match="a complete scenario overrides every preset"):
         Study.of(preset("paper"), preset=["paper", "text"])

@@ -17,13 +17,12 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.simulation import versions
-from vibroswarm.study.merge import merge
+from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
+from vibroswarm.study.batch_table import ROWS
 from vibroswarm.study.plan import plan_of
-from vibroswarm.study.result import StudyResult
-from vibroswarm.study.rows import ROWS
-from vibroswarm.study.spec import FORMAT, Study
-from vibroswarm.study.store import SHARDS, Store
-from vibroswarm.study.work import Done, Work, do, work_of
+from vibroswarm.study.spec import Study
+from vibroswarm.study.store import FORMAT, SHARDS, Store
+from vibroswarm.study.study_result import StudyResult, merge
 
 STUDY = Study(
     {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30
@@ -32,23 +31,24 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "store-format-1"
 
 
 def add(store: Store, first: int, last: int) -> None:
-    store.add(do(work_of(store.study, plan_of(store.study).groups[0], first, last)))
+    store.add(do_batch(batch_of(store.study, plan_of(store.study).groups[0], first, last)))
 
 
 def made_up(store: Store, first: int, last: int, writer: int = 0) -> None:
     """A batch of made-up rows: nobody decided, and the belief says who wrote them."""
     keys = [(cell, run, robot) for cell in (0, 1) for run in range(first, last) for robot in (0, 1)]
-    told = {"decision": -1, "alpha": 1, "beta": 1, "samples": 0, "sent": 0, "received": 0, "consensus": "incomplete",
+    told = {"decision": -1, "alpha": 1, "beta": 1, "samples": 0, "sent": 0, "messages_received": 0,
+            "consensus": "incomplete",
             "fill_ratio": 0.5, "right": 0, "wrong": 0, "undecided": 2, "end_s": 60.0, "stopped_early": False,
-            "belief": writer / 10}  # fmt: skip
+            "belief_below": writer / 10}  # fmt: skip
     frame = pl.DataFrame(keys, schema=["cell", "run", "robot"], orient="row").with_columns(
         pl.lit(told.get(name)).alias(name) for name in ROWS if name not in ("cell", "run", "robot")
     )
     frame = frame.select(pl.col(name).cast(kind) for name, kind in ROWS.items())
     data = io.BytesIO()
     frame.write_parquet(data)
-    work = Work(store.study.hash, 0, (), first, last, 1, "event", ())
-    store.add(Done(work, {"robots": data.getvalue()}, frame.height, versions()))
+    work = Batch(store.study.hash, 0, (), first, last, 1, "event", ())
+    store.add(BatchResult(work, {"robots": data.getvalue()}, frame.height, versions()))
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def test_a_writer_killed_at_its_beginning_is_no_obstacle(left: tuple[str, ...], 
 
 def test_a_study_file_of_the_user_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text("runs = 30\n# mine\n")
-    with pytest.raises(InputError, match="is there and no study"):
+    with pytest.raises(InputError, match="exists but is not a study"):
         Store.open_or_create(tmp_path, STUDY)
     assert (tmp_path / "study.toml").read_text() == "runs = 30\n# mine\n"
     assert len(list(tmp_path.iterdir())) == 1
@@ -187,7 +187,7 @@ def test_a_study_file_of_the_user_is_never_overwritten(tmp_path: Path) -> None:
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("ten years")
     for folder in (tmp_path, tmp_path / "thesis.tex"):
-        with pytest.raises(InputError, match="is there and no study"):
+        with pytest.raises(InputError, match="exists but is not a study"):
             Store.open_or_create(folder, STUDY)
     with pytest.raises(InputError, match="cannot be made"):
         Store.open_or_create(tmp_path / "thesis.tex" / "deeper", STUDY)
@@ -224,7 +224,7 @@ def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
         Store.open(copy)
     head.write_text(json.dumps(about))
     marker.write_text(text.replace("seed = 1", "seed = 2"))
-    with pytest.raises(InputError, match="put it back"):
+    with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
     marker.unlink()
     with pytest.raises(InputError, match="cannot be read"):
@@ -248,7 +248,7 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
     assert (again.hash, again.study.runs, again.damaged) == (old, 40, [])
     marker = copy / "study.toml"
     marker.write_text(marker.read_text().replace("t_end_s = 60.0", "t_end_s = 61.0"))
-    with pytest.raises(InputError, match="put it back"):
+    with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
 
 
@@ -256,7 +256,7 @@ def test_a_hash_that_this_version_makes_otherwise_is_refused(copy: Path) -> None
     """The same code gives the same study the same hash, or it is another study."""
     for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
         path.write_text(path.read_text().replace(STUDY.hash, "f" * 16))
-    with pytest.raises(InputError, match="put it back"):
+    with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
 
 
@@ -278,7 +278,7 @@ def test_what_is_written_down_is_the_study_that_is_run(
 
 
 FOREIGN: dict[str, Any] = {
-    "a column less": lambda f: f.drop("belief"),
+    "a column less": lambda f: f.drop("belief_below"),
     "a column more": lambda f: f.with_columns(more=1),
     "another type": lambda f: f.cast({"alpha": pl.Int64}),
     "a row less": lambda f: f.head(f.height - 1),
@@ -289,7 +289,7 @@ FOREIGN: dict[str, Any] = {
     "other runs": lambda f: f.with_columns(run=pl.col("run") + 1000),
     "no outcome": lambda f: f.with_columns(consensus=pl.lit(None, dtype=f.schema["consensus"])),
     "no number": lambda f: f.with_columns(end_s=float("nan")),
-    "beyond all": lambda f: f.with_columns(belief=7.0),
+    "beyond all": lambda f: f.with_columns(belief_below=7.0),
     "decided at no time": lambda f: f.with_columns(decision=pl.lit(1, dtype=pl.Int8)),
     "more robots than there are": lambda f: f.with_columns(wrong=pl.lit(77, dtype=pl.UInt16)),
 }
@@ -336,7 +336,7 @@ def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> N
 
 def test_a_store_of_an_older_format_is_refused_in_one_sentence() -> None:
     """Its head was written by version 0.1.0, and is kept as it was."""
-    with pytest.raises(InputError, match=r"is of an older format \(1\).*make it anew$") as caught:
+    with pytest.raises(InputError, match=r"is of an older format \(1\).*recreate it$") as caught:
         StudyResult.open(GOLDEN)
     assert "\n" not in str(caught.value)
 
@@ -380,7 +380,7 @@ def test_a_folder_that_can_only_be_read(copy: Path, monkeypatch: pytest.MonkeyPa
     def refuse(*_: object, **__: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("vibroswarm.files._make_empty", refuse)
+    monkeypatch.setattr("vibroswarm.core.atomic_io._make_empty", refuse)
     assert STUDY.run(copy).runs().height == 60
     assert STUDY.with_runs(20).run(copy).runs().height == 40
     with pytest.raises(InputError, match="Read-only file system"):
@@ -391,7 +391,7 @@ def test_a_folder_that_can_only_be_read(copy: Path, monkeypatch: pytest.MonkeyPa
 
 def test_failures_are_forgotten_when_their_runs_are_there(copy: Path) -> None:
     store = Store.open(copy)
-    work = work_of(STUDY, plan_of(STUDY).groups[0], 30, 40)
+    work = batch_of(STUDY, plan_of(STUDY).groups[0], 30, 40)
     store.add_failure(work, "because")
     assert [f["batch"] for f in store.failures] == ["0:30-40"]
     assert store.failures[0]["seed"] == STUDY.seed
@@ -416,7 +416,7 @@ def test_a_merge_leaves_no_damaged_file_of_its_own(copy: Path, tmp_path: Path) -
 def test_a_merge_that_is_not_whole_says_what_is_lost(copy: Path, tmp_path: Path) -> None:
     one_of(copy, "*.parquet").unlink()
     with pytest.raises(
-        RunError, match=r"batches 0:\d+-\d+.* are in none of the shares \(damaged: .*is missing"
+        RunError, match=r"batches 0:\d+-\d+.* are in none of the folders \(damaged: .*is missing"
     ):
         merge(tmp_path / "joined", [copy])
     assert len(Store.open(tmp_path / "joined").shards) == 1

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.study.varied import points_of
+from vibroswarm.study.factors import points_of
 
 ROBOTS, ETA = "swarm.robots", "strategy.soft.eta"
 
@@ -106,23 +106,23 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no table": ({"grid": 3}, "is a table"),
     "list of no tables": ({"list": [3]}, "is a table"),
     "label in a grid": ({"grid": {"label": ["a"]}}, "no such field"),
-    "no points": ({"random": {ROBOTS: {"from": 1, "to": 2}}}, "is no number of points"),
-    "points 0": ({"random": {"points": 0, ROBOTS: {"from": 1, "to": 2}}}, "0 is no number of points"),
-    "bad seed": ({"random": {"points": 1, "seed": -1, ROBOTS: {"from": 1, "to": 2}}}, "-1 is no seed"),
+    "no points": ({"random": {ROBOTS: {"from": 1, "to": 2}}}, "None is wrong; give a whole number from 1"),
+    "points 0": ({"random": {"points": 0, ROBOTS: {"from": 1, "to": 2}}}, "0 is wrong; give a whole number from 1"),
+    "bad seed": ({"random": {"points": 1, "seed": -1, ROBOTS: {"from": 1, "to": 2}}}, "-1 is wrong"),
     "no bounds": ({"random": {"points": 3}}, "is empty"),
     "no range": ({"sobol": {"points": 3, ROBOTS: 5}}, "is no range"),
     "steps in random": ({"random": {"points": 3, ROBOTS: {"from": 1, "to": 2, "steps": 2}}}, "is of a grid or zip"),
     "empty choices": ({"random": {"points": 3, "strategy.name": []}}, "is empty"),
-    "no steps": ({"grid": {ROBOTS: {"from": 5, "to": 6}}}, "is no number of steps"),
-    "one step": ({"grid": {ROBOTS: {"from": 5, "to": 6, "steps": 1}}}, "1 is no number of steps"),
+    "no steps": ({"grid": {ROBOTS: {"from": 5, "to": 6}}}, "None is wrong; give a whole number from 2"),
+    "one step": ({"grid": {ROBOTS: {"from": 5, "to": 6, "steps": 1}}}, "1 is wrong; give a whole number from 2"),
     "too many steps": ({"grid": {ROBOTS: {"from": 5, "to": 6, "steps": 3}}}, "smaller than 1"),
     "backwards": ({"grid": {ROBOTS: {"from": 6, "to": 5, "steps": 2}}}, "6 is not below 5"),
     "log of 0": ({"grid": {ETA: {"from": 0, "to": 5, "steps": 2, "scale": "log"}}}, "log from above 0"),
     "no such scale": ({"grid": {ETA: {"from": 1, "to": 5, "steps": 2, "scale": "cubic"}}}, "cubic"),
     "no such part": ({"grid": {ETA: {"from": 1, "to": 5, "stpes": 2, "steps": 2}}}, "did you mean 'steps'"),
-    "no number": ({"grid": {ETA: {"from": "a", "to": 5, "steps": 2}}}, "'a' is no number"),
-    "no finite number": ({"grid": {ETA: {"from": 1, "to": float("inf"), "steps": 2}}}, "inf is no number"),
-    "far too large": ({"grid": {ETA: {"from": 1, "to": 10**400, "steps": 2}}}, "is no number"),
+    "no number": ({"grid": {ETA: {"from": "a", "to": 5, "steps": 2}}}, "'a' is wrong; give a number"),
+    "no finite number": ({"grid": {ETA: {"from": 1, "to": float("inf"), "steps": 2}}}, "inf is wrong; give a number"),
+    "far too large": ({"grid": {ETA: {"from": 1, "to": 10**400, "steps": 2}}}, "is wrong; give a number"),
     "whole what": ({"grid": {ETA: {"from": 1, "to": 5, "steps": 2, "whole": 3}}}, "true or false"),
     "a range of presets": ({"grid": {"preset": {"from": 1, "to": 5, "steps": 2}}}, ""),
     "too many cells": ({"grid": {ROBOTS: list(range(1000)), ETA: list(range(1000))}}, "more than 100000 cells"),

@@ -9,8 +9,7 @@ import pytest
 
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import check_runs, simulate
 from vibroswarm.study.spec import Study
 

@@ -1,8 +1,22 @@
-"""What became of a cell (one scenario, many runs), with intervals; the run is the unit.
+"""Summarise runs and cells: one row of figures for each run, and figures of a cell with intervals.
+
+| column | what it is |
+|---|---|
+| run, truth, consensus | as the table of runs has them |
+| robots | how many there are |
+| right, wrong, undecided | how many of them; right and wrong null where no decision is right |
+| decision_time_s | mean over robots of min(decision time, t_end), s: the paper's, the restricted mean |
+| belief_in_truth | mean over robots of the belief in what is so, at the decision or at the last sample |
+| consensus_time_s | as the table of runs has it: null where there was none |
+| right_share, wrong_share, undecided_share | shares of the robots |
+| swarm_right, swarm_wrong | 1 where all decided so, else 0; null where no decision is right |
+| swarm_time_s | min(consensus time, t_end), s |
+
+What became of a cell (one scenario, many runs), with intervals; the run is the unit.
 
 | name | what it is | interval |
 |---|---|---|
-| swarm_right, _wrong, _split, _incomplete, _agreed | share of runs with this consensus | Wilson |
+| swarm_right, _wrong, _split, _incomplete, _truth_undefined | share of runs with this consensus | Wilson |
 | swarm_error | share wrong among runs with a consensus that is right or wrong | Wilson |
 | consensus_time_s | mean of min(consensus time, t_end): a run without consensus counts with t_end | t |
 | consensus_median_s | median of the consensus time, a run without one being later than any | order statistics |
@@ -35,13 +49,84 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
     wilson,
 )
-from vibroswarm.analysis.per_run import ByRun, run_figures
-from vibroswarm.inference.outcomes import Columns, numbers
+from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import (
+    RUNS,
+    Array,
+    Columns,
+    capped_time_s,
+    mean_by_run,
+    numbers,
+    of_swarms,
+    sum_by_run,
+)
+
+COUNTS: Final = ("right", "wrong", "undecided")
+FIGURES: Final = (
+    *COUNTS,
+    *("decision_time_s", "belief_in_truth", "consensus_time_s"),
+    *("right_share", "wrong_share", "undecided_share", "swarm_right", "swarm_wrong", "swarm_time_s"),
+)
+"""Columns that are computed, in order."""
+
+
+class ByRun:
+    """Robots grouped by run; sums have a fixed order, whatever the number of threads.
+
+    Args:
+        robots: table of robots, in any order.
+    """
+
+    def __init__(self, robots: pl.DataFrame) -> None:
+        self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
+        run = self.robots["run"].to_numpy()
+        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
+        self.runs = run[self.first]
+        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
+
+    def sum(self, values: Array) -> Array:
+        """Sum a value over the robots of each run, shape (runs,)."""
+        return sum_by_run(values, self.first)
+
+    def mean(self, values: Array) -> Array:
+        """Average a value over the robots that have it; nan if none has."""
+        return mean_by_run(values, self.first)
+
+    def capped_time_s(self, t_end_s: float) -> Array:
+        """Compute min(decision time, t_end) of each robot; t_end if it did not decide."""
+        return capped_time_s(numbers(self.robots["decision_time_s"]), t_end_s)
+
+
+def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
+    """Compute the table above, sorted by run.
+
+    Args:
+        robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
+    Raises:
+        InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+    """
+    if not t_end_s > 0:
+        raise InputError(f"{t_end_s!r} is no end of a run; give a time above 0, s", field="t_end_s")
+    by_run = ByRun(robots)
+    means = {
+        "decision_time_s": by_run.mean(by_run.capped_time_s(t_end_s)),
+        "belief_in_truth": by_run.mean(numbers(by_run.robots["belief_in_truth"])),
+    }
+    of_robots = pl.DataFrame({"run": by_run.runs, "robots": by_run.count})
+    joined = runs.join(of_robots, on="run", how="inner").sort("run")
+    if joined.height != runs.height or of_robots.height != runs.height:
+        raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
+    columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
+    columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()
+    found = means | of_swarms(columns, by_run.count, t_end_s)
+    figures = [pl.Series(name, found[name], nan_to_null=True) for name in FIGURES]
+    counts = [one.cast(pl.Int64) if one.name in COUNTS else one for one in figures]
+    return joined.select("run", "truth", "consensus", "robots").with_columns(counts)
 
 
 @dataclass(frozen=True)
 class CellSummary:
-    """All figures of a cell, see the head of this module; times in s."""
+    """Figures of a cell, see the head of this module; times in s."""
 
     runs: int
     robots: int
@@ -52,7 +137,7 @@ class CellSummary:
     swarm_wrong: Interval
     swarm_split: Interval
     swarm_incomplete: Interval
-    swarm_agreed: Interval
+    swarm_truth_undefined: Interval
     swarm_error: Interval
     consensus_time_s: Interval
     consensus_median_s: Interval
@@ -70,11 +155,11 @@ class CellSummary:
     design_effect_undecided: float
 
     def intervals(self) -> dict[str, Interval]:
-        """The figures that have limits, by name."""
+        """Return the figures that have limits, by name."""
         return {name: value for name, value in self._items() if isinstance(value, Interval)}
 
     def as_row(self) -> dict[str, float | int | None]:
-        """Flat: ``name``, ``name_low``, ``name_high`` for each interval; None for what is not finite."""
+        """Return a flat row: ``name``, ``name_low``, ``name_high`` for each interval; None if not finite."""
         row: dict[str, float | int | None] = {}
         for name, value in self._items():
             if isinstance(value, Interval):
@@ -84,7 +169,7 @@ class CellSummary:
         return row
 
     def as_dict(self) -> dict[str, Any]:
-        """Nested plain values for JSON."""
+        """Return nested plain values for JSON."""
         return {
             name: value.as_dict() if isinstance(value, Interval) else plain(value)
             for name, value in self._items()
@@ -97,7 +182,7 @@ class CellSummary:
 def summary(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0
 ) -> CellSummary:
-    """All figures of a cell.
+    """Compute all figures of a cell.
 
     Args:
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
@@ -145,7 +230,7 @@ SHARES_OF_ROBOTS: Final = {f"robots_{name}": name for name in ("right", "wrong",
 SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong")
 """Shares of runs."""
 INTERVALS: Final = (*MEANS, *SHARES_OF_ROBOTS, *SHARES_OF_RUNS)
-"""What ``interval`` knows by name."""
+"""Names that ``interval`` accepts."""
 OF_RUNS: Final = (*MEANS.values(), *SHARES_OF_ROBOTS.values(), *SHARES_OF_RUNS)
 
 
@@ -167,16 +252,16 @@ def interval(name: str, figures: Columns, level: float = 0.95, seed: int = 0) ->
 
 
 def consensus_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
-    """Return the other shares of runs by consensus, from ``per_run.run_figures``."""
+    """Return the other shares of runs by consensus, from ``cell_summary.run_figures``."""
     counts = dict(table.group_by("consensus").len().iter_rows())
-    others = ("split", "incomplete", "agreed")
+    others = ("split", "incomplete", "truth_undefined")
     shares = {f"swarm_{name}": wilson(counts.get(name, 0), table.height, level) for name in others}
     right, wrong = counts.get("right", 0), counts.get("wrong", 0)
     return shares | {"swarm_error": wilson(wrong, right + wrong, level)}
 
 
 def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
-    """Intra-run correlation of min(decision time, t_end)."""
+    """Compute the intra-run correlation of min(decision time, t_end)."""
     by_run = ByRun(robots)
     time_s = by_run.capped_time_s(t_end_s)
     means = by_run.mean(time_s)
@@ -185,7 +270,7 @@ def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
 
 
 def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
-    """Intra-run correlation of a yes or no, of which ``count`` of ``of`` robots of each run have yes."""
+    """Compute the intra-run correlation of a binary outcome that ``count`` of ``of`` robots of each run have."""
     count, of = count[of > 0], of[of > 0]
     size = of.astype(np.float64)
     share = count / size
@@ -193,10 +278,10 @@ def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
 
 
 def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[np.float64]) -> float:
-    """Intra-run correlation from each run's mean, sum of squares about it and number of robots.
+    """Compute the intra-run correlation from each run's mean, sum of squares about it and number of robots.
 
-    One-way analysis of variance; runs of unequal size count with the usual mean size. It may be a little below 0.
-    Not a number for fewer than 2 runs, robots that are alone, and where nothing varies.
+    One-way analysis of variance; runs of unequal size enter with the usual mean size. It may be slightly negative.
+    It is nan for fewer than 2 runs, for single robots, and without any variance.
     """
     runs, robots = means.size, float(sizes.sum())
     if runs < 2 or robots <= runs:
@@ -210,5 +295,5 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
 
 
 def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
-    """How many times larger the variance is than that of as many independent robots."""
+    """Compute the ratio of the variance to that of as many independent robots."""
     return 1.0 + (float(of.mean()) - 1.0) * correlation if of.size else math.nan

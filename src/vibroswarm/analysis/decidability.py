@@ -38,19 +38,19 @@ from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
-from vibroswarm.fields import Sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on
-from vibroswarm.observation.boundary import felt_on, readings_boundary, tiled_share
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.scenario import Scenario
+from vibroswarm.observation.decision_boundary import readings_boundary, sensed_shares_on, tiled_share
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import Scenario
 
 Word = Literal[
     "decidable", "wrong side", "on the boundary", "cannot be told from the boundary", "not assessed"
 ]
 
 ON = 1e-9
-"""A share so near the boundary lies on it."""
+"""A share closer to the boundary than this is on it."""
 _EXACT_UP_TO = 100_000
 _STEPS = 200
 
@@ -62,56 +62,60 @@ class Decidability:
     verdict: Word
     says: str
     boundary: float
-    """Of the question."""
+    """The boundary of the question."""
     tested: float
-    """What the share of ones is held against: the boundary itself, or the share of ones expected at it."""
+    """The share of ones with which robots compare: the boundary itself, or the share of ones expected at it."""
     truth: int | None
     share: float
-    """Of ones: expected, or as it was observed."""
+    """Share of ones, expected or observed."""
     margin: float | None
-    """How far on the right side; None where neither is right."""
+    """Distance to the boundary, positive on the right side; None if neither decision is right."""
     fill_ratio: float | None = None
     share_low: float | None = None
     share_high: float | None = None
     effective_samples: float | None = None
     samples_needed: int | None = None
-    """Independent samples for the wanted error; None where no number does."""
+    """Independent samples for the wanted error; None if no number suffices."""
     threshold: float | None = None
     mending_low: float | None = None
     mending_high: float | None = None
-    """Thresholds between these two lean neither f nor its mirror to the wrong side; None: none does, or not asked."""
+    """Thresholds between these put neither f nor its mirror on the wrong side; None: none, or not computed."""
 
     @property
     def is_warning(self) -> bool:
-        """Whether a reader must be told."""
+        """Whether a report must warn of it."""
         return self.verdict not in ("decidable", "not assessed")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {name: plain(value) for name, value in self.__dict__.items()}
 
 
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
-    """Whether a scenario's question can be decided from the samples its swarm will take.
+    """Decide whether a scenario's question is decidable from the samples that its swarm will take.
 
     Args:
         error: the probability of a wrong majority that ``samples_needed`` is for.
-        floor: without, run 0's of seed 0: random floors all have its fill ratio, unless the arena cuts them.
+        floor: by default that of run 0 with seed 0; random floors share its fill ratio unless the arena cuts them.
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_on(scenario, floor, fill)
-    felt = felt_on(sensor, floor, size)
-    spilt = (felt.found + felt.spilt - felt.vibrating) / tiled
-    share = expected_share(sensor, fill, tiled, spilt)
+    felt = sensed_shares_on(sensor, floor, size)
+    spillover = (felt.detected + felt.spillover - felt.vibrating) / tiled
+    share = expected_share(sensor, fill, tiled, spillover)
     of_shares = scenario.task.name == "fill_ratio"
     verdict = _side(share, tested, truth) if of_shares else "not assessed"
-    says = _words(verdict, share, boundary, tested, truth) if of_shares else _of_another_task(scenario)
+    says = (
+        _words(verdict, share, boundary, tested, truth)
+        if of_shares
+        else f"Whether the task '{scenario.task.name}' is decidable cannot be computed from the share of ones."
+    )
     low, high, mend = None, None, ""
     if of_shares and scenario.decision.boundary_of == "readings":
-        low, high = mending_thresholds(sensor, fill, boundary, tiled, spilt) or (None, None)
+        low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
     return Decidability(
         verdict=verdict,
@@ -137,11 +141,11 @@ def decidability_of_share(
     level: float = 0.95,
     error: float = 0.05,
 ) -> Decidability:
-    """The same of a measured share of ones (over tiles, say, each with its own error rates).
+    """Decide the same for a measured share of ones, such as one over tiles with different error rates.
 
     Args:
         share: of ones. truth: 1 if more than the boundary vibrates, else 0; None: neither.
-        effective_samples: as many independent samples as the share rests on; None: it is exact.
+        effective_samples: number of independent samples behind the share; None: it is exact.
         level: of the share's interval. error: of the samples needed.
 
     Raises:
@@ -176,30 +180,30 @@ def decidability_of_share(
     )
 
 
-def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spilt: float = 0.0) -> float:
-    """q: share of samples at uniformly random places that read as vibrating."""
+def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillover: float = 0.0) -> float:
+    """Compute q, the share of samples at uniformly random positions that read as vibrating."""
     false_positive, false_negative = error_rates(sensor)
-    felt = min(max(fill_ratio + spilt, 0.0), 1.0)
+    felt = min(max(fill_ratio + spillover, 0.0), 1.0)
     on_tiles = felt * (1.0 - false_negative) + (1.0 - felt) * false_positive
     return tiled * on_tiles + (1.0 - tiled) * false_positive
 
 
 def mending_thresholds(
-    sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spilt: float = 0.0
+    sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spillover: float = 0.0
 ) -> tuple[float, float] | None:
-    """(theta_-, theta_+): thresholds between them are right for the fill ratio and for its mirror; None: none is.
+    """Find (theta_-, theta_+), between which thresholds are right for the fill ratio and its mirror; None if none is.
 
-    The mirror is 2x - f, or the nearest fill ratio that there is. On the boundary itself: the one threshold, twice,
-    at which the sensor's errors balance.
+    The mirror is 2x - f, or the nearest possible fill ratio. On the boundary itself both are the threshold at which
+    the sensor's errors balance.
     """
     mirror = min(max(2.0 * boundary - fill_ratio, 0.0), 1.0)
     lower, upper = sorted((fill_ratio, mirror))
 
     def crossing(fill: float) -> float:
-        """The threshold at which q comes down through the boundary."""
+        """Find the threshold at which q falls below the boundary."""
         return _falls_through(
             lambda theta: expected_share(
-                sensor.model_copy(update={"rms_threshold": theta}), fill, tiled, spilt
+                sensor.model_copy(update={"rms_threshold": theta}), fill, tiled, spillover
             ),
             boundary,
         )
@@ -224,19 +228,19 @@ def _falls_through(share: Callable[[float], float], level: float) -> float:
 
 
 class ObservedShare(NamedTuple):
-    """Share of ones with each tile counting alike, and as how many independent samples that is worth."""
+    """Share of ones with equal weight for each tile, and the number of independent samples to which it corresponds."""
 
     share: float
     standard_error: float
     effective_samples: float
     tiles: int
-    """Tiles that were sampled; the others are left out."""
+    """Number of tiles that were sampled; others are left out."""
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
-    """The share of ones that endless even sampling of the sampled tiles would tend to, from what was read.
+    """Estimate the share of ones under unlimited even sampling of the sampled tiles.
 
-    The mean over tiles of each tile's share of ones, so that it does not matter where robots stood longer. Its
+    It is the mean over tiles of each tile's share of ones, so that unequal visits do not matter. Its
     variance is the sum of p (1 - p) / n over tiles, over their number squared, with p = (ones + 1/2) / (n + 1).
 
     Args:
@@ -255,10 +259,10 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
 
 
 def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | None:
-    """Independent samples from which on the share of ones is on its own side of the boundary but for ``error``.
+    """Compute how many independent samples put the share of ones on its own side of the boundary but for ``error``.
 
     Exact (binomial; a share on the boundary counts as an error) up to some 100,000, normal beyond; None on the
-    boundary. Divide by effective samples a second to have a time.
+    boundary. Divide by effective samples per second to get a time.
 
     Raises:
         InputError: an error that is not between 0 and 0.5.
@@ -288,10 +292,6 @@ def _side(share: float, boundary: float, truth: int | None) -> Word:
     if truth is None or abs(share - boundary) < ON:
         return "on the boundary"
     return "decidable" if (share > boundary) == (truth == 1) else "wrong side"
-
-
-def _of_another_task(scenario: Scenario) -> str:
-    return f"Whether the task '{scenario.task.name}' can be decided from the share of ones is not worked out."
 
 
 def _margin(share: float, boundary: float, truth: int | None) -> float | None:

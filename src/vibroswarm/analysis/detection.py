@@ -1,4 +1,4 @@
-"""How many robots, and for how long, for a wanted pair of errors: from cells of different fill ratios and swarm sizes.
+"""Compute how many robots are needed, and for how long, to keep misses and false alarms below wanted rates.
 
 | name | what it is | limits |
 |---|---|---|
@@ -25,18 +25,18 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
-from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
 
 Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
 """Tables of robots and of runs of each cell, one scenario's runs; fill ratio and number of robots stand in them."""
 
 HORIZONS: Final = 6
-"""Even parts of t_end at which misses are reported where no horizons are given."""
+"""Default number of horizons, evenly spaced up to t_end."""
 GRID: Final = 481
-"""Times that ``needed`` looks at for robots, whose limits are drawn."""
+"""Number of times at which ``needed`` evaluates robots, whose limits are bootstrapped."""
 
 
 def detection_curve(
@@ -46,7 +46,7 @@ def detection_curve(
     level: float = 0.95,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Misses against the fill ratio at each horizon; a row a cell and horizon, by robots, fill ratio, horizon.
+    """Tabulate misses against the fill ratio at each horizon; one row for each cell and horizon.
 
     Args:
         cells: tables ``robots`` and ``runs`` of each. t_end_s: end of their runs, s. horizons_s: times, s, up to it.
@@ -96,12 +96,12 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
 
 
 def _fill_ratio(fills: pl.Series) -> float:
-    """The mean, and just the value where all are equal."""
+    """Return the mean, or exactly the value if all are equal."""
     return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
 
 
 def _truth(truths: pl.Series) -> int | None:
-    """What is so in all runs; None where they differ, or no decision is right."""
+    """Return the truth of all runs; None if it differs between runs or no decision is right."""
     return int(truths[0]) if truths.n_unique() == 1 and truths.null_count() == 0 else None
 
 
@@ -126,7 +126,7 @@ def needed(
     seed: int = 0,
     false_alarms: float | None = None,
 ) -> pl.DataFrame:
-    """How long each cell needs until the upper limit of its misses lies below ``error``.
+    """Compute how long each cell needs until the upper limit of its misses is below ``error``.
 
     Args:
         t_end_s: end of the runs, s. error: the wanted probability of a miss.
@@ -165,7 +165,7 @@ def needed(
 
 
 def pairs(found: pl.DataFrame) -> pl.DataFrame:
-    """When a floor above the boundary is distinguished from one below it, misses and false alarms being rare enough.
+    """Compute when a floor above the boundary is distinguished from one below it at the wanted error rates.
 
     Args:
         found: of ``needed``.
@@ -191,7 +191,7 @@ _ALARM: Final = ("false_alarm", "false_alarm_high", "clear_until_s")
 
 
 class _Events(NamedTuple):
-    """What happened more and more: times, increasing; the share from each on, with its upper and lower limits.
+    """A cumulative share: increasing times, and the share from each time on, with its limits.
 
     All are of shape (times,), the first time being 0.
     """
@@ -205,7 +205,7 @@ class _Events(NamedTuple):
 def _swarm_events(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
 ) -> tuple[_Events, _Events]:
-    """Right and wrong consensus, at each time at which there was one more."""
+    """Compute the shares of right and wrong consensus at each time at which one is reached."""
     table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
     n, found = table.height, []
     for outcome in ("right", "wrong"):
@@ -220,7 +220,7 @@ def _swarm_events(
 def _robot_events(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
 ) -> tuple[_Events, _Events]:
-    """Shares of robots that had decided right, and wrong, on an even grid of times."""
+    """Compute the shares of robots that had decided right, and wrong, on an even grid of times."""
     times = np.linspace(0.0, t_end_s, GRID)
     table = robot_incidence(robots, runs, t_end_s, times, level, seed)
     found = [
@@ -231,7 +231,7 @@ def _robot_events(
 
 
 def _first_below(right: _Events, error: float) -> dict[str, float | None]:
-    """When the upper limit of the misses is low enough for the first time, and the misses at the end."""
+    """Find when the upper limit of the misses is first low enough, and the misses at the end."""
     enough = np.flatnonzero(1.0 - right.low < error)
     return {
         "needed_s": float(right.time_s[enough[0]]) if enough.size else None,
@@ -241,7 +241,7 @@ def _first_below(right: _Events, error: float) -> dict[str, float | None]:
 
 
 def _clear(wrong: _Events, wanted: float) -> dict[str, float | None]:
-    """Until when the upper limit of the false alarms is low enough, and the false alarms at the end."""
+    """Find until when the upper limit of the false alarms is low enough, and the false alarms at the end."""
     over = np.flatnonzero(~(wrong.high < wanted))
     return {
         "false_alarm": plain(float(wrong.share[-1])),

@@ -1,8 +1,7 @@
-"""Right and wrong decisions over time: how many had fallen by then, of robots and of swarms.
+"""Compute the cumulative incidence of right and wrong decisions, of robots and of swarms.
 
-All are followed to t_end, and a run that stopped early had all its robots decided: nobody is lost from sight, and
-the cumulative incidence is a plain share. A robot that revises counts at the decision that stood. Limits hold for
-each time by itself, not for the curve as a whole.
+Runs go to t_end or stop when all robots have decided: there is no censoring before t_end, and the cumulative incidence
+is a plain share. A robot that revises its decision counts at its final one. Limits are pointwise.
 """
 
 from __future__ import annotations
@@ -11,15 +10,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import check_level, cluster_share_of_distinct, wilson_limits
-from vibroswarm.analysis.per_run import run_figures
 
 POINTS = 121
-"""Times of a grid that is not given: from 0 to t_end."""
+"""Number of times in the default grid from 0 to t_end."""
 
 
 def time_grid(t_end_s: float, times_s: ArrayLike | None) -> NDArray[np.float64]:
-    """The times, or an even grid from 0 to t_end, s."""
+    """Return the given times, or an even grid from 0 to t_end, s."""
     if times_s is None:
         return np.linspace(0.0, t_end_s, POINTS)
     return np.asarray(times_s, dtype=np.float64).ravel()
@@ -33,7 +32,7 @@ def robot_incidence(
     level: float = 0.95,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Shares of robots that by each time had decided right, wrong, or not yet; limits over runs.
+    """Compute the shares of robots that had decided right, wrong, or not yet at each time; limits over runs.
 
     Args:
         robots, runs: tables of a result. t_end_s: end of the runs, s. times_s: when, s; without, a grid up to the end.
@@ -62,13 +61,13 @@ def robot_incidence(
 
 
 Counted = list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]
-"""For each time: robots of a run, how many of them, and in how many runs so; each of shape (distinct,)."""
+"""For each time: robots of a run, how many of them decided, and the number of such runs; each (distinct,)."""
 
 
 def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]) -> Counted:
-    """In how many runs how many robots had decided so by each time.
+    """Count for each time in how many runs how many robots had decided so.
 
-    The k-th decision of a run falls by t in as many runs as have a k-th time at most t: one search a k, no table of
+    At least k robots of a run decided by t if its k-th time is at most t: one search for each k, without a table of
     runs by times.
     """
     ranked = (
@@ -96,7 +95,7 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
 
 
 def _limits(counted: Counted, times: int, level: float, seed: int) -> NDArray[np.float64]:
-    """Estimate, low and high at each time, shape (times, 3)."""
+    """Compute estimate, low and high at each time, shape (times, 3)."""
     limits = np.full((times, 3), np.nan)
     for t, (size, count, number) in enumerate(counted):
         limits[t] = cluster_share_of_distinct(count, size, number, level, seed)[:3]
@@ -110,7 +109,7 @@ def swarm_incidence(
     times_s: ArrayLike | None = None,
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Shares of runs that by each time had a right consensus, a wrong one, or none; Wilson's limits.
+    """Compute the shares of runs that had a right consensus, a wrong one, or none at each time; Wilson's limits.
 
     Args and returns: as ``robot_incidence``, with ``open`` (no consensus yet, or split) in place of ``undecided``.
     """
@@ -123,7 +122,7 @@ def swarm_incidence(
     for name, outcomes, n in (
         ("right", ("right",), known),
         ("wrong", ("wrong",), known),
-        ("open", ("right", "wrong", "agreed"), table.height),
+        ("open", ("right", "wrong", "truth_undefined"), table.height),
     ):
         of = together.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
         at = np.sort(of["consensus_time_s"].to_numpy())

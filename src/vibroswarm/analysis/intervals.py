@@ -1,6 +1,6 @@
-"""Intervals about shares, means, quantiles and paired differences; the run is the unit in all of them.
+"""Compute confidence intervals of shares, means, quantiles and paired differences; the run is the unit in all of them.
 
-| name | what of | how | source |
+| name | figure | method | source |
 |---|---|---|---|
 | ``wilson`` | share of runs | (k + z^2/2 +- z sqrt(k(n-k)/n + z^2/4)) / (n + z^2) | Wilson 1927 |
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
@@ -9,7 +9,7 @@
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
 | ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
 
-Whatever is drawn comes from Philox with a key of (seed, what for), so that it never depends on what else is drawn.
+Random numbers come from Philox with a key of (seed, purpose), so that they do not depend on other draws.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from scipy.special import ndtr, ndtri, stdtrit
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999
-"""Bootstrap and sign-flip draws: with one more, 2.5 % and 97.5 % fall on whole ranks."""
+"""Bootstrap and sign-flip draws; one less than 2000, so that 2.5 % and 97.5 % are whole ranks."""
 FEW: Final = 10
-"""With fewer runs than this off 0 or off 1, a bootstrap of a share has next to nothing to draw from."""
+"""With fewer runs whose share is not 0, or not 1, a bootstrap of a share is unreliable."""
 _EXACT: Final = 10
-"""Up to so many differences all subsets are listed."""
+"""Up to this number of differences all subsets are enumerated."""
 _MANY_VALUES: Final = 2000
-"""Beyond so many distinct values the limits of drawn means are those of their normal limit."""
+"""Above this number of distinct values, resampled means are replaced by their normal limit."""
 _TAIL: Final = 5
-"""With fewer drawn sums than this as far out as the one seen, its p-value is that of the normal limit."""
+"""With fewer draws as extreme as the observed sum, the p-value is that of the normal limit."""
 _BLOCK: Final = 4_000_000
-"""Numbers in memory at once."""
+"""Most numbers in memory at a time."""
 
 Values = NDArray[np.float64]
 
@@ -43,8 +43,8 @@ Values = NDArray[np.float64]
 class Interval(NamedTuple):
     """An estimate with its limits.
 
-    ``n`` counts the independent units (runs, pairs); ``how`` names the method. Not a number where the figure is not
-    defined; infinite limits where the data are too few to set any.
+    ``n`` counts the independent units (runs, pairs); ``how`` names the method. All are nan if the figure is undefined;
+    limits are infinite if there are too few data.
     """
 
     estimate: float
@@ -55,26 +55,26 @@ class Interval(NamedTuple):
     how: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; what is no finite number is None."""
+        """Return plain values for JSON; None for what is not finite."""
         return {name: plain(value) for name, value in self._asdict().items()}
 
     def excludes(self, value: float) -> bool:
-        """Whether the value lies outside; False where there are no limits."""
+        """Tell whether the value lies outside; False if there are no limits."""
         return self.high < value or self.low > value
 
 
 def plain(value: Any) -> Any:
-    """A number as JSON has it: None for what is not finite."""
+    """Return a value for JSON: None for what is not finite."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def undefined(level: float, n: int, how: str) -> Interval:
-    """The interval of a figure that is not defined."""
+    """Make the interval of an undefined figure."""
     return Interval(math.nan, math.nan, math.nan, level, n, how)
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """Chance for one purpose: the same numbers for the same seed, whatever else is drawn."""
+    """Create the random generator for a seed and a purpose, independent of all others."""
     return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))
 
 
@@ -82,28 +82,28 @@ def check_level(level: float) -> None:
     """Refuse a level outside (0, 1).
 
     Raises:
-        InputError: so it is.
+        InputError: it is outside.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"{level!r} is no level of confidence; give a share such as 0.95", field="level")
 
 
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
-    """Wilson's limits of shares, shapes as the inputs broadcast; nan where n is 0. Counts need not be whole."""
+    """Compute Wilson's limits of shares, broadcasting inputs; nan where n is 0. Counts need not be whole."""
     check_level(level)
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
     z = float(ndtri(0.5 + level / 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)
         low, high = (k + z * z / 2 - half) / (total + z * z), (k + z * z / 2 + half) / (total + z * z)
-    # Rounding must not put a share of 0 or 1 outside.
+    # Rounding must not exclude a share of 0 or 1.
     return np.where(k <= 0, np.where(total > 0, 0.0, np.nan), low), np.where(
         k >= total, np.where(total > 0, 1.0, np.nan), high
     )
 
 
 def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
-    """A share of runs."""
+    """Compute a share of runs with Wilson's limits."""
     if n == 0:
         check_level(level)
         return undefined(level, 0, "wilson")
@@ -112,13 +112,13 @@ def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
 
 
 def finite(values: ArrayLike) -> Values:
-    """The numbers among the values, shape (at most that many,): a run in which a figure is not defined has none."""
+    """Drop nan, the value of a run in which a figure is undefined."""
     array = np.asarray(values, dtype=np.float64).ravel()
     return array[~np.isnan(array)]
 
 
 def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """A mean over runs with Student's limits: none from one run, and of no width when all runs are equal."""
+    """Compute a mean over runs with Student's limits: infinite for one run, of width 0 if all runs are equal."""
     check_level(level)
     runs = finite(values)
     if runs.size == 0:
@@ -131,16 +131,16 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
 
 def _mean(values: Values) -> float:
-    """The mean, never outside the values by rounding."""
+    """Compute the mean, kept within the values against rounding."""
     return float(np.clip(values.mean(), values.min(), values.max()))
 
 
 def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Interval:
-    """A mean over runs with percentiles of the bootstrap over runs.
+    """Compute a mean over runs with a percentile bootstrap over runs.
 
-    Runs of equal value are drawn together (multinomial over the distinct values), which is the same and fast. Of
-    very many distinct values the drawn means are normal, and their limits are taken so. The spread is made
-    sqrt(n / (n - 1)) times larger, as the variance of a mean wants.
+    Equal runs are drawn together (multinomial over the distinct values), which is equivalent and fast. For very many
+    distinct values the normal limit is used. The spread is multiplied by sqrt(n / (n - 1)), which makes the variance
+    unbiased.
     """
     check_level(level)
     runs = finite(values)
@@ -157,7 +157,7 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 def _resampled(
     numerators: Values, denominators: Values, counts: NDArray[np.int64], level: float, seed: int, draws: int
 ) -> tuple[float, float]:
-    """Limits of sum(numerator) / sum(denominator) over units drawn anew; ``counts`` units have each value."""
+    """Bootstrap limits of sum(numerator) / sum(denominator) over units; ``counts`` units have each value."""
     n = int(counts.sum())
     ratio = float(numerators @ counts) / float(denominators @ counts)
     widen = math.sqrt(n / (n - 1))
@@ -178,12 +178,12 @@ def _resampled(
 
 
 def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
-    """A share of robots, sum(count) / sum(of), from the counts of each run, shape (runs,): the run is the unit.
+    """Compute a share of robots, sum(count) / sum(of), from the counts of each run, (runs,): the run is the unit.
 
-    Percentiles of the bootstrap over runs. Where fewer than ``FEW`` runs stand off 0 or off 1, those would be too
-    narrow (of no width when all runs agree); then Wilson's limits for as many independent robots as the spread
-    over runs allows: n' = p(1-p) / Var of the share, never more than there are robots, and as many as runs when
-    all agree, since the robots of a run are nearly alike.
+    Limits are percentiles of a bootstrap over runs. If fewer than ``FEW`` runs differ from 0 or from 1, these would be
+    too narrow (of width 0 if all runs agree); then they are Wilson's limits for the effective number of independent
+    robots, n' = p(1-p) / Var of the share: at most the number of robots, and the number of runs if all agree, since
+    the robots of a run are strongly correlated.
     """
     numerator, denominator = np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)
     width = int(denominator.max(initial=0)) + 1
@@ -218,7 +218,7 @@ def cluster_share_of_distinct(
 
 
 def _independent_robots(above: Values, below: Values, runs: NDArray[np.int64], share: float) -> float:
-    """As many independent robots as would give the share this variance; the runs where there is none to see."""
+    """Compute the number of independent robots with this variance of the share; the runs if there is none."""
     n, robots = float(runs.sum()), float(below @ runs)
     variance = float(runs @ (above - share * below) ** 2) / robots**2
     if n > 1:
@@ -229,14 +229,14 @@ def _independent_robots(above: Values, below: Values, runs: NDArray[np.int64], s
 
 
 class SignFlip(NamedTuple):
-    """The mean of paired differences: its interval, and the two-sided p-value of "no difference"."""
+    """The interval of a mean of paired differences, and the two-sided p-value of "no difference"."""
 
     interval: Interval
     p_value: float
 
 
 def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:
-    """The mean of paired differences, one a run, by the sign-flip test turned round.
+    """Estimate the mean of paired differences, one for each run, by inverting the sign-flip test.
 
     Under "the centre is m" the signs of the d - m are as good as tossed. A toss that flips the subset S gives a
     sum at least as large as the one seen exactly when the mean of S is at most m. So the limits are quantiles of
@@ -247,8 +247,8 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     Where fewer than ``_TAIL`` of the drawn sums are as far out as the one seen, p is that of the normal limit: a family
     of many comparisons needs p-values smaller than the draws can give.
 
-    Up to 10 differences all subsets are listed, beyond that ``draws`` are drawn (equal differences together), and
-    with very many distinct ones the subsets' means are normal.
+    Up to 10 differences all subsets are enumerated; otherwise ``draws`` subsets are drawn (equal differences
+    together), and for very many distinct ones the normal limit is used.
     """
     check_level(level)
     d = finite(differences)
@@ -274,7 +274,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 
 
 def _far_out(d: Values) -> float:
-    """The p-value by the normal limit of the tossed sum, never below the least that n tosses can give, 2 / 2^n."""
+    """Compute the p-value from the normal limit of the sum, but at least 2 / 2^n, the smallest that n signs allow."""
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
@@ -282,13 +282,13 @@ def _far_out(d: Values) -> float:
 
 
 def _all_subsets(d: Values) -> Values:
-    """Means of all subsets that are not empty, shape (2^n - 1,)."""
+    """Compute the means of all non-empty subsets, shape (2^n - 1,)."""
     chosen = (np.arange(1, 2**d.size)[:, None] >> np.arange(d.size)) & 1
     return np.asarray((chosen @ d) / chosen.sum(axis=1))
 
 
 def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int, draws: int) -> Values:
-    """Means of random subsets, shape (draws,)."""
+    """Compute the means of random subsets, shape (draws,)."""
     random, drawn, alone = generator(seed, "sign flip"), [], bool((counts == 1).all())
     at_once = max(1, _BLOCK // distinct.size)
     for first in range(0, draws, at_once):
@@ -301,7 +301,7 @@ def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int
 
 
 def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
-    """The normal limit: the mean of a random subset has standard deviation sqrt(sum (d - mean)^2) / n."""
+    """Use the normal limit: the mean of a random subset has standard deviation sqrt(sum (d - mean)^2) / n."""
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error
     p_value = float(2.0 * ndtr(-abs(mean) / error))
@@ -309,15 +309,15 @@ def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
 
 
 def sign_flip_interval(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
-    """The interval of ``sign_flip``."""
+    """Return only the interval of ``sign_flip``."""
     return sign_flip(differences, level, seed).interval
 
 
 def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:
-    """A quantile over runs with limits from order statistics, whatever the distribution.
+    """Compute a quantile over runs with distribution-free limits from order statistics.
 
-    Values may be infinite (a run that never got there): the estimate is the ceil(share n)-th smallest (the mean of
-    the middle two for the median of an even number).
+    Values may be infinite (a run that never reached the event). The estimate is the ceil(share n)-th smallest value,
+    or the mean of the middle two for the median of an even number.
 
     Raises:
         InputError: a share or level that is not between 0 and 1.

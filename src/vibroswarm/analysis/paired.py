@@ -1,34 +1,33 @@
-"""Two cells compared run by run: the same seeds in both, so that run r has the same motion and floor in each.
+"""Compare two cells run by run: they have the same seed, so that run r has the same motion and floor in both.
 
 | figure | symbol | equation |
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
-| p-value of a family | - | Holm: the largest so far of (m - i + 1) p_(i), at most 1 (Holm 1979) |
+| p-value of a family | - | Holm: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
-**What pairing does not do.** Common random numbers take the luck of each run out of the comparison, and bring the
-same luck into every comparison made on the same block of seeds: a lucky block flatters one cell in all of them. A
-headline comparison is therefore made again on a second block, of fresh motion and fresh floors, and counts as
-confirmed only if both intervals exclude 0 on the same side (``confirmed``).
+**What pairing does not do.** Common random numbers remove the luck of each run from the comparison, but all comparisons
+on one block of seeds share the same luck. An important comparison is therefore repeated on a second block, with fresh
+motion and floors, and counts as confirmed only if both intervals exclude 0 on the same side (``confirmed``).
 
-**Motion and floor are two sources of luck.** With a fresh floor for each run the interval over runs holds both. With
-one fixed floor it holds motion only, and speaks for that floor: more runs make it narrow, not general. With I motions
+**Motion and floor are two sources of variance.** With a fresh floor for each run the interval over runs covers both.
+With one fixed floor it covers motion only and applies to that floor: more runs do not generalise it. With I motions
 crossed with J floors, d_ij = D + M_i + F_j + e_ij, the variance of the mean is
 
     Var(M) / I + Var(F) / J + Var(e) / (I J),
 
-which more motions on few floors cannot bring below Var(F) / J. So vary floors (and motions) over runs, rather than
+which more motions on few floors cannot reduce below Var(F) / J. So vary floors and motions over runs instead of
 crossing few of either.
 
-"Not told apart" is never "equal": only an interval inside a margin that was set beforehand says that.
+No significant difference is not equality: that requires an interval inside a margin that was set beforehand.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -45,14 +44,14 @@ FIGURES: Final = {
     "wrong_share": -1,
     "undecided_share": -1,
 }
-"""Columns of ``per_run.run_figures`` that are compared, and which way is better."""
+"""Columns of ``cell_summary.run_figures`` that are compared; 1 if higher is better, -1 if lower is."""
 
 DIRECTIONS: Final = FIGURES | {"swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
 
 
 @dataclass(frozen=True)
 class Paired:
-    """One figure in two cells: ``difference`` is first less second, over runs that have the figure in both.
+    """One figure in two cells: ``difference`` is first - second, over runs that have the figure in both.
 
     A win is a run in which the first cell does better. ``p_holm`` is corrected over the family it was compared in.
     """
@@ -71,7 +70,7 @@ class Paired:
     p_holm: float
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Flat, None for what is not finite."""
+        """Return a flat row; None for what is not finite."""
         row: dict[str, Any] = {name: plain(value) for name, value in self.__dict__.items()}
         interval = row.pop("difference")
         row["difference"], row["difference_low"], row["difference_high"] = (plain(v) for v in interval[:3])
@@ -91,7 +90,7 @@ def compare(
     level: float = 0.95,
     seed: int = 0,
 ) -> tuple[Paired, ...]:
-    """Two cells compared figure by figure; Holm-corrected over the figures.
+    """Compare two cells figure by figure; p-values are Holm-corrected over the figures.
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed: runs of one number are a pair.
@@ -113,7 +112,7 @@ def compare(
     one_sided = first.height + second.height - 2 * both.height
     compared = [_compare_one(both, figure, one_sided, level, seed) for figure in figures]
     corrected = holm([paired.p_value for paired in compared])
-    return tuple(_with_p(paired, p) for paired, p in zip(compared, corrected, strict=True))
+    return tuple(replace(paired, p_holm=p) for paired, p in zip(compared, corrected, strict=True))
 
 
 def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, seed: int) -> Paired:
@@ -138,12 +137,8 @@ def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, 
     )
 
 
-def _with_p(paired: Paired, p_holm: float) -> Paired:
-    return Paired(**{**paired.__dict__, "p_holm": p_holm})
-
-
 def holm(p_values: ArrayLike) -> list[float]:
-    """p-values corrected over their family, in their order; those that are not defined count for nothing."""
+    """Correct p-values over their family by Holm's method, in their order; undefined ones are ignored."""
     p = np.asarray(p_values, dtype=np.float64).ravel()
     corrected = np.full(p.size, np.nan)
     there = np.flatnonzero(~np.isnan(p))
@@ -155,7 +150,7 @@ def holm(p_values: ArrayLike) -> list[float]:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """A comparison made on a first block of seeds and again on a second."""
+    """A comparison on a first block of seeds and its repetition on a second."""
 
     first: Paired
     second: Paired
@@ -173,10 +168,10 @@ class Confirmation:
 
 
 def confirmed(first: Paired, second: Paired) -> Confirmation:
-    """Whether a second block of seeds (fresh motion, fresh floors) bears out the first.
+    """Tell whether a second block of seeds (fresh motion, fresh floors) confirms the first.
 
     Raises:
-        InputError: the two are of different figures.
+        InputError: they compare different figures.
     """
     if first.figure != second.figure:
         raise InputError(
@@ -195,15 +190,15 @@ def confirmed(first: Paired, second: Paired) -> Confirmation:
 
 
 def side(interval: Interval) -> int:
-    """1 where the interval lies above 0, -1 below, 0 where it holds 0 or there is none."""
+    """Return 1 if the interval is above 0, -1 if below, 0 if it contains 0 or has no limits."""
     return int(interval.low > 0) - int(interval.high < 0)
 
 
 def equivalent(interval: Interval, margin: float) -> bool:
-    """Whether the difference is smaller than a margin set beforehand: the interval lies inside (-margin, margin).
+    """Tell whether the difference is smaller than a margin set beforehand: the interval is inside (-margin, margin).
 
     A 95 % interval gives two one-sided tests at 2.5 % each; for 5 % give a 90 % interval. An interval without width, of
-    pairs that all differ alike, is not enough: it says nothing of rarer pairs that were not seen.
+    pairs with equal differences, is not enough, since rarer pairs may not have occurred.
 
     Raises:
         InputError: a margin that is not above 0.

@@ -1,4 +1,4 @@
-"""How a swarm samples: how far apart, how often, how evenly, and how many independent samples that is worth.
+"""Describe how a swarm samples: distances, intervals, evenness, and the effective number of samples.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -23,18 +23,35 @@ n_v is 1 / sum w_t^2 (as many tiles as are looked at equally) with the finite nu
 average for n independent uniform places (1 / n_v has mean 1 / n), less where a robot's next sample falls near its last,
 more where tiles are visited more evenly than by chance, and infinite when all are visited equally often: then a
 perfect sensor knows the fill ratio. With the places' n_v and the sensor's n, q (1 - q) / Var(O | w) is n_eff.
+
+How alike the bits of samples are: near each other on the floor, and one after the other; and what was lost.
+
+| name | symbol | equation |
+|---|---|---|
+| correlogram | I(d) | mean over pairs at distance d of (o_i - m)(o_j - m), over the mean of (o_i - m)^2 |
+| lag-1 correlation | r | the same over pairs of one robot's consecutive samples |
+| packet loss | - | 1 - heard / addressed |
+
+m is the run's own mean, which draws I down by about 1 / (samples - 1) even where nothing is alike. Pairs are of one
+run, of any two robots; I is Moran's with the pairs at that distance as neighbours. The run is the unit: figures are
+made for each run and averaged.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, Final
+from itertools import pairwise
+from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.errors import InputError
+from vibroswarm.observation.observe import vibrating_at
+from vibroswarm.result import Result
 
 WALK: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -48,13 +65,13 @@ WALK: Final[dict[str, Any]] = {
 """Columns of ``walk_figures``."""
 
 _TABLE_PER_SAMPLE: Final = 4
-"""Visits are counted in a table of runs by tiles while that has at most so many fields a sample."""
+"""Visits are counted in a dense table of runs by tiles up to this number of entries per sample."""
 
 
 def walk_figures(
     motion_samples: pl.DataFrame, observations: pl.DataFrame, tiles: int | None = None
 ) -> pl.DataFrame:
-    """One row a run of how its robots sampled; a run in which nobody sampled has none.
+    """Compute one row of sampling figures for each run; a run without samples has none.
 
     Args:
         motion_samples, observations: tables of a result, with the same rows.
@@ -74,7 +91,7 @@ def walk_figures(
 
 
 class Walk:
-    """``walk_figures`` of one motion for many floors and sensors: what does not depend on those is worked out once.
+    """``walk_figures`` of one motion for many floors and sensors; what does not depend on these is computed once.
 
     Args:
         motion_samples: table of a result.
@@ -90,7 +107,7 @@ class Walk:
     def figures(
         self, tile: NDArray[np.int32], observation: NDArray[np.uint8], tiles: int | None = None
     ) -> dict[str, NDArray[Any]]:
-        """The columns of ``walk_figures``, a value a run that has samples; not a number in place of null.
+        """Compute the columns of ``walk_figures`` for each run with samples; nan instead of null.
 
         Args:
             tile, observation: (rows,), of the observation table. tiles: as ``walk_figures`` has them.
@@ -127,7 +144,7 @@ class Walk:
 def _consecutive(
     samples: pl.DataFrame, first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of each sample and of the same robot's next, both of shape (pairs,), ordered by run and robot.
+    """Return the rows of each sample and of the same robot's next, both (pairs,), ordered by run and robot.
 
     Rows are brought together by robot with a sort on 16 bits (which costs little) of rows that are sorted by run and
     time already.
@@ -146,7 +163,7 @@ def _consecutive(
 def _mean_of_steps(
     after: NDArray[np.int64], first: NDArray[np.int64]
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Means over the steps of each run, from values in the order of ``_consecutive``; nan without steps."""
+    """Return a function that averages the steps of each run, in the order of ``_consecutive``; nan without steps."""
     # Rows of a run stay together there, so the smallest row of a run's steps or of a later one tells where it ends.
     bounds = np.searchsorted(np.maximum.accumulate(after), np.append(first, after.max(initial=0) + 1))
     steps = np.diff(bounds)
@@ -162,7 +179,7 @@ def _mean_of_steps(
 
 
 def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Mean of each run's values that are numbers, shape (runs,)."""
+    """Average each run's values that are not nan, shape (runs,)."""
     known = ~np.isnan(values)
     if known.all():
         return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, values.size)))
@@ -173,7 +190,7 @@ def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDA
 def _effective(
     tile: NDArray[np.int32], first: NDArray[np.int64], count: NDArray[np.int64], tiles: int | None
 ) -> NDArray[np.float64]:
-    """n_v of each run, shape (runs,)."""
+    """Compute n_v of each run, shape (runs,)."""
     run_count, width = first.size, int(tile.max(initial=0)) + 1
     key = np.repeat(np.arange(run_count) * width, count) + tile
     if tile.min(initial=0) < 0:
@@ -197,7 +214,7 @@ def _effective(
 
 
 def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
-    """n_v from sum w_t^2 and the number of tiles, shape as they broadcast; nan for a floor of one tile."""
+    """Compute n_v from sum w_t^2 and the number of tiles, broadcasting; nan for a floor of one tile."""
     s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
     excess = number * s - 1.0
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -212,7 +229,7 @@ def effective_with_sensor(
     false_positive: float,
     false_negative: float,
 ) -> NDArray[np.float64]:
-    """q (1 - q) / Var(O | w): n_eff of runs with these samples and n_v, the sensor's errors taken in.
+    """Compute n_eff = q (1 - q) / Var(O | w) of runs with these samples and n_v, including the sensor's errors.
 
     Args:
         samples, effective_visits: n and n_v, shape (runs,) or one each. The three others are f, a and b, shares.
@@ -224,3 +241,140 @@ def effective_with_sensor(
         of_floor = (1 - a - b) ** 2 * f * (1 - f) / visits
         of_sensor = (f * b * (1 - b) + (1 - f) * a * (1 - a)) / n
         return np.asarray(q * (1 - q) / (of_floor + of_sensor))
+
+
+Of = Literal["bits", "tiles"]
+
+EXCHANGE: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "addressed": pl.UInt32,
+    "heard": pl.UInt32,
+    "packet_loss": pl.Float64,
+}
+"""Columns of ``packet_loss``."""
+
+
+def correlogram(
+    result: Result, edges_m: ArrayLike | None = None, of: Of = "bits", level: float = 0.95
+) -> pl.DataFrame:
+    """Correlate the values of samples as a function of the distance between them.
+
+    All pairs of a run are taken: about 20 ms a run of 1200 samples, so give some tens of runs.
+
+    Args:
+        edges_m: edges of the bins of distance, increasing, m; without it, a tenth of the shorter side of the arena.
+        of: the bits that were read, or what lies below (1 where the tile vibrates): the floor without the sensor.
+    Returns: from_m, to_m, pairs (mean a run), correlation, low, high (over runs); a row a bin, null where no pair is.
+    Raises:
+        InputError: edges that do not increase, a wrong ``of``.
+    """
+    if of not in ("bits", "tiles"):
+        raise InputError(f"'{of}' has no correlogram; bits or tiles", field="of")
+    arena = result.scenario.arena
+    side_m = min(arena.width_m, arena.height_m)
+    edges = np.linspace(0.0, side_m, 11) if edges_m is None else np.asarray(edges_m, dtype=np.float64)
+    if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0).all():
+        raise InputError("give at least two distances that increase", field="edges_m")
+    x, y = result.motion["x_m"].to_numpy(), result.motion["y_m"].to_numpy()
+    values = _values(result, of)
+    by_run = [
+        _of_run(x[low:high], y[low:high], values[low:high], edges) for low, high in _bounds(result.motion)
+    ]
+    rows = []
+    for k, (from_m, to_m) in enumerate(pairwise(edges.tolist())):
+        interval = mean_interval([correlation[k] for correlation, _ in by_run], level)
+        pairs = float(np.mean([number[k] for _, number in by_run])) if by_run else 0.0
+        rows.append((from_m, to_m, pairs, *interval[:3]))
+    names = ("from_m", "to_m", "pairs", "correlation", "low", "high")
+    frame = pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row")
+    finite = [pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name) for name in names]
+    return frame.with_columns(finite)
+
+
+def _values(result: Result, of: Of) -> NDArray[np.float64]:
+    if of == "bits":
+        return result.observations["observation"].cast(pl.Float64).to_numpy()
+    tile = result.observations["tile"].to_numpy()
+    values = np.empty(tile.size)
+    run = result.motion["run"].to_numpy()
+    for low, high in _bounds(result.motion):
+        values[low:high] = vibrating_at(result.floor(int(run[low])), tile[low:high])
+    return values
+
+
+def _bounds(samples: pl.DataFrame) -> list[tuple[int, int]]:
+    """Return the first row and one past the last of each run in a table sorted by run."""
+    run = samples["run"].to_numpy()
+    first = np.flatnonzero(np.append(True, run[1:] != run[:-1])) if run.size else np.zeros(0, np.int64)
+    return [(int(low), int(high)) for low, high in pairwise(np.append(first, run.size))]
+
+
+def _of_run(
+    x: NDArray[np.float64], y: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Compute the correlation in each bin (nan without pairs or variance) and the pairs; shapes (bins,)."""
+    total, pairs = np.zeros(edges.size - 1), np.zeros(edges.size - 1, dtype=np.int64)
+    deviation = values - values.mean()
+    for i in range(values.size - 1):
+        distance = np.hypot(x[i + 1 :] - x[i], y[i + 1 :] - y[i])
+        inside = (distance >= edges[0]) & (distance < edges[-1])
+        bins = np.searchsorted(edges, distance[inside], side="right") - 1
+        pairs += np.bincount(bins, minlength=pairs.size)
+        total += deviation[i] * np.bincount(bins, deviation[i + 1 :][inside], total.size)
+    variance = float((deviation**2).mean())
+    if variance <= 0.0:
+        return np.full(total.size, np.nan), pairs
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total / pairs / variance, pairs
+
+
+def lag_one(result: Result, level: float = 0.95) -> Interval:
+    """Correlate each robot's bit with its next, in each run over all robots; mean over runs."""
+    ordered = result.observations.sort("run", "robot", "sample")
+    robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
+    correlations = []
+    for low, high in _bounds(ordered):
+        bits = ordered["observation"][low:high].cast(pl.Float64).to_numpy()
+        deviation = bits - bits.mean()
+        same = robot[low + 1 : high] == robot[low : high - 1]
+        products = (deviation[1:] * deviation[:-1])[same]
+        variance = float((deviation**2).mean())
+        correlations.append(float(products.mean()) / variance if products.size and variance > 0 else math.nan)
+    return mean_interval(correlations, level)
+
+
+def packet_loss(result: Result) -> pl.DataFrame:
+    """Count the messages addressed to the robots of each run and those that they received, as far as known.
+
+    Only messages sent at least two control periods before the receiver's last stop began count: it had come past
+    these, heard or not, when it took its last sample. What was sent later may still have been on its way, and a
+    robot that never sampled says nothing. The share is of messages addressed to a robot, its own not among them.
+    Samples count by their numbers, so that rows that a recording lost count too; where it does not tell what was
+    received, heard and the share are null.
+    """
+    tick_s = result.scenario.tick_s
+    tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
+    last = (
+        result.motion.with_columns(heard=result.inference["messages_received"])
+        .with_row_index("row")
+        .group_by("run", "robot", maintain_order=True)
+        .last()
+    )
+    begun = np.rint(last["stop_start_s"].to_numpy() / tick_s).astype(np.int64) - 2
+    # One clock for all runs, so that one search answers for all.
+    span = int(max(tick.max(initial=0), 0)) + 3
+    clock = result.motion["run"].to_numpy().astype(np.int64) * span + tick
+    of_run = last["run"].to_numpy().astype(np.int64)
+    number = pl.col("sample").cast(pl.Int64)
+    since = number - number.shift(1).over("run", "robot").fill_null(-1)  # 1, and more after lost rows
+    so_far = np.append(0, np.cumsum(result.motion.select(since).to_series().to_numpy()))
+    sent = so_far[np.searchsorted(clock, of_run * span + np.maximum(begun, -1), side="right")]
+    sent -= so_far[np.searchsorted(clock, of_run * span, side="left")]
+    own = last["sample"].to_numpy().astype(np.int64)  # all before its last, each long before that stop
+    counted = last.select("run", "heard").with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
+    unknown = pl.col("heard").is_null().any()
+    table = counted.group_by("run", maintain_order=True).agg(
+        pl.col("addressed").sum(), pl.when(~unknown).then(pl.col("heard").sum()).alias("heard")
+    )
+    loss = pl.when(pl.col("addressed") > 0).then(1.0 - pl.col("heard") / pl.col("addressed"))
+    return table.with_columns(packet_loss=loss).select(list(EXCHANGE)).cast(EXCHANGE)  # type: ignore[arg-type]

@@ -1,9 +1,8 @@
-"""Time against error over the credible threshold p_c and the least number of observations O_c, by replay.
+"""Compute time against error over the credible threshold p_c and the minimum number of observations O_c, by replay.
 
-A swarm that waits longer errs less: one pair of time and error says little, the curve over the two settings of the
-decision says what a strategy can do. Motion and observations are made once and serve every point, so the points are
-paired: they share the luck of their runs, and differ less surely than their intervals apart suggest, more surely than
-their intervals overlapping does (``paired.compare`` tells).
+A swarm that waits longer makes fewer errors: one pair of time and error says little, the curve over both settings of
+the decision shows what a strategy can achieve. All points share motion and observations, so they are paired: compare
+them with ``paired.compare``, not by whether their intervals overlap.
 
 | name | equation |
 |---|---|
@@ -11,7 +10,7 @@ their intervals overlapping does (``paired.compare`` tells).
 | error | share of robots wrong + u (share undecided) |
 | Pareto front | points that no other point beats in one of time and error without losing in the other |
 
-The front is that of the estimates: the best of many points owes some of it to luck, and is smaller on fresh seeds.
+The front is that of the estimates: the best of many points are partly lucky, and worse on fresh seeds.
 """
 
 from __future__ import annotations
@@ -25,14 +24,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.cell_summary import summary
+from vibroswarm.analysis.cell_summary import run_figures, summary
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
-from vibroswarm.analysis.per_run import run_figures
 from vibroswarm.errors import InputError
-from vibroswarm.inference.timeline import timeline_of
-from vibroswarm.motion.contract import source
-from vibroswarm.observation.model import observe
-from vibroswarm.scenario import Scenario
+from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.motion.source import source
+from vibroswarm.observation.observe import observe
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_runs, floors_of, summarise
 
 
@@ -48,7 +46,7 @@ def time_error_curve(
     batch: int = 200,
     workers: int = 1,
 ) -> pl.DataFrame:
-    """The curve: one row for each pair of p_c and O_c, in the order given.
+    """Compute the curve: one row for each pair of p_c and O_c, in the order given.
 
     Args:
         scenario: all else; it is run to t_end, whatever its ``run.stop``. seed, runs: as ``simulate`` has them.
@@ -101,7 +99,7 @@ Tables = list[tuple[pl.DataFrame, pl.DataFrame]]
 def _replayed(
     base: Scenario, points: Sequence[Scenario], seed: int, runs: Sequence[int], batch: int, workers: int
 ) -> Iterator[Tables]:
-    """The tables of each batch of runs; motion and observations are made once for all points."""
+    """Yield the tables of each batch of runs; motion and observations are shared by all points."""
 
     def one(part: Sequence[int]) -> Tables:
         motion = source("event").batch(base, seed, part, False)
@@ -127,13 +125,13 @@ def _point(
     return limits | summary(robots, runs, t_end_s, level).as_row()
 
 
-def pareto_front(times: ArrayLike, errors: ArrayLike) -> NDArray[np.bool_]:
-    """Which points no other beats: none is as good in both and better in one. Those with a figure missing are not.
+def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
+    """Tell which points are on the Pareto front: no other is as good in all figures and better in one.
 
     Args:
-        times, errors: (points,); less is better.
+        figures: one or more, (points,) each; less is better. A point that lacks a figure (nan) is not on the front.
     """
-    both = np.column_stack([np.asarray(times, dtype=np.float64), np.asarray(errors, dtype=np.float64)])
-    as_good = (both[:, None, :] <= both[None, :, :]).all(axis=2)
-    better = (both[:, None, :] < both[None, :, :]).any(axis=2)
-    return np.asarray(~(as_good & better).any(axis=0) & ~np.isnan(both).any(axis=1))
+    rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
+    as_good = (rows[:, None, :] <= rows[None, :, :]).all(axis=2)
+    better = (rows[:, None, :] < rows[None, :, :]).any(axis=2)
+    return np.asarray(~(as_good & better).any(axis=0) & ~np.isnan(rows).any(axis=1))

@@ -1,8 +1,8 @@
-"""The verdict on one run: the swarm's outcome, when, how sure, robot by robot.
+"""Summarise one run: the swarm's outcome, its time, and the belief and estimate of each robot.
 
 | name | symbol | equation |
 |---|---|---|
-| belief in the decision | - | p for decision 0, 1 - p for decision 1, at the decision |
+| confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the decision |
 | estimate | f | alpha / (alpha + beta), posterior mean at the end |
 | interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
 """
@@ -15,16 +15,16 @@ from typing import Any
 import polars as pl
 
 from vibroswarm import tasks
+from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.errors import InputError, shown
-from vibroswarm.forked import check_threads
-from vibroswarm.observation.boundary import expected_ones_on, readings_boundary
+from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class RobotVerdict:
-    """What became of one robot; times in s."""
+    """The outcome of one robot; times in s."""
 
     robot: int
     decision: int
@@ -33,7 +33,7 @@ class RobotVerdict:
     belief_in_decision: float | None
     belief: float | None
     estimate: float | None
-    """None, as the posterior itself, in a recording that does not tell it."""
+    """None, like the posterior, if a recording does not contain it."""
     interval: tuple[float, float] | None
     alpha: int | None
     beta: int | None
@@ -43,26 +43,26 @@ class RobotVerdict:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one run; times in s."""
+    """The outcome of one run; times in s."""
 
     consensus: str | None
-    """None: a recording that does not tell what its robots decided."""
+    """None if a recording does not contain decisions."""
     consensus_time_s: float | None
     decision: int | None
-    """What all decided alike, else None."""
+    """The decision of all robots if they agree, else None."""
     truth: int | None
     fill_ratio: float
     decision_boundary: float
     answers: tuple[str, str]
-    """What the decisions 0 and 1 say, in words."""
+    """The meaning of decisions 0 and 1 in words."""
     of_shares: bool
-    """Whether the question is one of the share of tiles that vibrate."""
+    """Whether the question is about the share of vibrating tiles."""
     right: int
     wrong: int
     undecided: int
     end_s: float
     readings_boundary: float
-    """The share of ones that robots hold their readings against (``observation.boundary``)."""
+    """The share of ones with which robots compare their readings (``observation.decision_boundary``)."""
     share_of_ones_expected: float
     """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
     and what vibration does across tile edges."""
@@ -75,10 +75,10 @@ class Verdict:
 
 
 def verdict(result: Result, run: int | None = None) -> Verdict:
-    """The verdict on one run of a result.
+    """Summarise one run of a result.
 
     Args:
-        run: its number; without, the first that the result holds.
+        run: its number; by default the first of the result.
     Raises:
         InputError: the result holds no such run.
     """
@@ -116,7 +116,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 
 def answers_of(scenario: Scenario) -> tuple[str, str]:
-    """What the decisions 0 and 1 say of the floor; "no" and "yes" of a task whose code is not loaded."""
+    """Return the meaning of decisions 0 and 1; "no" and "yes" for a task whose code is not loaded."""
     known = tasks.known().get(scenario.task.name)
     boundary = f"{100 * scenario.decision.decision_boundary:.4g} %"
     no, yes = known.answers if known is not None else ("no", "yes")
@@ -134,7 +134,7 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
         decision_time_s=row["decision_time_s"],
         belief_at_decision=belief,
         belief_in_decision=sure,
-        belief=row["belief"],
+        belief=row["belief_below"],
         estimate=None if alpha is None else alpha / (alpha + beta),
         interval=None
         if alpha is None
@@ -142,5 +142,5 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
         alpha=alpha,
         beta=beta,
         samples=row["samples"],
-        received=row["received"],
+        received=row["messages_received"],
     )

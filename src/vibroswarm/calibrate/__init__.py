@@ -1,1 +1,1 @@
-"""Calibration: how alike recordings and simulations are, and in what they differ."""
+"""Calibration: compare recordings with simulations, and fit scenarios to recordings."""

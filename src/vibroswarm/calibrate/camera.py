@@ -1,11 +1,11 @@
-"""A camera that sees robots further from the middle than they are: x' = c + shift + magnification (x - c).
+"""Model a camera that sees robots farther from the centre than they are: x' = c + shift + magnification (x - c).
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| magnification | - | - | 1 + h / (H - h), h the height of the marker, H that of a camera over the middle |
-| shift | - | m | of what is seen in the middle c of the arena |
+| magnification | - | - | 1 + h / (H - h), h the height of the marker, H that of a camera above the centre |
+| shift | - | m | offset of the centre c of the arena in the image |
 
-What is seen beyond the walls is seen at them, as in the study's logs.
+Positions beyond the walls are clipped to them, as in the study's logs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.lab.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 Floats = NDArray[np.float64]
@@ -25,14 +25,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """See the head of this module."""
+    """Camera model, see the head of this module."""
 
     magnification: float = 1.0
     shift_x_m: float = 0.0
     shift_y_m: float = 0.0
 
     def true(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Where things are that are seen at (x, y)."""
+        """True positions of objects seen at (x, y)."""
         x0, y0 = size_m[0] / 2, size_m[1] / 2
         return (
             x0 + (x_m - x0 - self.shift_x_m) / self.magnification,
@@ -40,7 +40,7 @@ class Camera:
         )
 
     def seen(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Where things at (x, y) are seen."""
+        """Positions at which objects at (x, y) are seen."""
         x0, y0 = size_m[0] / 2, size_m[1] / 2
         x = x0 + self.shift_x_m + self.magnification * (x_m - x0)
         y = y0 + self.shift_y_m + self.magnification * (y_m - y0)
@@ -48,11 +48,11 @@ class Camera:
 
 
 RIGHT: Final = Camera()
-"""A camera that sees all where it is."""
+"""A camera without error."""
 
 
 def corrected(result: Result, camera: Camera) -> Result:
-    """A recording with its robots where they were: samples and tracks. What is no recording stays as it is."""
+    """Correct the positions of a recording, samples and tracks; a simulation is returned unchanged."""
     if camera == RIGHT or not isinstance(result, Recording):
         return result
     size = (result.scenario.arena.width_m, result.scenario.arena.height_m)

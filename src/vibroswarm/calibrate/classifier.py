@@ -1,16 +1,21 @@
-"""Can a classifier tell a stretch of a real robot's samples from a simulated one? Split by robot and by session.
+"""Train a classifier to distinguish stretches of a real robot's samples from simulated ones, split by robot and
+session.
 
-Logistic regression with a ridge on figures of ``STRETCH`` consecutive samples of one robot (about a minute): mean and
-spread of energies by kind of tile, distances, times, avoidance, places, turns from step to step, and how alike neighbours
-are. One sample alone tells little; that a robot keeps its speed, veers, or reads alike twice in a row is seen in a stretch.
-It is trained on other robots and other sessions than it is asked about, so that it cannot know a robot by its speed or a
-session by its battery. The share told apart is of both kinds alike (balanced); 0.5 is chance. Beside it stands the share
-for real sessions against each other, split by robot: what differences between sessions alone give. (Below 0.5: what
-distinguishes two sessions of some robots is the other way round for others.)
+Ridge logistic regression on features of ``STRETCH`` consecutive samples of one robot (about a minute): mean and
+standard
+deviation of energies by kind of tile, distances, times, avoidance, positions, turns from step to step, and
+correlation of
+neighbours. A single sample says little; a stretch shows that a robot keeps its speed, veers, or reads alike twice
+in a row.
+The classifier is tested on other robots and other sessions than it was trained on, so it cannot recognise a robot
+by its
+speed or a session by its battery. Reported is the balanced accuracy; 0.5 is chance. The accuracy for real
+sessions against
+each other, split by robot, shows what differences between sessions alone give. (It is below 0.5 where the difference
+between two sessions has opposite sign for different robots.)
 
-It is written here, in some tens of lines on scipy's optimiser, in place of a dependency on a library of learning: with some
-hundred rows and some ten columns nothing more is needed, and what it looks at can be read.
-"""  # noqa: E501
+With some hundred rows and some ten columns scipy's optimiser is enough, so no machine-learning library is needed.
+"""
 
 from __future__ import annotations
 
@@ -29,20 +34,22 @@ from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.errors import InputError
 
 Floats = NDArray[np.float64]
+Stretches = dict[int, Floats]
+"""Figures of a session's stretches by robot, (stretches, columns) each."""
 STRETCH: Final = 20
-"""Samples."""
+"""Samples of a stretch."""
 RIDGE: Final = 3.0
-"""Of weights of standardised columns: a prior of standard deviation 0.6."""
+"""Penalty on weights of standardised columns: a prior of standard deviation 0.6."""
 
 
 @dataclass(frozen=True)
-class ToldApart:
-    """Share of stretches told apart, balanced over both kinds; interval over sessions."""
+class ClassifierAccuracy:
+    """Balanced accuracy of the classifier; intervals over sessions."""
 
     simulated: Interval
-    """Real against simulated: other robots and, where there are several, other sessions than trained on."""
+    """Real against simulated, tested on other robots and, if there are several, other sessions than trained on."""
     simulated_by_robot: Interval
-    """The same split by robot only, session by session, as ``real`` is."""
+    """The same split by robot only, session by session, comparable with ``real``."""
     real: Interval | None
     """Real sessions against each other, split by robot; None with one session."""
 
@@ -56,10 +63,10 @@ class ToldApart:
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
-    """Figures of a robot's stretches, (stretches, columns); what is over at the end is left out.
+    """Features of a robot's stretches, (stretches, columns); an incomplete last stretch is left out.
 
     Args:
-        samples: of one robot and session, in the order of time (``features.sample_table``).
+        samples: of one robot and session, ordered by time (``features.sample_table``).
     """
     stepped = samples.filter(pl.col("dx_m").is_not_null() & pl.col("avoid_s").is_not_null())
     x, y, avoid, kind = (
@@ -107,7 +114,7 @@ def _alike(values: Floats) -> float:
 
 
 def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
-    """Weights (the first of the constant), with both kinds weighing alike; columns should be standardised."""
+    """Fit weights (the first is the intercept), balanced over both kinds; columns should be standardised."""
     design = np.column_stack([np.ones(len(columns)), columns])
     weight = np.where(label, 0.5 / max(label.mean(), 1e-9), 0.5 / max(1 - label.mean(), 1e-9))
     sign = np.where(label, 1.0, -1.0)
@@ -134,8 +141,8 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
     return np.asarray(found.x)
 
 
-def share_told(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Balanced share of the test rows that are told right; each pair holds the rows of both kinds."""
+def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
+    """Balanced accuracy on the test rows; each pair holds the rows of both kinds."""
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
     spread = np.where(spread > 1e-9, spread, 1.0)
@@ -148,10 +155,10 @@ def share_told(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> flo
     return float(np.mean(shares))
 
 
-def tell_apart(
+def classifier_accuracy(
     real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame], level: float = 0.95
-) -> ToldApart:
-    """Train and ask, for every session, with one robot at a time held out.
+) -> ClassifierAccuracy:
+    """Train and test for every session, with one robot at a time held out.
 
     Args:
         real, simulated: sessions (``features.sessions_of``).
@@ -161,60 +168,63 @@ def tell_apart(
     a, b = [_by_robot(one) for one in real], [_by_robot(one) for one in simulated]
     robots = sorted(set.intersection(*(set(one) for one in (*a, *b))))
     if len(robots) < 2:
-        raise InputError("a classifier split by robot needs two robots at least", field="robots")
-    return ToldApart(
+        raise InputError("a classifier split by robot needs at least two robots", field="robots")
+    return ClassifierAccuracy(
         simulated=_share_interval([_held_out(a, b, i, robots) for i in range(len(a))], level),
         simulated_by_robot=_share_interval(
-            [float(np.mean([_pair(one, other, robots) for other in b])) for one in a], level
+            [float(np.mean([_by_robot_share(one, other, robots) for other in b])) for one in a], level
         ),
         real=_among(a, robots, level),
     )
 
 
 def _share_interval(shares: list[float], level: float) -> Interval:
-    """``mean_interval`` within what a share can be."""
+    """``mean_interval`` clipped to [0, 1]."""
     found = mean_interval(shares, level)
     return found._replace(low=max(found.low, 0.0), high=min(found.high, 1.0))
 
 
-def _by_robot(samples: pl.DataFrame) -> dict[int, Floats]:
+def _by_robot(samples: pl.DataFrame) -> Stretches:
     return {int(key[0]): columns_of(own) for key, own in samples.group_by("robot", maintain_order=True)}
 
 
-def _rows(sessions: Sequence[dict[int, Floats]], robots: Sequence[int]) -> Floats:
+def _rows(sessions: Sequence[Stretches], robots: Sequence[int]) -> Floats:
     return np.concatenate([one[robot] for one in sessions for robot in robots])
 
 
-def _held_out(
-    real: list[dict[int, Floats]], simulated: list[dict[int, Floats]], session: int, robots: list[int]
-) -> float:
-    """Asked about one real session and one simulated one, trained on the others; by robot."""
+def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, robots: list[int]) -> float:
+    """Test on one real and one simulated session, train on the other sessions; mean over robots."""
     other = session % len(simulated)
     rest_real = [one for i, one in enumerate(real) if i != session] or real
     rest_simulated = [one for i, one in enumerate(simulated) if i != other] or simulated
-    shares = []
-    for robot in robots:
-        others = [one for one in robots if one != robot]
-        train = (_rows(rest_real, others), _rows(rest_simulated, others))
-        shares.append(share_told(train, (real[session][robot], simulated[other][robot])))
-    return float(np.mean(shares))
+    return _by_robot_share(real[session], simulated[other], robots, (rest_real, rest_simulated))
 
 
-def _pair(one: dict[int, Floats], other: dict[int, Floats], robots: list[int]) -> float:
+def _by_robot_share(
+    one: Stretches,
+    other: Stretches,
+    robots: list[int],
+    train: tuple[list[Stretches], list[Stretches]] | None = None,
+) -> float:
+    """Share of two sessions' stretches classified correctly, mean over robots.
+
+    Args:
+        train: sessions of both kinds to train on, with the other robots; without, the two sessions themselves.
+    """
+    train = train or ([one], [other])
     shares = []
     for robot in robots:
         others = [each for each in robots if each != robot]
-        shares.append(share_told((_rows([one], others), _rows([other], others)), (one[robot], other[robot])))
+        rows = (_rows(train[0], others), _rows(train[1], others))
+        shares.append(balanced_accuracy(rows, (one[robot], other[robot])))
     return float(np.mean(shares))
 
 
-def _among(sessions: list[dict[int, Floats]], robots: list[int], level: float) -> Interval | None:
+def _among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
+    """Accuracy between real sessions, pair by pair; None with one session."""
     if len(sessions) < 2:
         return None
-    pairs = {
-        (i, j): _pair(sessions[i], sessions[j], robots) for i, j in combinations(range(len(sessions)), 2)
-    }
-    by_session = [
-        float(np.mean([share for pair, share in pairs.items() if i in pair])) for i in range(len(sessions))
-    ]
+    numbers = range(len(sessions))
+    pairs = {(i, j): _by_robot_share(sessions[i], sessions[j], robots) for i, j in combinations(numbers, 2)}
+    by_session = [float(np.mean([share for pair, share in pairs.items() if i in pair])) for i in numbers]
     return _share_interval(by_session, level)

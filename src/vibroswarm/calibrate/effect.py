@@ -1,7 +1,7 @@
-"""What it changes to simulate with other robots: two scenarios on the same floors, for each strategy.
+"""Measure the effect of simulating with other robots: two scenarios on the same floors, for each strategy.
 
-Runs of one number have the same floor and the same numbers for noise in both, and are a pair. Interesting differences
-are looked at again on other seeds (fresh motion, fresh floors).
+Runs of the same number have the same floor and the same noise in both, and form a pair. Notable differences are
+checked on other seeds (fresh motion, fresh floors).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
-from vibroswarm.analysis.per_run import run_figures
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
 
 STRATEGIES: Final = ("none", "positive", "soft")
@@ -25,7 +25,7 @@ BATCH: Final = 100
 
 @dataclass(frozen=True)
 class Effect:
-    """One strategy: figures of both scenarios, shares of kinds of consensus, and the differences, second less first."""
+    """One strategy: figures and shares of each consensus for both scenarios, and the differences (second - first)."""
 
     strategy: str
     figures: tuple[dict[str, Interval], dict[str, Interval]]
@@ -50,10 +50,10 @@ def effects(
     strategies: Sequence[str] = STRATEGIES,
     progress: Callable[[float], None] | None = None,
 ) -> list[Effect]:
-    """What changes from the first scenario to the second, for each strategy in place of theirs.
+    """Effect of changing from the first scenario to the second, for each strategy in place of theirs.
 
     Args:
-        runs: of each, and as many again on other seeds.
+        runs: of each scenario, and as many again on other seeds.
     """
     blocks = []
     done, all_of = 0, 4 * -(-runs // BATCH)

@@ -14,7 +14,6 @@ the walls count. A robot's first sample has no step. Steps over a lost row are t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,7 +22,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recording import Recording
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 FEATURES: Final = ("avoidance", "vibrating", "still", "places", "distances", "steps")
@@ -40,14 +40,17 @@ Floats = NDArray[np.float64]
 
 VIBRATING_BELOW: Final = 5.0
 STILL_BELOW: Final = 3.0
-_ENERGY_EDGES: Final = np.linspace(0.0, 6.0, 60)
-_AVOID_EDGES: Final = np.linspace(0.0, 8.0, 80)
-_TIME_EDGES: Final = np.linspace(0.0, 1200.0, 25)
-_DISTANCE_EDGES: Final = np.linspace(0.05, 0.2, 25)
-_STEP_EDGES: Final = np.linspace(-0.2, 0.2, 40)
+_EDGES: Final = {
+    "avoidance": [np.linspace(0.0, 8.0, 80)],
+    "vibrating": [np.linspace(0.0, 6.0, 60)],
+    "still": [np.linspace(0.0, 6.0, 60)],
+    "distances": [np.linspace(0.0, 1200.0, 25), np.linspace(0.05, 0.2, 25)],
+    "steps": [np.linspace(-0.2, 0.2, 40)] * 2,
+}
+"""Edges of the authors' bins; those of places depend on the data."""
 PLACE_BINS: Final = 15
 AUTHORS_SHORT_S: Final = 0.536
-"""A wrap of 65.536 s counted as 65 s."""
+"""The authors add 65 s for a wrap of 65.536 s."""
 
 
 def sample_table(result: Result) -> pl.DataFrame:
@@ -69,8 +72,9 @@ def sample_table(result: Result) -> pl.DataFrame:
     vibrating = np.empty(frame.height, dtype=np.bool_)
     run = frame["run"].to_numpy()
     for one in np.unique(run):
-        of_run = run == one
-        vibrating[of_run] = _kinds(result, int(one), frame.filter(pl.Series(of_run)))
+        of_run, floor = run == one, result.floor(int(one))
+        x, y = (frame[name].to_numpy()[of_run] for name in ("x_m", "y_m"))
+        vibrating[of_run] = floor.tiles[nearest_tile(floor, x, y)] == 1
     frame = frame.with_columns(vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")
 
     def since(name: str) -> pl.Expr:
@@ -87,7 +91,7 @@ def sample_table(result: Result) -> pl.DataFrame:
 
 
 def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
-    """How often the counter of avoidance wrapped since the robot's sample before; 0 where there is none."""
+    """How often the avoidance counter wrapped since the robot's previous sample; 0 at the first."""
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
@@ -106,16 +110,15 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     return turns.to_series()
 
 
-def _kinds(result: Result, run: int, frame: pl.DataFrame) -> NDArray[np.bool_]:
-    floor = result.floor(run)
+def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of the tile below each place; beyond the floor's rim, of the nearest one, as the authors count."""
     rows, columns, width, height, left, bottom = floor.geometry
-    column = np.clip(np.floor((frame["x_m"].to_numpy() - left) / width), 0, columns - 1).astype(int)
-    up = np.clip(np.floor((frame["y_m"].to_numpy() - bottom) / height), 0, rows - 1).astype(int)
-    return np.asarray(floor.tiles[rows - 1 - up, column] == 1)
+    column = np.clip(np.floor((x_m - left) / width), 0, columns - 1).astype(np.int64)
+    return rows - 1 - np.clip(np.floor((y_m - bottom) / height), 0, rows - 1).astype(np.int64), column
 
 
 def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False) -> Floats:
-    """The values of one feature, (n, 1) or (n, 2), all that are within what the authors looked at.
+    """Values of one feature, (n, 1) or (n, 2), within the range the authors used.
 
     Args:
         samples: of ``sample_table``.
@@ -142,17 +145,8 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
 
 
 def histogram(values: Floats, feature: str) -> Floats:
-    """The authors' histogram of these values, flattened: bins hold their lower edge, the last one both."""
-    if feature in ("vibrating", "still"):
-        edges: tuple[Floats, ...] = (_ENERGY_EDGES,)
-    elif feature == "avoidance":
-        edges = (_AVOID_EDGES,)
-    elif feature == "places":
-        edges = tuple(np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1))
-    elif feature == "distances":
-        edges = (_TIME_EDGES, _DISTANCE_EDGES)
-    else:
-        edges = (_STEP_EDGES, _STEP_EDGES)
+    """The authors' histogram of these values, flattened; a bin includes its lower edge, the last one both."""
+    edges = _EDGES.get(feature) or [np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1)]
     place, bins = np.zeros(len(values), dtype=np.int64), 1
     inside = np.ones(len(values), dtype=np.bool_)
     for axis, own in enumerate(edges):
@@ -164,17 +158,17 @@ def histogram(values: Floats, feature: str) -> Floats:
 
 
 def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
-    """The bin between even edges in which each value lies; of those beyond, the first or last."""
+    """Bin of each value between evenly spaced edges; values outside go to the first or last bin."""
     last = edges.size - 2
     even = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
     near: NDArray[np.int64] = np.clip(even, 0, last).astype(np.int64)
-    near -= (values < edges[near]) & (near > 0)  # rounding may put it one too far
+    near -= (values < edges[near]) & (near > 0)  # rounding may shift a value by one bin
     near += (values >= edges[near + 1]) & (near < last)
     return near
 
 
 def shapeless(feature: str, u: Floats) -> Floats:
-    """Values without any structure: uniform over what the histogram covers; ``u``: (n, 2) in (0, 1)."""
+    """Values without structure: uniform over the histogram's range; ``u``: (n, 2) in (0, 1)."""
     spans: dict[str, tuple[tuple[float, float], ...]] = {
         "vibrating": ((0.0, VIBRATING_BELOW),),
         "still": ((0.0, STILL_BELOW),),
@@ -188,20 +182,16 @@ def shapeless(feature: str, u: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Sessions:
-    """The samples of several sessions (runs), and their features."""
+    """Samples of several sessions (runs), and their features."""
 
     samples: tuple[pl.DataFrame, ...]
 
     def values(self, feature: str, *, as_published: bool = False) -> list[Floats]:
-        """A feature's values, session by session."""
+        """Values of a feature, session by session."""
         return [values_of(one, feature, as_published=as_published) for one in self.samples]
 
 
 def sessions_of(result: Result) -> Sessions:
     """Each run of a result as a session."""
     table = sample_table(result)
-    runs = table["run"].unique().sort().to_list()
-    return Sessions(tuple(table.filter(pl.col("run") == run) for run in runs))
-
-
-Measure = Callable[[Floats, Floats], float]
+    return Sessions(tuple(table.partition_by("run", maintain_order=True)))

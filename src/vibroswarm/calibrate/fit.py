@@ -1,14 +1,14 @@
-"""A scenario fitted to recordings: what can be had in closed form, and by simulation what cannot.
+"""Fit a scenario to recordings: in closed form where possible, otherwise by simulation.
 
-Fitted is what robots *are* (``FITTED``); what they were told to do (sampling interval, leg times, decisions, strategy) and
-theta_E are the base's. Positions are put right first, where the camera saw robots too far out (``fit_camera``).
-"""  # noqa: E501
+Fitted are the robots' properties; what they were told to do (sampling interval, leg times, decisions, strategy) and
+theta_E are those of the base. Positions are corrected first if the camera saw robots too far out (``fit_camera``).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -16,13 +16,13 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import Camera
+from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
-from vibroswarm.calibrate.fit_camera import CameraFit, fit_camera
-from vibroswarm.calibrate.fit_drive import DriveFit, fit_drive
-from vibroswarm.calibrate.fit_sensor import SensorFit, fit_sensor
-from vibroswarm.calibrate.fit_sight import SightFit, fit_sight
-from vibroswarm.calibrate.measured import Measured
-from vibroswarm.scenario import Scenario
+from vibroswarm.calibrate.fit_camera import fit_camera
+from vibroswarm.calibrate.fit_drive import fit_drive
+from vibroswarm.calibrate.fit_rays import fit_rays
+from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
+from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -37,12 +37,12 @@ LACKS: Final = (
 
 
 INTERRUPTED_BELOW: Final = 0.02
-"""With a smaller share of avoidance beyond the sampling interval, samples are taken to interrupt it."""
+"""With a smaller share of avoidance longer than the sampling interval, samples are assumed to interrupt it."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A figure, its standard error and 95 % interval (bootstrap over robots and sessions, or posterior)."""
+    """An estimate with its standard error and 95 % interval (bootstrap over robots and sessions, or posterior)."""
 
     name: str
     value: float
@@ -50,36 +50,32 @@ class Fitted:
     low: float
     high: float
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return dict(self.__dict__)
-
 
 @dataclass(frozen=True)
 class Fit:
-    """The scenario, the figures it was made from, and the checks."""
+    """The fitted scenario, the estimates behind it, and checks."""
 
     scenario: Scenario
     changed: dict[str, Any]
-    """The fields that were fitted, by dotted name."""
+    """The fitted fields, by dotted name."""
     figures: tuple[Fitted, ...]
     predicted: dict[str, tuple[float, float, float]]
-    """Of avoidance: recorded, and 95 % of what the posterior predicts for a session."""
+    """Avoidance statistics: recorded value, and 95 % posterior prediction for a session."""
     motion_runs: int
     sessions: int
     camera: Camera
-    """How the recordings' positions were seen; the scenario is of where robots were."""
+    """How positions were seen in the recordings; the scenario uses corrected positions."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "fields": self.changed,
-            "figures": [one.as_dict() for one in self.figures],
+            "figures": [asdict(one) for one in self.figures],
             "predictive_check": {
                 name: dict(zip(("recorded", "low", "high"), one, strict=True))
                 for name, one in self.predicted.items()
             },
-            "camera": dict(self.camera.__dict__),
+            "camera": asdict(self.camera),
             "motion_runs": self.motion_runs,
             "sessions": self.sessions,
             "lacks": list(LACKS),
@@ -87,7 +83,7 @@ class Fit:
 
 
 def fit(
-    found: Measured,
+    found: Dataset,
     base: Scenario,
     *,
     candidates: int | None = None,
@@ -96,40 +92,41 @@ def fit(
     """Fit a scenario.
 
     Args:
-        found: the sessions (``measured``). base: what the robots were told, and all that is not fitted.
-        candidates: runs of the simulation-based part.
+        found: the sessions (``dataset``). base: what the robots were told, and all that is not fitted.
+        candidates: number of runs for the simulation-based part.
     Raises:
         InputError: too few robots or drives.
     """
     camera = fit_camera(found)
     found = found.corrected(camera.camera)
-    drive, sensor, sight = fit_drive(found, base), fit_sensor(found), fit_sight(found, base)
+    drive, sensor, sight = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
     loss = fit_loss(found)
     changed: dict[str, Any] = {name: value for name, value in drive.fields(base).items() if value is not None}
-    changed |= {f"sensor.{name}": round(value, 5) for name, value in sensor.values.items()}
-    for name in ("tile_spread", "robot_spread"):
-        if changed[f"sensor.{name}"] <= 0:
-            del changed[f"sensor.{name}"]
-    beyond = avoidance_beyond(found, base)
-    changed["sample.interrupts_avoidance"] = beyond.value < INTERRUPTED_BELOW
+    rounded = {name: round(value, 5) for name, value in sensor.values.items()}
+    changed |= {f"sensor.{n}": value for n, value in rounded.items() if n not in SPREADS or value > 0}
+    changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
     changed |= sight.fields(base)
     stop_ms = stop_of(found, base)
     if stop_ms is not None:
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
         changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
-    speed_m_s = drive.whole * drive.values["start_speed_m_s"]
+    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
     tried = {} if candidates is None else {"candidates": candidates}
     avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **tried)
     changed |= avoidance.fields(base.with_values(changed), speed_m_s)
+    camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
     figures = [
-        *_of_camera(camera),
-        *_of_drive(drive),
-        *_of_sensor(sensor),
-        *_of_sight(sight),
-        *([] if loss is None else [loss]),
-        *_of_avoidance(avoidance),
+        _estimate(f"{section}{name}", value, draws[name])
+        for section, values, draws in (
+            ("camera.", camera_values, camera.draws),
+            ("", drive.values, drive.draws),
+            ("sensor.", sensor.values, sensor.draws),
+            ("", sight.values, sight.draws),
+        )
+        for name, value in values.items()
     ]
+    figures += [*([] if loss is None else [loss]), *_of_avoidance(avoidance)]
     return Fit(
         base.with_values(changed),
         changed,
@@ -141,10 +138,10 @@ def fit(
     )
 
 
-def avoidance_beyond(found: Measured, base: Scenario) -> Fitted:
+def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
     """Share of intervals with avoidance in which it took longer than the sampling interval.
 
-    The timer counts avoidance, so that a robot that interrupts its turn to sample has next to none of these.
+    The timer counts avoidance, so a robot that interrupts its turn to sample has almost none of these.
     """
     shares = []
     limit_s = base.sample.sample_interval_ms / 1000.0 + 0.06
@@ -154,17 +151,19 @@ def avoidance_beyond(found: Measured, base: Scenario) -> Fitted:
         if some.size:
             shares.append(float((some > limit_s).mean()))
     each = np.array(shares)
+    return _share("avoidance_beyond_interval", float(each.mean()) if each.size else 0.0, each)
+
+
+def _share(name: str, value: float, each: Floats) -> Fitted:
+    """A share with the error of the mean over ``each``, one value a cluster."""
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
-    mean = float(each.mean()) if each.size else 0.0
-    return Fitted(
-        "avoidance_beyond_interval", mean, error, max(mean - 1.96 * error, 0.0), mean + 1.96 * error
-    )
+    return Fitted(name, value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
 
-def stop_of(found: Measured, base: Scenario) -> float | None:
-    """How long robots stand, ms, in whole control periods: of the intervals in which nothing happened.
+def stop_of(found: Dataset, base: Scenario) -> float | None:
+    """Duration of a stop, ms, in whole control periods, from the intervals without avoidance or turn.
 
-    They are tau, the stop and two control periods long. None where there are too few, or tau is another one.
+    These last tau, the stop and two control periods. None if there are too few, or tau is a different one.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
     if calm.len() < 50:
@@ -177,42 +176,24 @@ def stop_of(found: Measured, base: Scenario) -> float | None:
     return float(rounded) if 0.5 < rounded / max(base.sample.stop_ms, 1.0) < 2.0 else None
 
 
-def fit_loss(found: Measured) -> Fitted | None:
-    """Share of addressed messages that were lost; None where no log tells. Interval over sessions."""
+def fit_loss(found: Dataset) -> Fitted | None:
+    """Share of addressed messages that were lost, with an interval over sessions; None if no log counts them."""
     known = found.exchange.drop_nulls("packet_loss")
     if known.height == 0:
         return None
     shares = known["packet_loss"].to_numpy()
     weights = known["addressed"].to_numpy().astype(float)
-    value = max(float(weights @ shares / weights.sum()), 0.0)
-    error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
-    return Fitted("network.loss.share", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
+    return _share("network.loss.share", max(float(weights @ shares / weights.sum()), 0.0), shares)
 
 
-def _figure(name: str, value: float, draws: Floats) -> Fitted:
+def _estimate(name: str, value: float, draws: Floats) -> Fitted:
+    """An estimate with error and interval from its bootstrap draws."""
     low, high = np.quantile(draws, [0.025, 0.975])
     return Fitted(name, value, float(draws.std(ddof=1)), float(low), float(high))
 
 
-def _of_camera(found: CameraFit) -> Sequence[Fitted]:
-    return [
-        _figure(f"camera.{name}", getattr(found.camera, name), draws) for name, draws in found.draws.items()
-    ]
-
-
-def _of_drive(found: DriveFit) -> Sequence[Fitted]:
-    return [_figure(name, value, found.draws[name]) for name, value in found.values.items()]
-
-
-def _of_sensor(found: SensorFit) -> Sequence[Fitted]:
-    return [_figure(f"sensor.{name}", value, found.draws[name]) for name, value in found.values.items()]
-
-
-def _of_sight(found: SightFit) -> Sequence[Fitted]:
-    return [_figure(name, value, found.draws[name]) for name, value in found.values.items()]
-
-
 def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
+    """Estimates of the avoidance parameters with weighted quantiles of the posterior."""
     figures = []
     for name, draws in found.draws.items():
         mean = float(found.weights @ draws)

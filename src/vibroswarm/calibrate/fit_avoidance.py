@@ -1,37 +1,40 @@
-"""How robots avoid and turn, for which there is no closed form: found by simulation (approximate Bayesian computation).
+"""Fit avoidance and turning, which have no closed form, by simulation (approximate Bayesian computation).
 
-Parameters are drawn from a uniform prior, each is simulated, and runs are summed up by figures of avoidance and of where
-samples fall. Each figure is measured in its own spread, over runs of one parameter and over real sessions; the nearest
-tenth is kept, weighted (Epanechnikov) and moved by a weighted linear regression of parameters on figures to where the
-recordings lie (Beaumont, Zhang and Balding 2002). What comes out is a posterior of draws; its middle goes into the
-scenario, and new runs with its draws say whether the figures are within what it predicts.
+Parameters are drawn from a uniform prior, each is simulated in one run, and runs are summarised by statistics of
+avoidance
+and of sample positions. Each statistic is scaled by its own spread, over runs of one parameter and over real
+sessions; the
+nearest tenth is accepted, weighted (Epanechnikov) and adjusted by a weighted linear regression of parameters on
+statistics
+to the recorded values (Beaumont, Zhang and Balding 2002). The result is a posterior sample; its mean goes into the
+scenario, and new runs with its draws give the posterior prediction of the statistics.
 
 | parameter | field |
 |---|---|
 | turn_deg_s | robot.turn_track_m = 2 v / rate |
-| gain | walk.turn_gain_percent_per_deg: the less, the longer a turn takes to end |
-| blind_ms | walk.blind_after_turn_ms: how long it drives after a turn before it heeds its rays again |
-| leg_max_s | walk.leg_max_ms: at which time legs are cut off |
-| radius_m | robot.body_radius_m: how near to walls and each other robots come |
-| seen_m | rays.disc_radius_m: how large other robots are to the sensors |
-| threshold_mm, ray_deg | walk.avoidance_threshold_mm, rays.angle_deg, where ``fit_sight`` does not tell where robots turn |
-"""  # noqa: E501
+| gain | walk.turn_gain_percent_per_deg: the smaller, the longer a turn takes to end |
+| blind_ms | walk.blind_after_turn_ms: time after a turn during which rays are ignored |
+| leg_max_s | walk.leg_max_ms: longest leg |
+| radius_m | robot.body_radius_m: how close robots come to walls and each other |
+| seen_m | rays.disc_radius_m: size of other robots for the sensors |
+| threshold_mm, ray_deg | walk.avoidance_threshold_mm, rays.angle_deg, where ``fit_rays`` cannot fit the rays |
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.calibrate.measured import Measured
-from vibroswarm.draws import Purpose, uniforms
-from vibroswarm.motion import event as _event  # noqa: F401 - makes the engine known
-from vibroswarm.motion.contract import source
-from vibroswarm.scenario import Scenario
+from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.core.rng import Purpose, uniforms
+from vibroswarm.motion.event import engine as _event  # noqa: F401 - makes the engine known
+from vibroswarm.motion.source import source
+from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -46,7 +49,7 @@ PRIOR: Final[dict[str, tuple[float, float]]] = {
 }
 UNSEEN: Final[dict[str, tuple[float, float]]] = {"threshold_mm": (20.0, 80.0), "ray_deg": (10.0, 70.0)}
 LEG_END_S: Final = 0.43
-"""An interval that is longer than usual by this, and without avoidance, holds the end of a leg."""
+"""An interval without avoidance that exceeds the usual one by this contains the end of a leg."""
 SUMMARIES: Final = (
     "avoidance none", "avoidance mean, s", "avoidance q10, s", "avoidance q25, s", "avoidance q50, s",
     "avoidance q75, s", "avoidance q90, s", "avoidance q97.5, s", "below 25 mm of a wall", "25 to 50 mm",
@@ -61,27 +64,27 @@ _SEED: Final = 33
 
 @dataclass(frozen=True)
 class AvoidanceFit:
-    """The posterior, and what it predicts."""
+    """The posterior sample and its prediction."""
 
     draws: dict[str, Floats]
-    """By parameter, (kept,)."""
+    """By parameter, (accepted,)."""
     weights: Floats
     predicted: dict[str, tuple[float, float, float]]
-    """By figure: recorded, and 2.5 and 97.5 % of runs with draws of the posterior."""
+    """By statistic: recorded value, and 2.5 and 97.5 % quantiles of runs with posterior draws."""
     runs: int
 
     @property
     def values(self) -> dict[str, float]:
-        """The weighted means."""
+        """Posterior means."""
         return {name: float(self.weights @ one) for name, one in self.draws.items()}
 
     def fields(self, base: Scenario, speed_m_s: float) -> dict[str, object]:
-        """The scenario's fields."""
+        """Fields of the scenario."""
         return fields_of(self.values, base, speed_m_s)
 
 
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """The fields of parameters; the outer rays are turned in proportion."""
+    """Fields for these parameters; all rays are turned in proportion to the outermost."""
     rays = base.rays
     found: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
@@ -99,7 +102,7 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
-    """The figures of one session, (``SUMMARIES``,); samples in the order of run, robot and time."""
+    """Statistics of one session, (``SUMMARIES``,); samples ordered by run, robot and time."""
     width, height = arena_m
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     robot, time = samples["robot"].to_numpy(), samples["time_s"].to_numpy()
@@ -124,19 +127,19 @@ def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
 
 
 def fit_avoidance(
-    found: Measured,
+    found: Dataset,
     scenario: Scenario,
     speed_m_s: float,
     candidates: int = CANDIDATES,
     progress: Progress | None = None,
 ) -> AvoidanceFit:
-    """Fit.
+    """Fit the posterior.
 
     Args:
-        scenario: all else as it is fitted. speed_m_s: at the start, mean over robots (for rates of turning).
-        candidates: parameters that are tried, each in one run.
+        scenario: all other fields as fitted. speed_m_s: at the start, mean over robots (for turning rates).
+        candidates: number of parameter vectors tried, one run each.
     """
-    real = np.array([summary(one, found.arena_m) for one in _sessions(found)])
+    real = np.array([summary(one.sort("robot", "time_s"), found.arena_m) for one in found.by_session])
     prior = PRIOR | ({} if scenario.rays.forward_each_m is not None else UNSEEN)
     u = uniforms(_SEED, 0, 0, Purpose.OPTIMIZER, candidates * len(prior)).reshape(candidates, -1)
     low, high = np.array(list(prior.values())).T
@@ -160,12 +163,12 @@ def fit_avoidance(
 def posterior(
     tried: Floats, seen: Floats, real: Floats, bounds: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Draws (kept, parameters) and weights: the nearest candidates, moved by regression; within the prior.
+    """Accepted draws (accepted, parameters), adjusted by regression and clipped to the prior, and their weights.
 
     Args:
-        tried: (candidates, parameters). seen: (candidates, figures). real: (sessions, figures).
+        tried: (candidates, parameters). seen: (candidates, statistics). real: (sessions, statistics).
     """
-    # A figure's own noise: what a quadratic in the parameters leaves, or real sessions differ by.
+    # Noise of each statistic: residuals of a quadratic in the parameters, plus variance between real sessions.
     design = _quadratic((tried - bounds[0]) / (bounds[1] - bounds[0]))
     rest = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
     noise = rest.var(axis=0)
@@ -206,7 +209,3 @@ def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, sp
             for i, k in enumerate(picked.tolist())
         ]
     )
-
-
-def _sessions(found: Measured) -> list[Any]:
-    return [found.samples.filter(pl.col("run") == run).sort("robot", "time_s") for run in found.sessions]

@@ -1,13 +1,16 @@
-"""How much further from the middle a camera sees robots than they are, from where their readings change.
+"""Fit how far from the centre a camera sees robots, from where their readings change.
 
-A camera above sees a marker that stands higher than the floor further out than it is; corner markers on the floor do
-not tell. Seen are
+A camera above sees a marker that stands above the floor too far out; corner markers on the floor do not show
+this. The
+model is
 
-    x' = c + shift + magnification (x - c),   c the middle of the arena
+    x' = c + shift + magnification (x - c),   c the centre of the arena
 
-and what tells is that vibrating and still tiles must lie where the energies say. Found by maximum likelihood under
-``fit_sensor``'s model (without factors), of magnification, shift, reach and blur with the Gammas held, and of the
-Gammas, in turn. Where twice the gain in log likelihood is below ``LEAST_GAIN`` the camera is taken to be right.
+and it is identified because vibrating and still tiles must lie where the energies say. The fit maximises the
+likelihood of
+``fit_sensor``'s model (without factors), alternately over magnification, shift, reach and blur with the Gammas
+held, and
+over the Gammas. If twice the gain in log likelihood is below ``LEAST_GAIN`` the camera is taken as exact.
 """
 
 from __future__ import annotations
@@ -20,35 +23,35 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
+from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
-from vibroswarm.calibrate.measured import Measured, edge_distance
-from vibroswarm.draws import Purpose, uniforms
+from vibroswarm.recordings.bootstrap import cluster_weights, robot_clusters
 
 Floats = NDArray[np.float64]
 
 LEAST_GAIN: Final = 16.3
-"""0.1 % of chi squared with three degrees of freedom."""
+"""0.1 % quantile of chi squared with three degrees of freedom."""
 ROUNDS: Final = 2
 DRAWS: Final = 12
 _SEED: Final = 36
 _BOUNDS: Final = [(-10.0, 10.0), (-3.0, 3.0), (-3.0, 3.0), (-3.0, 8.0), (-2.0, 2.0)]
-"""Of magnification - 1 (%), shifts (cm), reach (cm) and the blur's logarithm (cm)."""
+"""Bounds of magnification - 1 (%), shifts (cm), reach (cm) and log blur (cm)."""
 
 
 @dataclass(frozen=True)
 class CameraFit:
-    """The camera; by figure its draws, (draws,); twice the gain in log likelihood."""
+    """The camera, its bootstrap draws by parameter, (draws,), and twice the gain in log likelihood."""
 
     camera: Camera
     draws: dict[str, Floats]
     gain: float
 
 
-def fit_camera(found: Measured, draws: int = DRAWS) -> CameraFit:
-    """Fit.
+def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
+    """Fit the camera.
 
     Args:
-        found: sessions as they were seen. draws: robots in sessions are drawn anew so often.
+        found: sessions as they were seen. draws: bootstrap resamples of robots in sessions.
     """
     samples = found.samples
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
@@ -59,7 +62,7 @@ def fit_camera(found: Measured, draws: int = DRAWS) -> CameraFit:
         distance = np.empty(x.size)
         for floor in set(found.floors):
             there = np.isin(run, [k for k, one in enumerate(found.floors) if one == floor])
-            distance[there] = edge_distance(floor, true[0][there], true[1][there])[0]
+            distance[there] = signed_edge_distance(floor, true[0][there], true[1][there])[0]
         return distance
 
     def best(theta: Floats, start: Floats, weight: Floats) -> Floats:
@@ -82,14 +85,8 @@ def fit_camera(found: Measured, draws: int = DRAWS) -> CameraFit:
     gain = 2.0 * (float(log_likelihoods(theta, energy, edges(at)).sum()) - before)
     if gain < LEAST_GAIN:
         return CameraFit(RIGHT, {}, gain)
-    pairs = np.column_stack([run.astype(np.int64), samples["robot"].to_numpy().astype(np.int64)])
-    cluster = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
-    clusters = int(cluster.max()) + 1
-    rows = []
-    for draw in range(draws):
-        picked = (uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, clusters) * clusters).astype(int)
-        weight = np.bincount(picked, minlength=clusters)[cluster].astype(float)
-        rows.append(_camera(best(theta, np.r_[at[:3], theta[6:]], weight)))
+    cluster, start = robot_clusters(samples), np.r_[at[:3], theta[6:]]
+    rows = [_camera(best(theta, start, cluster_weights(_SEED, draw, 0, cluster))) for draw in range(draws)]
     by_name = {name: np.array([getattr(one, name) for one in rows]) for name in Camera.__dataclass_fields__}
     return CameraFit(_camera(at), by_name, gain)
 

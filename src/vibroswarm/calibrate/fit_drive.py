@@ -1,20 +1,21 @@
-"""Speed, battery and veer in closed form; which of the scenario's fields they give.
+"""Fit speed, battery and veer in closed form.
 
 | field | equation |
 |---|---|
-| robot.speed_factor_location, _scale (shape 100: nearly normal), _min, _max | mean and spread between robots of v_0 / full speed; 3 spreads |
-| robot.speed_redraw | "robot" where over half of the variance is between robots |
-| robot.speed_wander | spread within robots / speed, where speed_redraw is "robot" |
+| robot.speed_factor_location, _scale (shape 100: nearly normal), _min, _max | mean and sd between robots of v_0 / full speed; 3 sd |
+| robot.speed_redraw | "robot" if more than half of the variance is between robots |
+| robot.speed_wander | sd within robots / speed, if speed_redraw is "robot" |
 | robot.battery_life_s | 1 / (share lost a second): v = v_0 (1 - t / life), least squares for each robot and session |
-| robot.misalignment_min, _max | m = w track / (2 v); uniform of the same mean and spread: mean -+ sqrt(3) spread |
-| robot.speed_factors, misalignments | each body's own: the mean over sessions, where all sessions have the same number of robots |
+| robot.misalignment_min, _max | m = w track / (2 v); uniform of the same mean and sd: mean -+ sqrt(3) sd |
+| robot.speed_factors, misalignments | of each robot: the mean over sessions, if all sessions have the same number of robots |
 
-A body may go by another number in another session (in the study's recordings all but one do, from each session to the
-next): bodies are matched to those of the first session by speed and veer, so that the sum of squared differences, in
-``APART``, is least.
+A robot may have another number in another session (in the study's recordings all but one do): robots are matched
+to those
+of the first session by speed and veer, minimising the sum of squared differences in units of ``APART``.
 
-What is left within a robot is taken to be new at every sample (its lag-1 correlation is 0.18 in the study's recordings);
-a veer that wanders within a robot the scenario lacks. Errors: robots in sessions drawn anew.
+Variation within a robot is taken as independent between samples (its lag-1 correlation is 0.18 in the study's
+recordings);
+the scenario has no veer that varies within a robot. Errors: bootstrap over robots in sessions.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -27,39 +28,41 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import CALM_S
-from vibroswarm.calibrate.measured import Measured
-from vibroswarm.draws import Purpose, uniforms
 from vibroswarm.errors import InputError
-from vibroswarm.scenario import Scenario
+from vibroswarm.recordings.bootstrap import resample
+from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 SHAPE: Final = 100.0
 DRAWS: Final = 200
 _SEED: Final = 32
 APART: Final = (0.003, np.radians(1.5))
-"""How far a body's speed (m/s) and veer (rad/s) are apart from one session to another at most: where they are further
-apart, sessions had other bodies, and none is named."""
+"""Largest difference of a robot's speed (m/s) and veer (rad/s) between sessions; beyond it, sessions had other
+robots and
+none is named."""
 _LEAST: Final = 10
-"""Drives of a robot in a session from which on it counts."""
+"""Fewest drives of a robot in a session."""
 
 
 @dataclass(frozen=True)
 class DriveFit:
-    """Figures by name and their draws, (draws,)."""
+    """Estimates by name and their bootstrap draws, (draws,)."""
 
     values: dict[str, float]
     draws: dict[str, Floats]
-    whole: float
-    """Distance between samples between which nothing happened over that at the speed of driving: what starts, stops and
-    clocks cost. The scenario's speeds are times this."""
+    distance_ratio: float
+    """Distance between undisturbed samples divided by that at driving speed: the loss from starts, stops and clocks.
+    Speeds of
+    the scenario are multiplied by it."""
     bodies: Floats
-    """Speed at the start, m/s, and veer, rad/s, of each body, (bodies, 2); (0, 2) where they cannot be matched."""
+    """Speed at the start, m/s, and veer, rad/s, of each robot, (robots, 2); (0, 2) if they cannot be matched."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """The scenario's fields that these figures give."""
+        """Fields of the scenario given by these estimates."""
         robot, found = base.robot, self.values
-        mean = self.whole * found["start_speed_m_s"] / robot.full_speed_m_s
+        mean = self.distance_ratio * found["start_speed_m_s"] / robot.full_speed_m_s
         kept = found["share_between"] > 0.5
         spread = (found["between_m_s"] if kept else found["within_m_s"]) / robot.full_speed_m_s
         spread = max(spread, 1e-3)
@@ -84,11 +87,11 @@ class DriveFit:
         return fields | (self._each(base, low, high) if kept else {})
 
     def _each(self, base: Scenario, low: float, high: float) -> dict[str, object]:
-        """The fields that name bodies one by one; the draw's bounds hold for speeds that wander, too."""
+        """Fields of individual robots; the bounds of the speed distribution must include them."""
         if len(self.bodies) == 0:
             return {}
         speeds, veers = self.bodies.T
-        factors = [_round(self.whole * one / base.robot.full_speed_m_s) for one in speeds]
+        factors = [_round(self.distance_ratio * one / base.robot.full_speed_m_s) for one in speeds]
         found: dict[str, object] = {
             "robot.speed_factors": factors,
             "robot.speed_factor_min": min(low, *factors),
@@ -104,8 +107,8 @@ def _round(value: float, digits: int = 5) -> float:
     return round(float(value), digits)
 
 
-def fit_drive(found: Measured, base: Scenario, draws: int = DRAWS) -> DriveFit:
-    """Fit.
+def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
+    """Fit speed, battery and veer.
 
     Raises:
         InputError: fewer than two robots with ten drives.
@@ -113,18 +116,14 @@ def fit_drive(found: Measured, base: Scenario, draws: int = DRAWS) -> DriveFit:
     table, runs = _by_robot(found.drives)
     if len(table) < 2:
         raise InputError("at least two robots with ten drives each are needed to fit speeds", field="REAL")
-    values = _figures(table)
-    kept: dict[str, list[float]] = {name: [] for name in values}
-    for draw in range(draws):
-        picked = (uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, len(table)) * len(table)).astype(int)
-        for name, value in _figures(table[picked]).items():
-            kept[name].append(value)
-    draws_by_name = {name: np.array(one) for name, one in kept.items()}
-    return DriveFit(values, draws_by_name, _whole(found, table, base), _bodies(table, runs))
+    values = _estimates(table)
+    resampled = [_estimates(table[resample(_SEED, draw, 0, len(table))]) for draw in range(draws)]
+    draws_by_name = {name: np.array([one[name] for one in resampled if name in one]) for name in values}
+    return DriveFit(values, draws_by_name, _distance_ratio(found, table, base), _bodies(table, runs))
 
 
-def _whole(found: Measured, table: Floats, base: Scenario) -> float:
-    """See ``DriveFit.whole``; driving takes tau and a control period. By robot, then their mean."""
+def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
+    """See ``DriveFit.distance_ratio``; driving takes tau and a control period. Mean over robots."""
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
     calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
     drive_s = base.sample.sample_interval_ms / 1000.0 + base.tick_s
@@ -136,7 +135,7 @@ def _whole(found: Measured, table: Floats, base: Scenario) -> float:
 
 
 def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
-    """Speed and veer of each body, the mean over sessions, in the order of the first session's robots."""
+    """Mean speed and veer of each robot over sessions, in the order of the first session."""
     sessions = [table[runs == run][:, [1, 4]] for run in np.unique(runs)]
     if len({len(one) for one in sessions}) > 1:
         return np.zeros((0, 2))
@@ -153,9 +152,9 @@ def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
 
 
 def _by_robot(drives: pl.DataFrame) -> tuple[Floats, NDArray[np.int64]]:
-    """(robots in sessions, 5): mean speed, speed at the start, share lost a second, spread within, veer (nan: none).
+    """Mean speed, speed at the start, share lost a second, sd within and veer (nan: unknown): (robots in sessions, 5).
 
-    And the session of each row; rows by session and robot.
+    Also the session of each row; rows by session and robot.
     """
     rows, runs = [], []
     for (run, _), own in drives.sort("run", "robot", maintain_order=True).group_by(
@@ -173,7 +172,8 @@ def _by_robot(drives: pl.DataFrame) -> tuple[Floats, NDArray[np.int64]]:
     return np.array(rows).reshape(-1, 5), np.array(runs, dtype=np.int64)
 
 
-def _figures(table: Floats) -> dict[str, float]:
+def _estimates(table: Floats) -> dict[str, float]:
+    """Estimates from the table of ``_by_robot``."""
     mean, start, lost, within, veer = table.T
     between = float(start.std(ddof=1))
     inside = float(np.sqrt((within**2).mean()))

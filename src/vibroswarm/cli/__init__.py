@@ -1,6 +1,6 @@
-"""The command ``vibroswarm``: one file a command, one public call each.
+"""The command ``vibroswarm``: one module for each command.
 
-Exit codes: 0 done; 2 bad input; 1 a failure while working; 130 Ctrl-C.
+Exit codes: 0 success; 2 bad input; 1 failure during the work; 130 interrupted (Ctrl-C).
 """
 
 from __future__ import annotations
@@ -10,19 +10,31 @@ import errno
 import gc
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NoReturn
 
 from vibroswarm.errors import InputError, RunError, nearest
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says which command or option is nearest to one that there is not."""
+class _Formatter(argparse.HelpFormatter):
+    """Wraps descriptions; keeps the lines of text that has several, such as examples."""
 
-    def error(self, message: str) -> None:  # type: ignore[override]
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text.rstrip() if "\n" in text else super()._fill_text(text, width, indent)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors suggest the nearest known word; errors of values are ``InputError``."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, formatter_class=_Formatter, **settings)
+        self.set_defaults(parser=self)
+
+    def error(self, message: str) -> NoReturn:
         if "invalid choice: " in message and "(choose from " in message:
             word = message.split("invalid choice: ")[1].split(" (")[0].strip("'")
             choices = message.split("(choose from ")[1].rstrip(")").replace("'", "").split(", ")
@@ -30,12 +42,17 @@ class _Parser(argparse.ArgumentParser):
         elif message.startswith("unrecognized arguments: "):
             word = message.removeprefix("unrecognized arguments: ").split()[0].split("=")[0]
             message += nearest(word, [o for action in self._actions for o in action.option_strings])
+        of_value = re.fullmatch(
+            r"argument (?:\S*/)?(--\S+): (?!expected|not allowed)(.*)", message, re.DOTALL
+        )
+        if of_value:
+            raise InputError(of_value[2], field=of_value[1])
         self.print_usage(sys.stderr)
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of all commands. What a command needs is imported when it runs."""
+    """Build the parser of all commands; what a command needs is imported when it runs."""
     from vibroswarm.cli import (
         bench,
         calibrate,
@@ -57,55 +74,44 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="vibroswarm",
         description="Swarms of small robots that inspect a surface and decide together what it is like.",
-        epilog="'vibroswarm COMMAND --help' tells more.",
-        allow_abbrev=False,
+        epilog="Run 'vibroswarm COMMAND --help' for more.",
     )
-    top.add_argument("--version", action="store_true", help="say the version and leave")
+    top.add_argument("--version", action="store_true", help="show version and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
-    run.add_parser(commands)
-    evaluate.add_parser(commands)
-    sweep.add_parser(commands)
-    detect.add_parser(commands)
-    tradeoff.add_parser(commands)
-    optimize.add_parser(commands)
-    reproduce.add_parser(commands)
-    merge.add_parser(commands)
-    show.add_parser(commands)
-    lab.add_parser(commands)
-    calibrate.add_parser(commands)
-    scenario.add_parser(commands)
-    check.add_parser(commands)
-    floors.add_parser(commands)
-    bench.add_parser(commands)
+    for module in (
+        run, evaluate, sweep, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate, scenario,
+        check, floors, bench,
+    ):  # fmt: skip
+        module.add_parser(commands)
     for command in commands.choices.values():
-        own = command.add_argument_group("code of your own")
+        own = command.add_argument_group("user code")
         own.add_argument(
             "--trust",
             action="store_true",
-            help="run the code that scenario and study files name (FILE.py:NAME)",
+            help="run code named in scenario and study files (FILE.py:NAME)",
         )
         own.add_argument(
             PLAIN,
             action="store_true",
-            help="run everything as plain Python, slowly, so that it can be stepped through",
+            help="run as plain, slow Python, for debuggers",
         )
     return top
 
 
 PLAIN: Final = "--plain"
 
-OBJECTS_BETWEEN: Final = 50_000
-"""Python looks for dead objects after as many new ones. After 700, as else, starting takes a tenth longer."""
+GC_THRESHOLD: Final = 50_000
+"""New objects between garbage collections; with Python's default of 700, startup takes a tenth longer."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; gives the exit code."""
-    if sys.stderr is None:  # closed by whoever started this; what is said is lost, the exit code is not
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for as long as this lives
+    """Run the command line; returns the exit code."""
+    if sys.stderr is None:  # closed by the caller: messages are lost, the exit code is not
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - open until the process ends
     if sys.stdout is None:
-        return _failed("stdout is closed; send it to a file or to /dev/null", 1)
+        return _failed("stdout is closed; redirect it to a file or to /dev/null", 1)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a file's name may hold what the terminal cannot show
+        if isinstance(stream, io.TextIOWrapper):  # a file name may hold characters the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
     try:
         code = _command(argv)
@@ -116,51 +122,51 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RunError as error:
         return _failed(str(error), 1)
     except MemoryError:
-        return _failed("out of memory; ask for fewer robots, tiles or runs", 1)
+        return _failed("out of memory; use fewer robots, tiles or runs", 1)
     except KeyboardInterrupt:
         return _failed("interrupted", 130)
-    except BrokenPipeError:  # the reader, such as `head`, has had enough
-        _leave_stdout()
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+        _silence_stdout()
         return 1
     except OSError as error:
         return _failed_with(error)
 
 
-def _leave_stdout() -> None:
-    """What could not be written is not tried again when Python ends."""
-    with suppress(OSError, ValueError):  # a stream of a test has no number
+def _silence_stdout() -> None:
+    """Keep Python from writing the rest of stdout again when it exits."""
+    with suppress(OSError, ValueError):  # a test's stream has no file descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-OF_THE_USER: Final = (
+USER_ERRORS: Final = (
     errno.ENOENT, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EEXIST,
 )  # fmt: skip
-"""What is wrong with a name that was given, rather than with the machine."""
+"""Errors in a given file name rather than of the machine."""
 
 
 def _failed_with(error: OSError) -> int:
     why = error.strerror or str(error)
     if error.filename is not None:
-        code = 2 if error.errno in OF_THE_USER else 1
+        code = 2 if error.errno in USER_ERRORS else 1
         return _failed(f"{shown_name(error.filename)}: cannot be used: {why}", code)
-    # Files are written by `files`, which names them: what has no name is an output of this process.
-    _leave_stdout()
+    # `atomic_io` names the files it writes, so an error without a name is about this process's output.
+    _silence_stdout()
     return _failed(f"the output could not be written: {why}", 1)
 
 
 def shown_name(name: object) -> str:
-    """A file's name in a message: its beginning, where it is longer than any that there can be."""
+    """A file name for a message, cut if it is longer than file systems allow."""
     text = str(name)
     return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 
 
 def _command(argv: Sequence[str] | None) -> int:
-    if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.compiled" not in sys.modules:
-        os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers get it too
-    from vibroswarm.cli import warned
+    if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
+        os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
+    from vibroswarm.cli import scenario_warnings
 
-    gc.set_threshold(OBJECTS_BETWEEN)
-    warned.forget()
+    gc.set_threshold(GC_THRESHOLD)
+    scenario_warnings.forget()
     top = parser()
     arguments, unknown = top.parse_known_args(argv)
     if unknown:
@@ -176,14 +182,14 @@ def _command(argv: Sequence[str] | None) -> int:
         return 0
     if not arguments.trust:
         return int(arguments.run(arguments))
-    from vibroswarm import code_files
+    from vibroswarm.scenario import plugins
 
-    with code_files.trusting():
+    with plugins.trust_code():
         return int(arguments.run(arguments))
 
 
 def _failed(message: str, code: int) -> int:
-    # On one line and printable: what a file holds may stand in it.
+    # One printable line: the message may quote the content of a file.
     plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in message)
     with suppress(OSError):
         print(f"vibroswarm: {'error: ' if code != 130 else ''}{plain}", file=sys.stderr, flush=True)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import lab_export, lab_replay, lab_threshold
-from vibroswarm.cli.options import add_scenario_options
+from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.recording import Recording
+    from vibroswarm.recordings.recording import Recording
 
 EPILOG = """\
 examples:
@@ -22,58 +21,63 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Make the command known."""
+    """Add the command and its tasks."""
     parser = commands.add_parser(
         "lab",
-        help="read recordings of real robots, replay and measure them",
-        description="Recordings of real robots, in the tables of a simulation.",
-        allow_abbrev=False,
+        help="import recordings of real robots, replay and measure them",
+        description="Work with recordings of real robots, as tables like those of a simulation.",
     )
     tasks = parser.add_subparsers(title="tasks", metavar="TASK", dest="task")
     _add_import(tasks)
     lab_export.add_parser(tasks)
     lab_replay.add_parser(tasks)
     lab_threshold.add_parser(tasks)
-    parser.set_defaults(run=lambda arguments: parser.print_help() or 0, parser=parser)
+    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
 
 
 def _add_import(tasks: Any) -> None:
     parser = tasks.add_parser(
         "import",
-        help="logs of sessions into a folder that is read as a result",
+        help="import logs of sessions into a folder that can be read as a result",
         description="Read logs of sessions (one file each) of the same robots on one floor.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
-    parser.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="a session each")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="keep the recording here")
-    parser.add_argument("--force", action="store_true", help="replace a result that is there")
-    parser.add_argument("--reader", metavar="NAME", help="the kind of log, where it is not seen by itself")
-    parser.add_argument("--columns", metavar="MAP", type=Path, help="read any CSV by this column map (TOML)")
+    parser.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="one log per session")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="save the recording here")
+    parser.add_argument("--force", action="store_true", help="replace DIR if it exists")
+    parser.add_argument("--reader", metavar="NAME", help="format of the logs (default: detected)")
     parser.add_argument(
-        "--known-robots", metavar="A,B", help="the robots that there are, as the logs call them"
+        "--columns", metavar="MAP", type=Path, help="read any CSV with this column map (TOML)"
     )
-    parser.add_argument("--any-floor", action="store_true", help="go on where the floor does not fit")
-    parser.add_argument("--json", action="store_true", help="say what was read as JSON")
+    parser.add_argument(
+        "--known-robots",
+        metavar="A,B",
+        type=list_of(between(whole, 0)),
+        help="numbers of the robots in the logs",
+    )
+    parser.add_argument(
+        "--any-floor", action="store_true", help="continue if the floor does not fit the logs"
+    )
+    add_json(parser)
     add_scenario_options(parser)
-    parser.set_defaults(run=run_import, parser=parser)
+    parser.set_defaults(run=run_import)
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    """Read, check, keep, tell."""
-    from vibroswarm.cli.scenarios import scenario_from
-    from vibroswarm.files import check_folder, whole_folder
-    from vibroswarm.lab.readers import read_log
-    from vibroswarm.lab.recording import recording_of
-    from vibroswarm.scenario import parse_setting
+    """Read and check the logs, save the recording and print what it holds."""
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.recordings.readers import read_log
+    from vibroswarm.recordings.recording import recording_of
+    from vibroswarm.scenario.scenario import parse_setting
 
     check_folder(arguments.out, replace=arguments.force)
     if arguments.floor is None and arguments.scenario is None:
-        raise InputError("is needed: on which floor were the robots?", field="--floor")
+        raise InputError("is required: on which floor were the robots?", field="--floor")
     scenario = scenario_from(arguments)
     if scenario.floor.drawn_by_run:
-        raise InputError("is random; a recording was made on one floor: name its file", field="--floor")
+        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
     logs = [read_log(path, arguments.reader, arguments.columns) for path in arguments.logs]
@@ -82,34 +86,35 @@ def run_import(arguments: argparse.Namespace) -> int:
         scenario.floor_for(0, 0),
         scenario,
         stated,
-        robots=_robots(arguments.known_robots),
+        robots=arguments.known_robots,
         any_floor=arguments.any_floor,
     )
     with whole_folder(arguments.out, replace=arguments.force) as part:
         recording.write_into(part)
         pages = _pages(recording, part)
-    _say_import(recording, arguments, pages)
+    if not arguments.json:
+        _print_import(recording, arguments.out, pages)
+        return 0
+    print_json(
+        {
+            "out": str(arguments.out),
+            "names": list(recording.names),
+            "sessions": [dict(one) for one in recording.sessions],
+            "stated": list(recording.stated),
+            "inferred": [dict(one) for one in recording.inferred],
+            "floor": recording.floor_words,
+            "consensus": recording.runs["consensus"].to_list(),
+            "pages": pages,
+        }
+    )
     return 0
 
 
-def _robots(text: str | None) -> list[int] | None:
-    if text is None:
-        return None
-    try:
-        found = [int(one) for one in text.split(",")]
-    except ValueError:
-        found = []
-    if not found or len(set(found)) != len(found) or min(found) < 0:
-        raise InputError(f"'{text}' names no robots; say for example 1,2,3,4,5", field="--known-robots")
-    return found
-
-
 def _pages(recording: Recording, folder: Path) -> list[str]:
-    """Page and picture of each session; with what robots would have believed where the log does not tell."""
-    from vibroswarm.lab.replay import with_beliefs
-    from vibroswarm.page.from_result import record_of
-    from vibroswarm.page.write import write_page
+    """Write a page and a picture of each session; beliefs that were not logged are replayed."""
     from vibroswarm.plots.run import write_run_picture
+    from vibroswarm.recordings.replay import with_beliefs
+    from vibroswarm.run_page.write import record_of, write_page
 
     made = []
     logged = _logs_beliefs(recording)
@@ -128,45 +133,34 @@ def _logs_beliefs(recording: Recording) -> bool:
     return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
 
-def _say_import(recording: Recording, arguments: argparse.Namespace, pages: list[str]) -> None:
-    from vibroswarm.lab.recording import told_lines
+def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
+    from vibroswarm.recordings.recording import count_lines
 
-    if arguments.json:
-        about = {
-            "out": str(arguments.out),
-            "names": list(recording.names),
-            "sessions": [dict(one) for one in recording.sessions],
-            "stated": list(recording.stated),
-            "inferred": [dict(one) for one in recording.inferred],
-            "floor": recording.floor_words,
-            "consensus": recording.runs["consensus"].to_list(),
-            "pages": pages,
-        }
-        print(json.dumps(about, indent=2, allow_nan=False))
-        return
-    print("\n".join(told_lines(recording)))
+    print("\n".join(count_lines(recording)))
     print(recording.floor_words)
-    print("\nWhat the robots ran with, as the logs tell:")
-    for one in recording.inferred:
-        print(_inferred_line(recording, one))
+    print("\nSettings of the robots, inferred from the logs:")
+    for setting in recording.inferred:
+        print(f"  {setting['name']} = {_inferred_value(recording, setting)}\n      {setting['evidence']}")
+    print()
     for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
         at = "" if time_s is None else f", by {time_s:.1f} s"
-        came_to = "decisions are not logged" if consensus is None else f"consensus {consensus}{at}"
-        print(f"{'' if run else chr(10)}session {run + 1}: {came_to}")
-    print(f"Kept in {arguments.out}: tables, pictures, pages {', '.join(pages)}.")
+        outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{at}"
+        print(f"session {run + 1}: {outcome}")
+    print(f"Saved in {out}: tables, pictures, pages {', '.join(pages)}")
     if not _logs_beliefs(recording):
-        print(
-            "The logs do not tell what the robots believed: the pages show what they would have, all hearing all."
-        )
+        print("Beliefs are not in the logs; the pages show a replay in which all robots hear all messages.")
 
 
-def _inferred_line(recording: Recording, one: Any) -> str:
-    value = "cannot be told" if one["value"] is None else f"{one['value']}"
-    against = ""
-    if one["name"] in recording.stated and one["value"] is not None:
-        section, _, name = one["name"].partition(".")
-        said = getattr(getattr(recording.scenario, section), name)
-        alike = said == one["value"]
-        fits = alike or (one["low"] is not None and one["low"] - 1e-9 <= said <= one["high"] + 1e-9)
-        against = f" (stated: {said}{'' if fits else ', WHICH DOES NOT FIT'})"
-    return f"  {one['name']} = {value}{against}\n      {one['evidence']}"
+def _inferred_value(recording: Recording, setting: Any) -> str:
+    """The inferred value, compared with the value given by an option."""
+    name, value = setting["name"], setting["value"]
+    if value is None:
+        return "inconclusive"
+    if name not in recording.stated:
+        return f"{value}"
+    section, _, field = name.partition(".")
+    stated = getattr(getattr(recording.scenario, section), field)
+    fits = stated == value or (
+        setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
+    )
+    return f"{value} (stated: {stated}{'' if fits else ', WHICH DOES NOT FIT'})"

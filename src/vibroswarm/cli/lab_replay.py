@@ -1,17 +1,18 @@
-"""``vibroswarm lab replay``: what each strategy would have decided on the observations of a recording."""
+"""``vibroswarm lab replay``: what each strategy would have decided on a recording's observations."""
 
 from __future__ import annotations
 
 import argparse
-import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.options import add_json, add_seed, add_settings, list_of, whole
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.replay import Told
-    from vibroswarm.scenario import Scenario
+    from vibroswarm.recordings.replay import SessionOutcome
+    from vibroswarm.scenario.scenario import Scenario
 
 EPILOG = """\
 example:
@@ -20,84 +21,86 @@ example:
 
 
 def add_parser(tasks: Any) -> None:
-    """Make the task known."""
+    """Add the task."""
     parser = tasks.add_parser(
         "replay",
         help="what each strategy would have decided on a recording's own observations",
-        description="Replay strategies over the energies of a recording, with as many packets lost as its log counts; "
-        "which ones is not logged and is drawn.",
+        description="Replay strategies on the energies of a recording. As many packets are lost as its log counts; "
+        "which ones is not logged and is drawn at random.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="of a recording (lab import)")
-    parser.add_argument("--strategy", metavar="A,B", default="none,positive,soft", help="which (all three)")
-    parser.add_argument("--gate", metavar="NAME", help="what O_c counts: total, received or own")
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a recording (lab import)")
     parser.add_argument(
-        "--set", metavar="FIELD=VALUE", action="append", default=[], dest="settings",
-        help="a field of [sensor], [strategy] or [decision], such as rms_threshold=1.4; may be repeated",
-    )  # fmt: skip
-    parser.add_argument("--draws", metavar="N", default="200", help="how often losses are drawn (200)")
-    parser.add_argument("--seed", metavar="S", default="1", help="of the draws")
-    parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.set_defaults(run=run, parser=parser)
+        "--strategy",
+        metavar="A,B",
+        type=list_of(),
+        default=["none", "positive", "soft"],
+        help="strategies to replay (default none,positive,soft)",
+    )
+    parser.add_argument("--gate", metavar="NAME", help="observations counted for O_c: total, received or own")
+    add_settings(parser, "set a field of [sensor], [strategy] or [decision], such as rms_threshold=1.4")
+    parser.add_argument(
+        "--draws", metavar="N", type=whole, default=200, help="draws of the lost packets (default 200)"
+    )
+    add_seed(parser, "seed of the draws")
+    add_json(parser)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay each strategy, tell beside what was logged."""
-    from vibroswarm.cli.scenarios import whole_number
-    from vibroswarm.lab.recording import Recording
-    from vibroswarm.lab.replay import as_logged, lab_replay, told
+    """Replay each strategy and compare it with what was logged."""
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.recordings.recording import Recording
+    from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
     from vibroswarm.strategies import names as known_names
 
-    draws, seed = whole_number(arguments.draws, "--draws"), whole_number(arguments.seed, "--seed")
-    names = [name.strip() for name in arguments.strategy.split(",")]
-    for name in names:
+    for name in arguments.strategy:
         if name not in known_names():
             raise InputError(
-                f"there is no strategy '{name}'{nearest(name, known_names())} (there are {', '.join(known_names())})",
+                f"unknown strategy '{name}'{nearest(name, known_names())} (known: {', '.join(known_names())})",
                 field="--strategy",
             )
     recording = Recording.read(arguments.folder)
     scenario = recording.scenario.with_values(_settings(arguments))
-    replayed = {
-        name: lab_replay(recording, scenario.with_values({"strategy.name": name}), draws, seed)
-        for name in dict.fromkeys(names)
+    replays = {
+        name: replay_recording(
+            recording, scenario.with_values({"strategy.name": name}), arguments.draws, arguments.seed
+        )
+        for name in arguments.strategy
     }
-    logged = as_logged(recording)
-    found = {name: told(recording, one) for name, one in replayed.items()}
-    first = next(iter(replayed.values()))
+    logged = logged_outcomes(recording)
+    outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
+    first, rule = next(iter(replays.values())), _rule(scenario)
     if arguments.json:
-        about = {
-            "rule": _rule(scenario),
-            "draws": draws,
-            "seed": seed,
-            "put_back": first.put_back,
-            "unsent": {name: one.unsent for name, one in replayed.items()},
-            "as_logged": [one.as_dict() for one in logged],
-            "replayed": {name: [one.as_dict() for one in each] for name, each in found.items()},
-        }
-        print(json.dumps(about, indent=2, allow_nan=False))
+        print_json(
+            {
+                "rule": rule,
+                "draws": arguments.draws,
+                "seed": arguments.seed,
+                "put_back": first.put_back,
+                "unsent": {name: replay.unsent for name, replay in replays.items()},
+                "as_logged": [asdict(one) for one in logged],
+                "replayed": {name: [asdict(one) for one in each] for name, each in outcomes.items()},
+            }
+        )
         return 0
-    rule = _rule(scenario)
-    print(
-        f"Replayed with {', '.join(f'{name} {value}' for name, value in rule.items())}; {draws} draws of losses."
-    )
-    print(
-        f"{first.put_back} samples without a row put back; {first.unsent:g} messages a draw that nobody can have sent "
-        "at that time left out."
-    )
-    for session, own in enumerate(logged):
-        print(f"\nsession {own.session}")
-        print(_line("as logged", own, one=True))
-        for name, each in found.items():
+    for session, as_it_was in enumerate(logged):
+        print(f"session {as_it_was.session}")
+        print(_line("as logged", as_it_was, one=True))
+        for name, each in outcomes.items():
             print(_line(name, each[session], one=False))
+        print()
+    print(f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws.")
+    print(
+        f"Restored {first.put_back} samples without a row; left out {first.unsent:g} messages per draw that nobody "
+        "could have sent at that time."
+    )
     return 0
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    from vibroswarm.lab.replay import REPLAYABLE
-    from vibroswarm.scenario import field_names, parse_setting
+    from vibroswarm.recordings.replay import REPLAYABLE
+    from vibroswarm.scenario.scenario import field_names, parse_setting
 
     known = [name for name in field_names() if name.partition(".")[0] in REPLAYABLE]
     values: dict[str, Any] = {}
@@ -105,11 +108,11 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         values["decision.gate"] = arguments.gate
     for text in arguments.settings:
         name, value = parse_setting(text)
-        full = [one for one in known if name in (one, one.partition(".")[2])]
-        if len(full) != 1:
+        matches = [one for one in known if name in (one, one.partition(".")[2])]
+        if len(matches) != 1:
             near = nearest(name, known + [one.partition(".")[2] for one in known])
-            raise InputError(f"is no field that a replay can change{near}", field=name)
-        values[full[0]] = value
+            raise InputError(f"is not a field that a replay can change{near}", field=name)
+        values[matches[0]] = value
     return values
 
 
@@ -122,15 +125,16 @@ def _rule(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _line(name: str, told: Told, *, one: bool) -> str:
-    came = ", ".join(
+def _line(name: str, told: SessionOutcome, *, one: bool) -> str:
+    """One line on a session: its single outcome, or (with ``one`` false) shares over the draws."""
+    consensus = ", ".join(
         outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in told.consensus.items()
     )
     if told.decision_time_s is None:
-        return f"  {name:<10} {came}"
+        return f"  {name:<10} {consensus}"
     spread = "" if one else f" [{told.decision_time_low_s:.0f}, {told.decision_time_high_s:.0f}]"
     belief = "" if told.belief_in_truth is None else f"; belief in truth {told.belief_in_truth:.3f}"
     return (
-        f"  {name:<10} {came}; decision time {told.decision_time_s:.1f} s{spread}; "
+        f"  {name:<10} {consensus}; decision time {told.decision_time_s:.1f} s{spread}; "
         f"undecided {100 * told.undecided:.3g} %{belief}"
     )

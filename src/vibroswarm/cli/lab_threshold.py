@@ -1,105 +1,152 @@
-"""``vibroswarm lab threshold``: theta_E from labelled recordings."""
+"""``vibroswarm lab threshold``: estimate theta_E from labelled recordings."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.options import add_json, between, real, toml_file
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.threshold import Rates, Threshold
+    import polars as pl
+
+    from vibroswarm.recordings.threshold import Rates, Threshold
+
+
+def costs(text: str) -> tuple[float, float]:
+    """The two costs in a text such as ``1:5``."""
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B, such as 1:5")
+    return real(parts[0], 0), real(parts[1], 0)
 
 
 def add_parser(tasks: Any) -> None:
-    """Make the task known."""
+    """Add the task."""
     parser = tasks.add_parser(
         "threshold",
-        help="theta_E from recordings on a known floor, and whether the floor can be decided with it",
-        description="Find the threshold by equal error, least error and given costs, with its uncertainty, the error "
-        "rates with and without tile edges, and whether the floor can be decided.",
-        allow_abbrev=False,
+        help="estimate theta_E from recordings on a known floor, and whether the floor is decidable with it",
+        description="Estimate the threshold by equal error, least error and given costs, with its uncertainty, the "
+        "error rates with and without tile edges, and whether the floor is decidable.",
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="of a recording (lab import)")
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a recording (lab import)")
     parser.add_argument(
-        "--costs", metavar="A:B", default="1:1", help="cost of a false positive to that of a false negative"
+        "--costs",
+        metavar="A:B",
+        type=costs,
+        default=(1.0, 1.0),
+        help="cost of a false positive to that of a false negative (default 1:1)",
     )
-    parser.add_argument("--at", metavar="THETA", help="also tell what this threshold does")
-    parser.add_argument("--margin-mm", metavar="MM", default="20", help="how far edges reach (20 mm)")
-    parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.set_defaults(run=run, parser=parser)
+    parser.add_argument("--at", metavar="THETA", type=between(real, 0), help="also report on this threshold")
+    parser.add_argument(
+        "--margin-mm",
+        metavar="MM",
+        type=between(real, 0),
+        default=20.0,
+        help="width of edge zones (default 20 mm)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        type=toml_file,
+        help="write a scenario (TOML) with this threshold: that of --at, else of --costs, else of equal error",
+    )
+    parser.add_argument(
+        "--base",
+        metavar="NAME",
+        help="preset or scenario file for the other fields of --out (default: those of the recording)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
+    add_json(parser)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Find, tell."""
-    from vibroswarm.lab.recording import Recording
-    from vibroswarm.lab.threshold import at_threshold, edge_profile, find_thresholds, labelled
+    """Estimate thresholds, print them, write a scenario with one of them."""
+    from vibroswarm.cli.calibrate_fit import scenario_of
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.recordings.recording import Recording
+    from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
 
-    costs = arguments.costs.split(":")
-    if len(costs) != 2:
-        raise InputError(f"'{arguments.costs}' is not of the form A:B, such as 1:5", field="--costs")
-    one, other = (_number(cost, "--costs") for cost in costs)
-    margin_m = _number(arguments.margin_mm, "--margin-mm") / 1000.0
+    if arguments.base is not None and arguments.out is None:
+        raise InputError("has no effect without --out FILE", field="--base")
+    false_positive, false_negative = arguments.costs
+    margin_m = arguments.margin_mm / 1000.0
     recording = Recording.read(arguments.folder)
-    found = find_thresholds(recording, one, other, margin_m)
+    base = recording.scenario if arguments.base is None else scenario_of(arguments.base, [])
+    found = find_thresholds(recording, false_positive, false_negative, margin_m)
     if arguments.at is not None:
-        found.append(at_threshold(recording, _number(arguments.at, "--at"), margin_m=margin_m))
+        found.append(at_threshold(recording, arguments.at, margin_m=margin_m))
     profile = edge_profile(labelled(recording), found[0].value)
+    chosen = found[-1] if arguments.at is not None or false_positive != false_negative else found[0]
+    if arguments.out is not None:
+        scenario = base.with_values({"sensor.rms_threshold": _written(chosen)})
+        with whole_file(arguments.out, replace=arguments.force) as part:
+            part.write_text(scenario.to_toml(), encoding="utf-8")
     if arguments.json:
-        plain = [
-            {name: None if value != value or value == float("inf") else value for name, value in row.items()}
-            for row in profile.to_dicts()
-        ]
-        about = {"thresholds": [each.as_dict() for each in found], "edge_profile": plain}
-        print(json.dumps(_finite(about), indent=2, allow_nan=False))
-        return 0
-    for each in found:
-        print("\n".join(_lines(each, margin_m)))
-    print(f"\nErrors by distance to the nearest tile of the other kind, at {found[0].value:.3f}:")
-    for row in profile.to_dicts():
-        far = f"{1000 * row['from_m']:.0f} mm on" if row["to_m"] > 1e3 else (
-            f"{1000 * row['from_m']:.0f} to {1000 * row['to_m']:.0f} mm"
-        )  # fmt: skip
-        print(
-            f"  {far:<12} still read as vibrating {100 * row['false_positive']:5.1f} % of {row['still']:<5} "
-            f"vibrating read as still {100 * row['false_negative']:5.1f} % of {row['vibrating']}"
+        print_json(
+            {
+                "thresholds": _finite([one.as_dict() for one in found]),
+                "edge_profile": _finite(profile.to_dicts()),
+            }
         )
+        return 0
+    for one in found:
+        _print_threshold(one, margin_m)
+    print(f"\nErrors by distance to the nearest tile of the other kind, at {found[0].value:.3f}:")
+    _print_profile(profile)
+    if arguments.out is not None:
+        print(f"\nSaved in {arguments.out}: sensor.rms_threshold = {_written(chosen):g} ({chosen.rule}).")
     return 0
 
 
-def _number(text: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 <= value < float("inf"):
-        raise InputError(f"'{text}' is no number of 0 or more", field=option)
-    return value
+def _print_profile(profile: pl.DataFrame) -> None:
+    from vibroswarm.cli.output import print_table
+
+    rows = []
+    for row in profile.to_dicts():
+        near, far = 1000 * row["from_m"], 1000 * row["to_m"]
+        rows.append(
+            [
+                f"{near:.0f} mm or more" if row["to_m"] > 1e3 else f"{near:.0f} to {far:.0f} mm",
+                f"{100 * row['false_positive']:.1f} % of {row['still']}",
+                f"{100 * row['false_negative']:.1f} % of {row['vibrating']}",
+            ]
+        )
+    print_table(["distance", "still read as vibrating", "vibrating read as still"], rows)
+
+
+def _written(chosen: Threshold) -> float:
+    """The threshold as written: energies are logged to three places."""
+    return round(chosen.value, 3)
 
 
 def _finite(value: Any) -> Any:
+    """A value for JSON, None for each number that is not finite."""
     if isinstance(value, dict):
         return {name: _finite(one) for name, one in value.items()}
     if isinstance(value, list):
         return [_finite(one) for one in value]
-    return None if isinstance(value, float) and value != value else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _lines(found: Threshold, margin_m: float) -> list[str]:
-    between = "" if found.low != found.low else f" [{found.low:.3f}, {found.high:.3f}]"
+def _print_threshold(found: Threshold, margin_m: float) -> None:
+    from vibroswarm.cli.output import percent
+
+    interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"
     share = found.share_by_session
-    spread = (
-        "" if share.low != share.low else f" [{100 * share.low:.1f}, {100 * share.high:.1f}] over sessions"
+    over = "" if math.isnan(share.low) else " over sessions"
+    print(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
+    print(f"  all samples: {_rates(found.all_samples)}")
+    print(
+        f"  farther than {1000 * margin_m:g} mm from a tile of the other kind: {_rates(found.inner_samples)}"
     )
-    return [
-        f"{found.rule}: theta_E = {found.value:.3f}{between}",
-        f"  all samples: {_rates(found.all_samples)}",
-        f"  farther than {1000 * margin_m:g} mm from a tile of the other kind: {_rates(found.inner_samples)}",
-        f"  share of ones, each tile alike: {100 * share.estimate:.1f} %{spread}",
-        f"  {found.decidable.says}",
-    ]
+    print(f"  share of ones, tiles weighted equally: {percent(share)}{over}")
+    print(f"  {found.decidable.says}")
 
 
 def _rates(rates: Rates) -> str:

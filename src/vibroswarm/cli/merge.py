@@ -1,4 +1,4 @@
-"""``vibroswarm merge``: the shares of a study, done here and there, as one."""
+"""``vibroswarm merge``: join the shards of a study."""
 
 from __future__ import annotations
 
@@ -6,29 +6,26 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.studies import add_outcome_options, check_style, say_outcome
+from vibroswarm.cli.study_options import add_outcome_options, print_outcome
 
 
 def add_parser(commands: Any) -> None:
-    """Make the command known."""
+    """Add the command."""
     parser = commands.add_parser(
         "merge",
-        help="join the shares of a study",
-        description="Join what was done with --shard in several folders, and sum it up.",
-        allow_abbrev=False,
+        help="join the shards of a study",
+        description="Join folders made with --shard, and summarise the study.",
     )
-    parser.add_argument("out", metavar="OUT", type=Path, help="a new folder, or one of the same study")
-    parser.add_argument("shares", metavar="SHARE", type=Path, nargs="+", help="folders of shares")
+    parser.add_argument("out", metavar="OUT", type=Path, help="new folder, or one of the same study")
+    parser.add_argument("shares", metavar="SHARD", type=Path, nargs="+", help="folders of shards")
     add_outcome_options(parser)
-    parser.set_defaults(run=run, parser=parser)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Copy the shards, say what is missing, sum up."""
-    from vibroswarm.study.merge import merge
-    from vibroswarm.study.result import StudyResult
+    """Copy the shards and summarise the study."""
+    from vibroswarm.study.study_result import StudyResult, merge
 
-    check_style(arguments.style)
     store = merge(arguments.out, arguments.shares)
     result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
-    return say_outcome(result, None, arguments)
+    return print_outcome(result, None, arguments)

@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar where it is a terminal, plain lines now and then where it is not."""
+"""Progress on stderr: a bar on a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -9,147 +9,125 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibroswarm.optimize.method import Told as SearchTold
-    from vibroswarm.study.runner import Told
+    from vibroswarm.optimize.method import SearchProgress
+    from vibroswarm.study.runner import StudyProgress
 
 LINE_EVERY_S = 10.0
 
 
-@contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """Give a function to be told the share done, in [0, 1]; says so first if kernels must be compiled."""
-    say_compiling()
-    if sys.stderr.isatty():
-        with _bar(what) as tell:
-            yield tell
-    else:
-        yield _Lines(what)
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[[float], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    console = Console(stderr=True)
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bars:
-        task = bars.add_task(what, total=1.0)
-        yield lambda share: bars.update(task, completed=share)
-
-
 class _Lines:
-    def __init__(self, what: str) -> None:
-        self.what, self.latest_s = what, time.monotonic()
-
-    def __call__(self, share: float) -> None:
-        now_s = time.monotonic()
-        if now_s - self.latest_s >= LINE_EVERY_S:
-            self.latest_s = now_s
-            print(f"{self.what}: {100 * share:.0f} %", file=sys.stderr, flush=True)
-
-
-def say_compiling(*modules: str) -> None:
-    """Say so if kernels must be compiled first, and have another process help.
-
-    Args:
-        modules: last names of those that hold the engine; without, any will do.
-    """
-    from vibroswarm.cli.beside import begin
-    from vibroswarm.compiled import cache_folder, is_cached
-
-    if not is_cached(*modules):
-        begin()
-        how = "once (about 15 s; kept for later runs)" if cache_folder() is not None else "about 15 s"
-        print(f"compiling the engine, {how} ...", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def study_progress(what: str, workers: int | None = None) -> Iterator[Callable[[Told], None]]:
-    """Give a function to be told how far a study is: a bar with rate and time left, or lines now and then."""
-    if not sys.stderr.isatty():
-        yield _StudyLines(what)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("runs, {task.fields[rate]}"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[failed]}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(what, total=None, rate="", failed="")
-        began_s = time.monotonic()
-
-        def tell(told: Told) -> None:
-            passed_s = time.monotonic() - began_s
-            rate = f"{told.done / passed_s:,.0f} a second" if told.done and passed_s > 0 else ""
-            failed = f"{told.failed} batches failed" if told.failed else ""
-            bars.update(task, total=told.wanted, completed=told.done, rate=rate, failed=failed)
-
-        yield tell
-
-
-class _StudyLines:
-    """Plain lines, for the logs of a batch system."""
-
-    def __init__(self, what: str) -> None:
-        self.what, self.began_s = what, time.monotonic()
-        self.latest_s = self.began_s
-
-    def __call__(self, told: Told) -> None:
-        now_s = time.monotonic()
-        if now_s - self.latest_s < LINE_EVERY_S:
-            return
-        self.latest_s, passed_s = now_s, now_s - self.began_s
-        rate = told.done / passed_s
-        left = f", {(told.wanted - told.done) / rate:.0f} s left" if rate else ""
-        share = 100 * told.done / max(told.wanted, 1)
-        failed = f", {told.failed} batches failed" if told.failed else ""
-        print(
-            f"{self.what}: {told.done:,} of {told.wanted:,} runs ({share:.0f} %), {rate:,.0f} a second{left}{failed}",
-            file=sys.stderr,
-            flush=True,
-        )
-
-
-@contextmanager
-def reproduce_progress(items: int) -> Iterator[Callable[[str, float], None]]:
-    """Give a function to be told what of the paper is being done, and the share done of all."""
-    say_compiling()
-    if not sys.stderr.isatty():
-        lines = _Lines(f"reproducing {items} items")
-        yield lambda what, share: lines(share)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description:<20}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("reproducing", total=1.0)
-        yield lambda what, share: bars.update(task, description=what, completed=share)
-
-
-class SearchLines:
-    """Plain lines on how far a search is."""
+    """Prints a line on stderr, unless it printed one less than ten seconds ago."""
 
     def __init__(self) -> None:
         self.latest_s = time.monotonic()
 
-    def __call__(self, told: SearchTold) -> None:
-        """Say so, if some time has passed since the last line."""
+    def __call__(self, text: str) -> None:
         now_s = time.monotonic()
-        if now_s - self.latest_s < LINE_EVERY_S:
-            return
-        self.latest_s = now_s
-        failed = f", {told.failed} failed" if told.failed else ""
-        print(
-            f"{told.method}: iteration {told.iteration} of {told.iterations}, {told.runs:,} of {told.wanted:,} runs, "
-            f"best so far {told.best:.4g}{failed}",
-            file=sys.stderr,
-            flush=True,
+        if now_s - self.latest_s >= LINE_EVERY_S:
+            self.latest_s = now_s
+            print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
+    """Show a bar; yields the function that updates its description, total, completed and note.
+
+    Args:
+        total: 1 to show per cent, None to count runs up to a total that is set later.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    count = ("{task.percentage:3.0f} %",) if total else (MofNCompleteColumn(), "runs")
+    columns = ("{task.description}", BarColumn(), *count, TimeRemainingColumn(), "{task.fields[note]}")
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(what, total=total, note="")
+        yield lambda **values: bars.update(task, **values)
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """Yield a function that takes the share done, 0 to 1; reports first if kernels must be compiled."""
+    with labelled_progress_bar(what) as progress:
+        yield lambda share: progress(what, share)
+
+
+@contextmanager
+def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
+    """Yield a function that takes what is being done now, and the share done of all."""
+    say_compiling()
+    if not sys.stderr.isatty():
+        lines = _Lines()
+        yield lambda now, share: lines(f"{what}: {100 * share:.0f} %")
+        return
+    with _bar(what, total=1.0) as update:
+        yield lambda now, share: update(description=now, completed=share)
+
+
+@contextmanager
+def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
+    """Yield a function that shows how far a study is, at what rate, and how much failed."""
+    began_s = time.monotonic()
+
+    def values(now: StudyProgress) -> tuple[float, str]:
+        passed_s = time.monotonic() - began_s
+        return now.done / max(passed_s, 1e-9), f"{now.failed} batches failed" if now.failed else ""
+
+    if not sys.stderr.isatty():
+        lines = _Lines()
+
+        def line(now: StudyProgress) -> None:
+            rate, failed = values(now)
+            share = 100 * now.done / max(now.wanted, 1)
+            left = f"{(now.wanted - now.done) / rate:.0f} s left" if rate else ""
+            text = f"{what}: {now.done:,} of {now.wanted:,} runs ({share:.0f} %)"
+            lines(", ".join(part for part in (text, f"{rate:,.0f} per second", left, failed) if part))
+
+        yield line
+        return
+    with _bar(what) as update:
+
+        def show(now: StudyProgress) -> None:
+            rate, failed = values(now)
+            note = f"{rate:,.0f} per second{f', {failed}' if failed else ''}"
+            update(total=now.wanted, completed=now.done, note=note)
+
+        yield show
+
+
+@contextmanager
+def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
+    """Yield a function that shows how far a search is, and the best score so far."""
+
+    def best(now: SearchProgress) -> str:
+        return f"best so far {now.best:.4g}{f', {now.failed} failed' if now.failed else ''}"
+
+    if not sys.stderr.isatty():
+        lines = _Lines()
+        yield lambda now: lines(
+            f"{now.method}: iteration {now.iteration} of {now.iterations}, {now.runs:,} of {now.wanted:,} runs, "
+            f"{best(now)}"
         )
+        return
+    with _bar("searching") as update:
+        yield lambda now: update(
+            total=now.wanted,
+            completed=now.runs,
+            note=best(now),
+            description=f"{now.method} {now.iteration}/{now.iterations}",
+        )
+
+
+def say_compiling(*sources: str) -> None:
+    """Report on stderr if kernels must be compiled first, and start a process that helps.
+
+    Args:
+        sources: names of motion sources; without, any will do.
+    """
+    from vibroswarm.cli.background_compile import begin
+    from vibroswarm.core.jit import cache_folder, is_cached
+
+    if not is_cached(*sources):
+        begin()
+        how = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
+        print(f"compiling the engine, {how} ...", file=sys.stderr, flush=True)

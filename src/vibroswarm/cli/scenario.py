@@ -1,34 +1,30 @@
-"""``vibroswarm scenario``: a whole scenario as TOML, to be read, kept and edited."""
+"""``vibroswarm scenario``: write a scenario as TOML, with every field."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.options import add_scenario_options
+from vibroswarm.cli.options import add_out, add_scenario_options
 
 
 def add_parser(commands: Any) -> None:
-    """Make the command known."""
+    """Add the command."""
     parser = commands.add_parser(
         "scenario",
-        help="write a scenario down as TOML, every field of it",
-        description="Write a scenario down as TOML, every field of it: to be read, kept, edited and run again.",
+        help="write a scenario as TOML, with every field",
+        description="Write a scenario as TOML, with every field, to edit and run again.",
         epilog="example: vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml",
-        allow_abbrev=False,
     )
     add_scenario_options(parser)
-    out = parser.add_argument_group("where")
-    out.add_argument("--out", metavar="FILE", type=Path, help="into this file (without: here)")
-    out.add_argument("--force", action="store_true", help="replace a file that is there")
-    parser.set_defaults(run=run, parser=parser)
+    add_out(parser, "write to FILE (default: stdout)", metavar="FILE", force=True)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the scenario that the options ask for."""
-    from vibroswarm.cli.scenarios import scenario_from
-    from vibroswarm.files import whole_file
+    """Write the scenario given by the options."""
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.core.atomic_io import whole_file
 
     scenario = scenario_from(arguments)
     if arguments.out is None:
@@ -36,5 +32,5 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     with whole_file(arguments.out, replace=arguments.force) as part:
         part.write_text(scenario.to_toml(), encoding="utf-8")
-    print(f"Written: {arguments.out} (scenario {scenario.hash}).")
+    print(f"Saved: {arguments.out} (scenario {scenario.hash})")
     return 0

@@ -1,52 +1,53 @@
-"""``vibroswarm show``: what the folder of a study or a search holds."""
+"""``vibroswarm show``: the state of a study or search folder."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import add_json
 
 if TYPE_CHECKING:
     from vibroswarm.study.store import Store
 
 
 MOST_FAILED = 5
-"""Batches that are named one by one."""
+"""Batches that are listed one by one."""
 
 
 def add_parser(commands: Any) -> None:
-    """Make the command known."""
+    """Add the command."""
     parser = commands.add_parser(
         "show",
-        help="tell what the folder of a study or a search holds",
-        description="Tell what a folder holds: its study or search, how much is done, what is damaged or failed.",
-        allow_abbrev=False,
+        help="show what a study or search folder contains",
+        description="Show what a folder contains: its study or search, how much is done, what is damaged or failed.",
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="the folder of a study or a search")
-    parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.set_defaults(run=run, parser=parser)
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a study or search")
+    add_json(parser)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Open the store, check its shards, tell."""
+    """Read the folder, check its shards and print its state."""
+    from vibroswarm.cli.output import print_json
     from vibroswarm.optimize.journal import held, is_search
     from vibroswarm.study.store import Store
 
-    if is_search(arguments.folder):
-        search = held(arguments.folder)
-        print(json.dumps(search, indent=2) if arguments.json else _search_words(search))
-        return 0
-    about = told(Store.open(arguments.folder))
-    print(json.dumps(about, indent=2) if arguments.json else _words(about))
+    is_of_search = is_search(arguments.folder)
+    state = held(arguments.folder) if is_of_search else state_of(Store.open(arguments.folder))
+    if arguments.json:
+        print_json(state)
+    else:
+        print("\n".join((_search_lines if is_of_search else _study_lines)(state)))
     return 0
 
 
-def told(store: Store) -> dict[str, Any]:
-    """What is there, in plain values."""
+def state_of(store: Store) -> dict[str, Any]:
+    """The state of a study folder in plain values."""
     from vibroswarm.study.plan import plan_of
-    from vibroswarm.study.result import StudyResult
+    from vibroswarm.study.study_result import StudyResult
 
     study, plan = store.study, plan_of(store.study)
     cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
@@ -73,60 +74,61 @@ def told(store: Store) -> dict[str, Any]:
     }
 
 
-def _search_words(about: dict[str, Any]) -> str:
-    there, wanted = about["runs_there"], about["runs_wanted"]
+def _search_lines(about: dict[str, Any]) -> list[str]:
+    done, wanted = about["runs_there"], about["runs_wanted"]
+    from vibroswarm.optimize.search_tables import values_said
+
     lines = [
-        f"A search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Fields: {', '.join(about['fields'])}.",
-        f"Done: {there:,} of {wanted:,} runs ({100 * there / max(wanted, 1):.4g} %), in {about['steps']} steps; "
+        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
+        f"Done: {done:,} of {wanted:,} runs ({100 * done / max(wanted, 1):.4g} %), in {about['steps']} steps; "
         f"{about['runs_failed']:,} failed.",
+        f"Fields: {', '.join(about['fields'])}.",
     ]
     if about["result"] is None:
-        lines.append("Not scored on fresh runs yet; say the same optimize again to go on.")
-        return "\n".join(lines)
+        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
+        return lines
     if truth := about["result"].get("truth"):
         score = truth["true"]["score"]
-        values = (f"{name} {v:.6g}" if isinstance(v, float) else f"{name} {v}"
-                  for name, v in about["result"]["best"].items())  # fmt: skip
-        score = {name: math.nan if value is None else value for name, value in score.items()}
-        believed = math.nan if truth["believed"] is None else truth["believed"]
-        limits = f"[{score['low']:.4g}, {score['high']:.4g}]"
-        lines.append(f"Best: {', '.join(values)}")
-        lines.append(f"Believed {believed:.4g}, true {score['estimate']:.4g} {limits}. {truth['says']}")
+        believed, estimate, low, high = (
+            math.nan if value is None else value
+            for value in (truth["believed"], score["estimate"], score["low"], score["high"])
+        )
+        lines.append(f"Best: {values_said(about['result']['best'])}")
+        lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
     if front := about["result"].get("front"):
         lines.append(front["says"])
-    return "\n".join(lines)
+    return lines
 
 
-def _words(about: dict[str, Any]) -> str:
-    wanted, there = about["runs_wanted"], about["runs_there"]
+def _study_lines(about: dict[str, Any]) -> list[str]:
+    wanted, done = about["runs_wanted"], about["runs_there"]
     each = (
         f"{about['runs_each']:,} each"
         if about["runs_each"]
         else f"until {about['until']['figure']} is known to {about['until']['until']}"
     )
-    name = f"{about['name'] or 'A study'} in {about['folder']}"
+    name = f"{about['name'] or 'Study'} in {about['folder']}"
     lines = [
         f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
+        f"Done: {done:,} of {wanted:,} runs ({100 * done / max(wanted, 1):.4g} %), in {about['shards']} shards, "
+        f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
         f"Varied: {', '.join(about['varied']) or 'nothing'}.",
-        f"Done: {there:,} of {wanted:,} runs ({100 * there / max(wanted, 1):.4g} %), in {about['shards']} shards, "
-        f"{about['bytes'] / 1e6:.1f} MB; kept: {', '.join(about['keeps'])}.",
     ]
-    lines += [f"Damaged, and to be made again: {words}" for words in about["damaged"]]
+    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
     failed = about["failed_batches"]
     lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
     if len(failed) > MOST_FAILED:
         lines.append(
-            f"... and {len(failed) - MOST_FAILED} more batches that failed, in {about['folder']}/failures."
+            f"... and {len(failed) - MOST_FAILED} more failed batches, in {about['folder']}/failures."
         )
     if about["left_over_files"]:
-        lines.append(f"{about['left_over_files']} files of writers that were killed; they count for nothing.")
-    for made in about["made_by"]:
-        lines.append(
-            f"Made by vibroswarm {made['vibroswarm']} (code {made['code']}) on {made['architecture']}."
-        )
+        lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
+    lines += [
+        f"Made by vibroswarm {made['vibroswarm']} (code {made['code']}) on {made['architecture']}."
+        for made in about["made_by"]
+    ]
     if len(about["made_by"]) > 1:
-        lines.append("Different versions made parts of it; as a whole it may not be repeatable.")
-    if there < wanted:
-        lines.append(f"To go on: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
-    return "\n".join(lines)
+        lines.append("Parts come from different versions; the whole may not be repeatable.")
+    if done < wanted:
+        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+    return lines

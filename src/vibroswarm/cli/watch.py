@@ -1,4 +1,4 @@
-"""``--watch``: an inspection played back in the terminal, or in plain lines where there is none."""
+"""``--watch``: play an inspection back in the terminal, or as plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.cli.words import decision_words
+from vibroswarm.cli.verdict_text import decision_words
 from vibroswarm.motion.pose import pose
-from vibroswarm.observation.boundary import readings_boundary
+from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 FRAMES_PER_S = 12
 LINES = 20
-"""Lines that a playback without a terminal prints."""
+"""Number of lines of a playback without a terminal."""
 BAR = 24
 SYMBOLS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What is shown at one time; one entry a robot."""
+    """What is shown at one time; one entry per robot."""
 
     time_s: float
     x_m: NDArray[np.float64]
@@ -39,7 +39,7 @@ class Moment:
 
 
 class Playback:
-    """Moments of one run of a result (run 0), made from its tables."""
+    """Run 0 of a result, at any time."""
 
     def __init__(self, result: Result) -> None:
         self.result, self.scenario = result, result.scenario
@@ -50,7 +50,7 @@ class Playback:
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
 
     def at(self, time_s: float) -> Moment:
-        """What is so at this time."""
+        """The state at a time."""
         assert self.result.segments is not None, "a playback needs segments"
         at = min(time_s, self.end_s)
         where = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
@@ -59,7 +59,10 @@ class Playback:
         for robot, samples in enumerate(self.samples):
             done = int(samples["time_s"].search_sorted(at, side="right"))
             if done:
-                belief[robot], decision[robot] = samples["belief"][done - 1], samples["decision"][done - 1]
+                belief[robot], decision[robot] = (
+                    samples["belief_below"][done - 1],
+                    samples["decision"][done - 1],
+                )
         return Moment(at, where[:, 0], where[:, 1], belief, decision)
 
     def _prior_belief(self) -> float:
@@ -70,7 +73,7 @@ class Playback:
 
 
 def play(result: Result, speed: float) -> None:
-    """Play run 0 back, ``speed`` times as fast as it was; in plain lines where stdout is no terminal."""
+    """Play run 0 back, ``speed`` times as fast; as plain lines if stdout is not a terminal."""
     playback = Playback(result)
     if not sys.stdout.isatty():
         for time_s in np.linspace(0.0, playback.end_s, LINES + 1)[1:]:
@@ -88,7 +91,7 @@ def play(result: Result, speed: float) -> None:
 
 
 def line(moment: Moment) -> str:
-    """A moment in one plain line."""
+    """A moment as one line of text."""
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
         f"{robot}:{belief:.2f}{marks[int(decision)]}"
@@ -99,7 +102,7 @@ def line(moment: Moment) -> str:
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
-    """A moment as a picture of the terminal: the arena, and each robot's belief as a bar."""
+    """A moment as a terminal picture: the arena, and each robot's belief as a bar."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -108,20 +111,20 @@ def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
     decided = int((moment.decision != -1).sum())
     head = Text(
         f"t = {moment.time_s:7.1f} s of {playback.end_s:g} s   {speed:g}x   "
-        f"{decided} of {playback.robots} decided   Ctrl-C leaves"
+        f"{decided} of {playback.robots} decided   Ctrl-C to stop"
     )
     arena = Panel(Text("\n".join(arena_rows(playback, moment))), title="arena", expand=False)
     beliefs = Panel(Text("\n".join(belief_rows(playback, moment))), title="belief", expand=False)
     return Group(head, Columns([arena, beliefs]))
 
 
-def _fancy() -> bool:
-    """Whether the terminal takes more than ASCII."""
+def _has_unicode() -> bool:
+    """Whether the terminal shows more than ASCII."""
     return "utf" in (sys.stdout.encoding or "").lower()
 
 
 def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
-    """The arena from above: shaded where it vibrates, a sign for each robot; a cell is twice as high as wide."""
+    """The arena from above: vibrating tiles shaded, a symbol for each robot; cells are twice as high as wide."""
     width_m, height_m = playback.scenario.arena.width_m, playback.scenario.arena.height_m
     columns = int(np.clip(round(2 * rows * width_m / height_m), 4, 100))
     rows = max(2, round(columns * height_m / width_m / 2))
@@ -129,7 +132,7 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
     y = height_m - (np.arange(rows) + 0.5) * height_m / rows
     tile = playback.floor.tile_at(*np.meshgrid(x, y))
     flat = playback.floor.tiles.ravel()
-    shade, dot = ("░", "·") if _fancy() else ("#", ".")
+    shade, dot = ("░", "·") if _has_unicode() else ("#", ".")
     cells = np.where(tile < 0, " ", np.where(flat[tile] == 1, shade, dot))
     column = np.clip((moment.x_m / width_m * columns).astype(int), 0, columns - 1)
     row = np.clip(((height_m - moment.y_m) / height_m * rows).astype(int), 0, rows - 1)
@@ -139,10 +142,10 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
 
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:
-    """A bar for each robot: full when it believes that less than the boundary vibrates."""
+    """A bar for each robot: its belief that less than the boundary vibrates."""
     boundary, answers = playback.scenario.decision.decision_boundary, answers_of(playback.scenario)
     what = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
-    block, rest = ("█", "─") if _fancy() else ("=", "-")
+    block, rest = ("█", "─") if _has_unicode() else ("=", "-")
     rows = [f"{'':3}{'0':<{BAR}}1   in '{what}'"]
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
         full = round(belief * BAR)

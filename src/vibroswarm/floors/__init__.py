@@ -1,27 +1,27 @@
-"""Floors: patterns, files, difficulty, and making a floor of given difficulty.
+"""Floors: patterns, files, difficulty, and floors designed to a given difficulty.
 
-Names are looked up when they are first used, so that importing this room loads neither Pillow nor SciPy.
+Names are imported on first use, so that importing this package loads neither Pillow nor SciPy.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.lazy import lazy_names
+from vibroswarm.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from vibroswarm.floors.design import Made, make_floor
+    from vibroswarm.floors.design import FloorDesign, make_floor
     from vibroswarm.floors.difficulty import Difficulty, entropy, measure, moran_index
-    from vibroswarm.floors.files import parse_tiles, read_tiles, write_tiles
     from vibroswarm.floors.floor import Floor
+    from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.floors.io import read_tiles, write_tiles
     from vibroswarm.floors.patterns import pattern
-    from vibroswarm.floors.random import random_tiles
-    from vibroswarm.floors.source import is_random, named_tiles, resolve
+    from vibroswarm.floors.source import is_random, named_tiles, random_tiles, resolve
 
 __all__ = [
     "Difficulty",
     "Floor",
-    "Made",
+    "FloorDesign",
     "entropy",
     "is_random",
     "make_floor",
@@ -39,19 +39,19 @@ __all__ = [
 _HOME: Final = {
     "Difficulty": "difficulty",
     "Floor": "floor",
-    "Made": "design",
+    "FloorDesign": "design",
     "entropy": "difficulty",
     "is_random": "source",
     "make_floor": "design",
     "measure": "difficulty",
     "moran_index": "difficulty",
     "named_tiles": "source",
-    "parse_tiles": "files",
+    "parse_tiles": "grid_text",
     "pattern": "patterns",
-    "random_tiles": "random",
-    "read_tiles": "files",
+    "random_tiles": "source",
+    "read_tiles": "io",
     "resolve": "source",
-    "write_tiles": "files",
+    "write_tiles": "io",
 }
 
 

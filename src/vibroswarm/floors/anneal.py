@@ -1,4 +1,20 @@
-"""Simulated annealing over floors with a fixed number of vibrating tiles, by swaps of two tiles, compiled.
+"""Simulated annealing over floors with a fixed number of vibrating tiles, compiled.
+
+The clusters of vibrating tiles are updated with each change of a tile:
+
+| name | symbol | shape | meaning |
+|---|---|---|---|
+| tile | c_i | (cells,) | 1 vibrating, 0 still; the grid with a border of 0 around it, row after row |
+| label | | (cells,) | the cluster of each vibrating cell; 0: none |
+| size | abs(C_i) | (cells + 1,) | tiles of the cluster with this label |
+| terms | n log2 n | (cells + 1,) | the sum of ``terms[size]`` over the clusters is S = N_v (H_c^max - H_c) |
+| free | | (cells + 1,) | the unused labels are ``free[1:1 + free[0]]`` |
+| stack | | (cells,) | scratch |
+
+The entropy is S / (N_v log2 N_v). Removing a tile can split its cluster only if its neighbours are not connected
+around it, so most changes cost a handful of additions.
+
+Annealing swaps two tiles at a time:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -6,11 +22,11 @@
 | sides | sum w_ij c_i | - | neighbours of vibrating tiles, of either kind |
 | pairs2 | sum w_ij = W | - | 2 (rows (columns - 1) + columns (rows - 1)) |
 | Moran index | E_MI | - | (links2 - 2 f sides) / (W f (1 - f)) + f / (1 - f) |
-| entropy | E_e | - | S / (N_v log2 N_v), S of ``clusters`` |
+| entropy | E_e | - | S / (N_v log2 N_v), S as above |
 | energy | | - | hypot(moran_weight * miss of E_MI, entropy_weight * miss of E_e) |
 
-A swap is taken when the energy stays below its old value - temperature * log(u) (Metropolis). As the energy
-is at least the Moran index's part of it, many swaps are refused before any cluster is touched.
+A swap is accepted if the energy stays below its old value - temperature * log(u) (Metropolis). As the energy
+is at least its Moran part, many swaps are rejected before any cluster is updated.
 """
 
 from __future__ import annotations
@@ -19,14 +35,141 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vibroswarm.compiled import allocating_kernel, kernel
-from vibroswarm.draws import FLOOR, uniform
-from vibroswarm.floors.clusters import Cells, Clusters, no_clusters, put, take
+from vibroswarm.core.jit import allocating_kernel, kernel
+from vibroswarm.core.rng import FLOOR, uniform
+
+Cells = NDArray[np.int64]
+
+
+class Clusters(NamedTuple):
+    """The arrays of the table above; ``stride`` is the distance from a cell to the one below it."""
+
+    tile: Cells
+    label: Cells
+    size: Cells
+    terms: NDArray[np.float64]
+    free: Cells
+    stack: Cells
+    stride: int
+
+
+@allocating_kernel
+def no_clusters(cells: int, stride: int) -> Clusters:
+    """Return a grid of still tiles."""
+    terms = np.zeros(cells + 1)
+    free = np.zeros(cells + 1, dtype=np.int64)
+    free[0] = cells - 1
+    for n in range(1, cells):
+        free[n] = cells - n
+        terms[n] = n * math.log2(n)
+    tile = np.zeros(cells, dtype=np.int64)
+    label = np.zeros(cells, dtype=np.int64)
+    size = np.zeros(cells + 1, dtype=np.int64)
+    stack = np.zeros(cells, dtype=np.int64)
+    return Clusters(tile, label, size, terms, free, stack, stride)
+
+
+@kernel
+def add_tile(state: Clusters, cell: int) -> float:
+    """Make the still ``cell`` vibrate; return the change of S, bits times tiles."""
+    label, size, stride = state.label, state.size, state.stride
+    keep = 0
+    for step in (1, -1, stride, -stride):
+        near = label[cell + step]
+        if near > 0 and (keep == 0 or size[near] > size[keep]):
+            keep = near
+    if keep == 0:
+        keep = _new_label(state)
+    change = -state.terms[size[keep]]
+    for step in (1, -1, stride, -stride):
+        other = label[cell + step]
+        if other > 0 and other != keep:
+            change -= state.terms[size[other]]
+            size[keep] += _flood(state, cell + step, other, keep)
+            _free_label(state, other)
+    state.tile[cell] = 1
+    label[cell] = keep
+    size[keep] += 1
+    return float(change + state.terms[size[keep]])
+
+
+@kernel
+def remove_tile(state: Clusters, cell: int) -> float:
+    """Make the vibrating ``cell`` still; return the change of S, bits times tiles."""
+    tile, label, size, stride = state.tile, state.label, state.size, state.stride
+    old = label[cell]
+    change = -state.terms[size[old]]
+    tile[cell] = 0
+    label[cell] = 0
+    size[old] -= 1
+    if size[old] > 0 and _groups_around(tile, stride, cell) <= 1:
+        return float(change + state.terms[size[old]])
+    for step in (1, -1, stride, -stride):
+        near = cell + step
+        if tile[near] == 1 and label[near] == old:
+            new = _new_label(state)
+            size[new] = _flood(state, near, old, new)
+            change += state.terms[size[new]]
+    _free_label(state, old)
+    return float(change)
+
+
+@kernel
+def _new_label(state: Clusters) -> int:
+    new = state.free[state.free[0]]
+    state.free[0] -= 1
+    return int(new)
+
+
+@kernel
+def _free_label(state: Clusters, label: int) -> None:
+    state.free[0] += 1
+    state.free[state.free[0]] = label
+    state.size[label] = 0
+
+
+@kernel
+def _flood(state: Clusters, start: int, old: int, new: int) -> int:
+    """Relabel the cells connected to ``start`` from ``old`` to ``new``; return their number."""
+    label, stack, stride = state.label, state.stack, state.stride
+    label[start] = new
+    stack[0] = start
+    waiting = 1
+    count = 0
+    while waiting > 0:
+        waiting -= 1
+        cell = stack[waiting]
+        count += 1
+        for step in (1, -1, stride, -stride):
+            near = cell + step
+            if label[near] == old:
+                label[near] = new
+                stack[waiting] = near
+                waiting += 1
+    return count
+
+
+@kernel
+def _groups_around(tile: Cells, stride: int, cell: int) -> int:
+    """Return the number of groups of vibrating neighbours of ``cell``, connected within the ring of eight around
+    it.
+
+    0 if all eight vibrate, as the ring closes: treat it as one.
+    """
+    north, south, west, east = tile[cell - stride], tile[cell + stride], tile[cell - 1], tile[cell + 1]
+    joined = (
+        north * tile[cell - stride + 1] * east
+        + east * tile[cell + stride + 1] * south
+        + south * tile[cell + stride - 1] * west
+        + west * tile[cell - stride - 1] * north
+    )
+    return int(north + south + west + east - joined)
 
 
 class Goal(NamedTuple):
-    """What is asked for, and how much a miss weighs; with ``entropy_weight`` 0 any entropy is right."""
+    """The measures asked for, and the weights of misses; with ``entropy_weight`` 0 any entropy will do."""
 
     moran_index: float
     entropy: float
@@ -35,7 +178,7 @@ class Goal(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """First and last temperature (units of energy, geometric in between), swaps to try, energy to stop at."""
+    """First and last temperature (in energy, geometric in between), number of swaps, energy at which to stop."""
 
     hot: float
     cold: float
@@ -50,7 +193,7 @@ def _vibrating_around(tile: Cells, stride: int, cell: int) -> int:
 
 @allocating_kernel
 def _degrees(rows: int, columns: int) -> Cells:
-    """Number of neighbours of each cell, in the grid with its border; 0 on the border."""
+    """Return the number of neighbours of each cell, in the grid with its border; 0 on the border."""
     stride = columns + 2
     degree = np.zeros((rows + 2) * stride, dtype=np.int64)
     for row in range(1, rows + 1):
@@ -62,7 +205,7 @@ def _degrees(rows: int, columns: int) -> Cells:
 
 @kernel
 def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int, columns: int) -> int:
-    """The still cell to swap with ``p``: half of the time any, else one within two steps of ``p`` (or -1)."""
+    """Return the still cell to swap with ``p``: half the time any, else one within two steps of ``p`` (or -1)."""
     if u < 0.5:
         return int(zeros[int(2.0 * u * blanks)])
     stride = columns + 2
@@ -75,8 +218,10 @@ def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int
 
 
 @kernel
-def _lay(state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells) -> tuple[int, int, float]:
-    """Make all ``ones`` vibrate and note each cell's place in its list; links2, sides and S."""
+def _place_tiles(
+    state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
+) -> tuple[int, int, float]:
+    """Make all ``ones`` vibrate and note each cell's index in its list; return links2, sides and S."""
     links2, sides, whole = 0, 0, 0.0
     for i in range(zeros.size):
         place[zeros[i]] = i
@@ -84,7 +229,7 @@ def _lay(state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
         place[ones[i]] = i
         sides += degree[ones[i]]
         links2 += 2 * _vibrating_around(state.tile, state.stride, ones[i])
-        whole += put(state, ones[i])
+        whole += add_tile(state, ones[i])
     return links2, sides, whole
 
 
@@ -92,7 +237,7 @@ def _lay(state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
 def anneal(
     start: Cells, rows: int, columns: int, goal: Goal, schedule: Schedule, seed: int, search: int
 ) -> tuple[Cells, float]:
-    """Swap vibrating and still tiles until the floor is as asked for, or the moves are spent.
+    """Swap vibrating and still tiles until the floor meets the goal or the swaps are used up.
 
     Args:
         start: 0 and 1 with a border of 0, row after row, shape ((rows + 2) * (columns + 2),); at least one
@@ -103,10 +248,10 @@ def anneal(
     stride = columns + 2
     state = no_clusters(start.size, stride)
     tile, degree = state.tile, _degrees(rows, columns)
-    place = np.zeros(start.size, dtype=np.int64)  # where a cell stands in ``ones`` or ``zeros``
+    place = np.zeros(start.size, dtype=np.int64)  # index of a cell in ``ones`` or ``zeros``
     ones, zeros = np.nonzero(start == 1)[0], np.nonzero((start == 0) & (degree > 0))[0]
     count, blanks = ones.size, zeros.size
-    links2, sides, whole = _lay(state, degree, ones, zeros, place)
+    links2, sides, whole = _place_tiles(state, degree, ones, zeros, place)
     fill = count / (rows * columns)
     scale = 1.0 / (2 * (rows * (columns - 1) + columns * (rows - 1)) * fill * (1.0 - fill))
     offset = fill / (1.0 - fill) - goal.moran_index
@@ -134,11 +279,11 @@ def anneal(
         limit = energy - temperature * math.log(uniform(seed, 0, 0, FLOOR, 2 * move + 1, 1 + search))
         if abs(miss) > limit:
             continue
-        new_whole = whole + take(state, p) + put(state, q)
+        new_whole = whole + remove_tile(state, p) + add_tile(state, q)
         new_energy = math.hypot(miss, goal.entropy_weight * (new_whole / most - goal.entropy))
         if new_energy > limit:
-            take(state, q)
-            put(state, p)
+            remove_tile(state, q)
+            add_tile(state, p)
             continue
         links2, sides, whole, energy = new_links2, new_sides, new_whole, new_energy
         ones[place[p]], zeros[place[q]] = q, p

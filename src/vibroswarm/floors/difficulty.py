@@ -1,4 +1,4 @@
-"""How hard a floor is to judge: how its tiles hang together.
+"""The difficulty of a floor: how its vibrating tiles cluster.
 
 | name | symbol | unit | shape | equation |
 |---|---|---|---|---|
@@ -12,25 +12,29 @@
 | its maximum | H_c^max | bit | scalar | log2(N_v): every vibrating tile alone |
 | entropy | E_e | - | scalar | (H_c^max - H_c) / H_c^max: 0 all tiles alone, 1 one cluster |
 
-Moran index: near 1 large patches, near 0 tiles thrown at random, near -1 a checkerboard. Source: the paper's
+Moran index: near 1 large patches, near 0 tiles placed at random, near -1 a checkerboard. Source: the paper's
 equations of the Moran index and of the entropy, after Bartashevich and Mostaghim (2019).
+
+The module also has the paper's table of difficulties, beside the correct values.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import as_tiles
+from vibroswarm.floors.patterns import pattern
 
 
 @dataclass(frozen=True)
 class Difficulty:
-    """What ``measure`` found on a floor; ``moran_index`` and ``entropy`` are nan where they have no value.
+    """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined.
 
     Args:
         rows, columns: how many tiles there are. ones: how many of them vibrate. fill_ratio: which share.
@@ -48,7 +52,7 @@ class Difficulty:
 
 
 def moran_index(tiles: ArrayLike) -> float:
-    """The Moran index E_MI of a floor: how alike neighbouring tiles are.
+    """Return the Moran index E_MI of a floor (Eq. 4): how similar neighbouring tiles are.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
@@ -62,14 +66,14 @@ def moran_index(tiles: ArrayLike) -> float:
     if ones in (0, grid.size):
         return math.nan
     apart = grid - ones / grid.size
-    # Each unordered pair once above and below: the factor 2 of the ordered pairs cancels.
+    # Unordered pairs in numerator and denominator: the factor 2 of the ordered pairs cancels.
     pairs = rows * (columns - 1) + columns * (rows - 1)
     alike = np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
     return float(grid.size / pairs * alike / np.sum(apart * apart))
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
-    """Sizes of the clusters of vibrating tiles (4-connected), in tiles, largest first, shape (M,)."""
+    """Return the sizes of the clusters of vibrating tiles (4-connected), in tiles, largest first, shape (M,)."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(as_tiles(tiles))  # scipy's default structure joins through sides only
@@ -78,7 +82,7 @@ def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
 
 
 def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
-    """The entropy E_e of a floor: 0 where every vibrating tile is alone, 1 where all are one cluster.
+    """Return the entropy E_e of a floor (Eq. 5): 0 if every vibrating tile is alone, 1 if all form one cluster.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
@@ -92,7 +96,7 @@ def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
 
 
 def measure(tiles: ArrayLike) -> Difficulty:
-    """All measures of a floor at once.
+    """Return all measures of a floor.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
@@ -123,3 +127,50 @@ def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
     shares = sizes / total
     most = math.log2(total)
     return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)  # not -0.0 by rounding
+
+
+_PRINTED: Final = {
+    # pattern: Moran index at 0.48, entropy at 0.48, Moran index at 0.46, entropy at 0.46
+    "diagonal": (0.73, 1.00, 0.71, 0.99),
+    "stripe": (0.88, 1.00, 0.88, 0.99),
+    "block-diagonal": (0.76, 0.85, 0.75, 0.84),
+    "alternating": (-0.96, 0.00, -0.91, 0.00),
+    "random-fixed": (0.00, 0.51, -0.05, 0.46),
+}
+_PAPER_ONES: Final = 48  # the N_v of all its entropies
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of the paper's table.
+
+    Args:
+        pattern: its name here. measure: "Moran index" or "entropy".
+        printed: as the paper has it.
+        as_the_paper: computed as the paper did: on the floor that it used, with N_v = 48.
+        right: on the floor of the fill ratio named, with its own N_v.
+    """
+
+    pattern: str
+    measure: str
+    printed: float
+    as_the_paper: float
+    right: float
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the printed number differs from the correct one to its two digits."""
+        return abs(self.printed - self.right) > 0.005 + 1e-9
+
+
+def paper_table() -> list[Entry]:
+    """Return all 20 numbers of the paper's table of Moran index and entropy, beside the correct ones."""
+    table: list[Entry] = []
+    for kind, printed in _PRINTED.items():
+        for fill, moran, clustering in (("0.48", *printed[:2]), ("0.46", *printed[2:])):
+            name = f"{kind}:{fill}"
+            used = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
+            true = pattern(name)
+            table.append(Entry(name, "Moran index", moran, moran_index(used), moran_index(true)))
+            table.append(Entry(name, "entropy", clustering, entropy(used, _PAPER_ONES), entropy(true)))
+    return table

@@ -23,12 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.errors import InputError
 
 TILE_LIMIT: Final = 4_000_000
-"""The most tiles that a floor may have."""
+"""Maximum number of tiles of a floor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Tiles and where they lie.
+    """Tiles and their position.
 
     Args:
         tiles: (rows, columns) of 0 and 1, top row first.
@@ -54,7 +54,7 @@ class Floor:
             value = getattr(self, field)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(
-                    f"{value!r} is no size; give a finite number above 0", field=f"floor.{field}"
+                    f"{value!r} is not a size; give a finite number above 0", field=f"floor.{field}"
                 )
         for field in ("left_m", "bottom_m"):
             if not math.isfinite(getattr(self, field)):
@@ -70,7 +70,7 @@ class Floor:
 
     @property
     def geometry(self) -> tuple[int, int, float, float, float, float]:
-        """rows, columns, tile width and height, left and bottom (m)."""
+        """Rows, columns, tile width and height, left and bottom (m)."""
         rows, columns = self.tiles.shape
         return rows, columns, self.tile_width_m, self.tile_height_m, self.left_m, self.bottom_m
 
@@ -80,7 +80,8 @@ class Floor:
         return np.count_nonzero(self.tiles) / self.tiles.size
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
-        """Share of the tiled area inside an arena of ``width_m`` by ``height_m`` that vibrates; f where none is cut."""
+        """Return the vibrating share of the tiled area inside an arena of ``width_m`` by ``height_m``; f if
+        nothing is cut."""
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None:
             return self.fill_ratio
@@ -89,14 +90,15 @@ class Floor:
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
-        """The tiles stretched over a rectangle of ``width_m`` by ``height_m`` from the origin, called ``name``."""
+        """Return a floor called ``name`` whose tiles fill a rectangle of ``width_m`` by ``height_m`` from the
+        origin."""
         grid = as_tiles(tiles)
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
-        """Index of the tile under each point; -1 where there is none.
+        """Return the index of the tile under each point; -1 if there is none.
 
-        A shared edge belongs to the tile at its right or below it.
+        A shared edge belongs to the tile to its right or below it.
 
         Args:
             x_m, y_m: points in the arena, m, of one shape.
@@ -116,7 +118,7 @@ class Floor:
 def sides_inside(
     geometry: tuple[int, int, float, float, float, float], width_m: float, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Widths of the columns and heights of the rows inside an arena of this size, m; None where none is cut."""
+    """Return widths of columns and heights of rows inside an arena of this size, m; None if none is cut."""
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
     left = left_m + tile_width_m * np.arange(columns)
     bottom = bottom_m + tile_height_m * np.arange(rows)[::-1]
@@ -135,13 +137,13 @@ def check_size(rows: int, columns: int, field: str = "tiles") -> None:
         InputError: so it is.
     """
     if rows < 1 or columns < 1:
-        raise InputError(f"{rows} x {columns} is no floor; give at least 1 x 1 tiles", field=field)
+        raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field=field)
     if rows * columns > TILE_LIMIT:
         raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field=field)
 
 
 def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
-    """A contiguous copy of ``values`` as (rows, columns) of 0 and 1.
+    """Return a contiguous copy of ``values`` as (rows, columns) of 0 and 1.
 
     Raises:
         InputError: not a rectangle, empty, or with values other than 0 and 1.

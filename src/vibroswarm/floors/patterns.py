@@ -1,10 +1,11 @@
 """The paper's floors: 10 x 10 tiles, top row first, each named with its fill ratio.
 
-The paper's table has five patterns at two fill ratios. Two entries need a word:
+The paper's table has five patterns at two fill ratios. Two entries differ from it:
 
-- its ``alternating`` 0.46 holds 48 vibrating tiles, not 46. What it used is ``alternating:paper-0.46``; the
-  pattern which has 46, and follows the rule of the 0.48 one, is ``alternating:0.46``.
-- its ``random`` is one fixed floor. It is ``random-fixed`` here; ``random:0.48`` is a fresh one for each run.
+- its ``alternating`` 0.46 has 48 vibrating tiles, not 46. What the paper used is ``alternating:paper-0.46``; the
+pattern that has 46, and follows the rule of the 0.48 one, is ``alternating:0.46``.
+
+- its ``random`` is one fixed floor. It is ``random-fixed`` here; ``random:0.48`` is a new one for each run.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _RANDOM: Final = (
     "1000000011 0000110100 0101011111 0011011010 1011001110"
 )
 
-# Name, drawing, and the vibrating tiles (row, column) of the drawing that are still in this one.
+# Name, drawing, and the tiles (row, column) of the drawing that are still in this pattern.
 _PATTERNS: Final[dict[str, tuple[str, tuple[tuple[int, int], ...]]]] = {
     "diagonal:0.48": (_DIAGONAL, ()),
     "diagonal:0.46": (_DIAGONAL, ((0, 3), (9, 6))),
@@ -45,14 +46,14 @@ _PATTERNS: Final[dict[str, tuple[str, tuple[tuple[int, int], ...]]]] = {
 }
 
 NAMES: Final = tuple(_PATTERNS)
-"""The names of all patterns, as ``pattern`` takes them."""
+"""Names of all patterns, as ``pattern`` takes them."""
 
 FAMILIES: Final = tuple(dict.fromkeys(name.partition(":")[0] for name in NAMES))
-"""The names without their fill ratios."""
+"""Names without fill ratios."""
 
 
 def pattern(name: str) -> NDArray[np.uint8]:
-    """The tiles of a named pattern, uint8 of shape (10, 10), top row first.
+    """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
         name: one of ``NAMES``; '_' is read as '-', capitals as small letters.
@@ -67,13 +68,13 @@ def pattern(name: str) -> NDArray[np.uint8]:
 
 
 def family(name: str) -> str | None:
-    """The pattern that ``name`` speaks of, whatever fill ratio it names, or None."""
+    """Return the pattern that ``name`` refers to, whatever its fill ratio, or None."""
     known = name.partition(":")[0].strip().lower().replace("_", "-")
     return known if known in FAMILIES else None
 
 
 def canonical(name: str) -> str:
-    """``name`` as it stands in ``NAMES``.
+    """Return ``name`` as it stands in ``NAMES``.
 
     Raises:
         InputError: no such pattern, or not at this fill ratio; names those that there are.
@@ -81,7 +82,7 @@ def canonical(name: str) -> str:
     kind = family(name)
     if kind is None:
         raise InputError(
-            f"'{name}' is no pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field="--floor"
+            f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field="--floor"
         )
     fill = name.partition(":")[2].strip().lower().replace("_", "-")
     fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]

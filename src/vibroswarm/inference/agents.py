@@ -1,4 +1,4 @@
-"""What is kept of each robot beside its strategy's own state, and the world as its strategy is told of it."""
+"""Per-robot bookkeeping beside the strategy's own state, the robots' view of the world, and their random numbers."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, zero_rows
-from vibroswarm.draws import (
+from vibroswarm.core.jit import inlined, zero_rows
+from vibroswarm.core.rng import (
     ALONE,
     BEGINNING,
     FIRST,
@@ -21,14 +21,14 @@ from vibroswarm.draws import (
     TIMER,
     uniform,
 )
-from vibroswarm.inference.generate import arrays_for
+from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
-from vibroswarm.observation.boundary import geometry_of, readings_boundary
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.scenario import Scenario
+from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.bayes import GATES
-from vibroswarm.strategies.belief_table import beliefs
+from vibroswarm.strategies.belief_cache import beliefs
 from vibroswarm.strategies.world import Draws, World
 
 AGENT = np.dtype(
@@ -36,11 +36,12 @@ AGENT = np.dtype(
     + [(name, np.int64) for name in ("opinion", "row", "tick", "sample_tick", "due_tick")]
     + [(name, np.float64) for name in ("decided_s", "first_decided_s", "belief", "belief_at_decision")]
 )  # fmt: skip
-"""One robot: its decision (-1: none); how many samples it has taken, messages it has sent and received, timers it has
-had; how many of the run's messages it has come past, ones received, ones among its own; its opinion, which may change;
-the row of its last sample, the ticks of its last own event and its last sample, and at which its timer is due; when its
-decision came to stand, and when it first had one; its belief at its last own event, and when its decision came to
-stand."""
+"""One robot. ``decision``: -1 while undecided; ``opinion``: likewise, and may still change. ``samples``, ``sent``,
+``received``, ``timers``: how many so far. ``heard``: index of the next unread message of the run. ``ones``,
+``own_ones``: ones received, ones among its own messages. ``row``: row of its last sample. ``tick``,
+``sample_tick``, ``due_tick``: of its last own event, its last sample, and its timer. ``decided_s``,
+``first_decided_s``: when its current decision was made, and its first. ``belief``, ``belief_at_decision``:
+after its last own event, and when the current decision was made."""
 
 FINALS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -48,18 +49,18 @@ FINALS: Final[dict[str, Any]] = {
     "decision": pl.Int8,
     "decision_time_s": pl.Float64,
     "belief_at_decision": pl.Float64,
-    "belief": pl.Float64,
+    "belief_below": pl.Float64,
     "alpha": pl.UInt32,
     "beta": pl.UInt32,
     "samples": pl.UInt32,
-    "received": pl.UInt32,
+    "messages_received": pl.UInt32,
 }
-"""What became of each robot. ``belief`` is at the moment of decision, or at the last own sample or timer of a robot
-that never decided; alpha, beta (null where a strategy keeps none) and received are at the end."""
+"""The final state of each robot. ``belief_below`` is at the moment of decision or, for a robot that never decided,
+at its last sample or timer; alpha, beta (null if the strategy keeps none) and messages_received are at the end."""
 
 
 class Swarm(NamedTuple):
-    """Rows of some runs' robots, (runs * robots,) each."""
+    """State of all robots of some runs, (runs * robots,) rows each."""
 
     agents: NDArray[np.void]
     states: NDArray[np.void]
@@ -71,10 +72,10 @@ class Swarm(NamedTuple):
 
 
 def world_of(scenario: Scenario, counts: int) -> World:
-    """The world as robot 0 knows it.
+    """Return the world as robot 0 knows it.
 
     Args:
-        counts: the most that a posterior may hold, beside its prior.
+        counts: upper bound on a posterior's counts, without its prior.
     Raises:
         InputError: a boundary that cannot be tested by readings.
     """
@@ -117,8 +118,8 @@ def world_of(scenario: Scenario, counts: int) -> World:
 
 
 @inlined
-def world_for(w: World, i: int) -> World:
-    """The world as robot ``i`` knows it."""
+def world_of_robot(w: World, i: int) -> World:
+    """Return the world as robot ``i`` knows it."""
     return World(
         i, w.robots, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
         w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
@@ -128,7 +129,7 @@ def world_for(w: World, i: int) -> World:
 
 
 def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: int) -> Swarm:
-    """Rows for so many runs, to be begun."""
+    """Return zeroed rows for the robots of ``runs`` runs."""
     robots = scenario.swarm.robots
     params = zero_rows(robots, strategy.params_type)
     params[:] = strategy.params_row(scenario.strategy.params)
@@ -139,7 +140,7 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """What the sizes of a strategy's arrays may be made of."""
+    """Return the sizes that a strategy's arrays may refer to."""
     rows, columns = geometry_of(scenario)[:2]
     robots = scenario.swarm.robots
     return {"robots": robots, "rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
@@ -147,7 +148,7 @@ def sizes_of(scenario: Scenario) -> dict[str, int]:
 
 @inlined
 def begin_agent(row: Any) -> None:
-    """Undecided, nothing heard."""
+    """Reset a robot: undecided, nothing heard."""
     row.decision, row.samples, row.sent, row.received, row.timers = -1, 0, 0, 0, 0
     row.heard, row.ones, row.own_ones = 0, 0, 0
     row.opinion, row.row, row.tick, row.sample_tick, row.due_tick = -1, -1, 0, 0, 0
@@ -155,61 +156,62 @@ def begin_agent(row: Any) -> None:
 
 
 @inlined
-def of_beginning(seed: int, run: int, i: int) -> Draws:
-    """Numbers for ``begin`` of robot ``i``."""
+def begin_draws(seed: int, run: int, i: int) -> Draws:
+    """Return the random numbers of ``begin`` for robot ``i``."""
     return Draws(seed, run, i, BEGINNING, FIRST, ALONE, 0, -1.0)
 
 
 @inlined
-def of_sample(seed: int, run: int, i: int, number: int, first: float) -> Draws:
-    """Numbers for ``on_sample``; those of soft feedback's messages."""
+def sample_draws(seed: int, run: int, i: int, number: int, first: float) -> Draws:
+    """Return the random numbers of ``on_sample``, which soft feedback draws its messages from."""
     return Draws(seed, run, i, MESSAGE, number, ALONE, 0, first)
 
 
 @inlined
-def of_message(seed: int, run: int, i: int, sender: int, number: int) -> Draws:
-    """Numbers for ``on_message``: of the receiver, the sender and its message."""
+def message_draws(seed: int, run: int, i: int, sender: int, number: int) -> Draws:
+    """Return the random numbers of ``on_message``, addressed by receiver, sender and message."""
     return Draws(seed, run, i, HEARING, number, sender, 16, -1.0)
 
 
 @inlined
-def of_timer(seed: int, run: int, i: int, number: int) -> Draws:
-    """Numbers for ``on_timer``."""
+def timer_draws(seed: int, run: int, i: int, number: int) -> Draws:
+    """Return the random numbers of ``on_timer``."""
     return Draws(seed, run, i, TIMER, number, ALONE, 0, -1.0)
 
 
 @inlined
-def of_steering(seed: int, run: int, i: int, number: int) -> Draws:
-    """Numbers for ``steer``."""
+def steering_draws(seed: int, run: int, i: int, number: int) -> Draws:
+    """Return the random numbers of ``steer``."""
     return Draws(seed, run, i, STEERING, number, ALONE, 0, -1.0)
 
 
 @inlined
-def of_network(seed: int, run: int, receiver: int, sender: int, number: int) -> Draws:
-    """Numbers for ``lost``: of the receiver, the sender and its message."""
+def loss_draws(seed: int, run: int, receiver: int, sender: int, number: int) -> Draws:
+    """Return the random numbers of ``lost``, addressed by receiver, sender and message."""
     return Draws(seed, run, receiver, LOSS, number, sender, 16, -1.0)
 
 
 @inlined
-def of_sending(seed: int, run: int, sender: int, number: int) -> Draws:
-    """Numbers for ``send``: of the sender and its message."""
+def send_draws(seed: int, run: int, sender: int, number: int) -> Draws:
+    """Return the random numbers of ``send``, addressed by sender and message."""
     return Draws(seed, run, sender, NETWORK, number, ALONE, 0, -1.0)
 
 
 @inlined
 def is_lost(seed: int, run: int, receiver: int, sender: int, number: int, loss: float) -> bool:
-    """Whether the sender's message of this number does not reach the receiver."""
-    return loss > 0.0 and loss_number(seed, run, receiver, sender, number) < loss
+    """Return whether message ``number`` of the sender fails to reach the receiver."""
+    return loss > 0.0 and loss_uniform(seed, run, receiver, sender, number) < loss
 
 
 @inlined
-def loss_number(seed: int, run: int, receiver: int, sender: int, number: int) -> float:
-    """The uniform number of a message and a receiver: below ``loss`` it does not arrive."""
+def loss_uniform(seed: int, run: int, receiver: int, sender: int, number: int) -> float:
+    """Return the uniform number of a message and a receiver; the message is lost if it is below ``loss``."""
     return uniform(seed, run, receiver, LOSS, number, sender)
 
 
 def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """The columns of ``FINALS`` but run and robot, and ``sent``, (runs * robots,) each; nan where there is none."""
+    """Return the columns of ``FINALS`` except run and robot, plus ``sent``, (runs * robots,) each; nan for
+    missing."""
     agents, states = swarm.agents, swarm.states
     decided = agents["decision"] != -1
     kept = states.dtype.names or ()
@@ -221,16 +223,16 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
         "decision": agents["decision"].astype(np.int8),
         "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
         "belief_at_decision": agents["belief_at_decision"].copy(),
-        "belief": np.where(decided, agents["belief_at_decision"], agents["belief"]),
+        "belief_below": np.where(decided, agents["belief_at_decision"], agents["belief"]),
         **counts,
         "samples": agents["samples"].astype(np.uint32),
         "sent": agents["sent"].astype(np.uint32),
-        "received": agents["received"].astype(np.uint32),
+        "messages_received": agents["received"].astype(np.uint32),
     }
 
 
 def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
-    """What became of each robot, in the order of the ends."""
+    """Return the final state of each robot as a table, in the order of ``ends``."""
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(swarm).items()
     found = [as_column(name, column, kinds[name]) for name, column in columns]
@@ -238,7 +240,7 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
 
 
 def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """A column of a table, what is not a number being null; by no thread of polars, which a forked process lacks."""
+    """Return a table column with nan as null, made without polars' threads, which a forked process lacks."""
     if values.dtype == np.float64 and kind != pl.Float64:
         if np.isnan(values).any():
             return pl.Series(name, [None if np.isnan(one) else int(one) for one in values], dtype=kind)

@@ -1,7 +1,7 @@
-"""A run whose samples are read and replayed as they come, by the same functions as whole tables are.
+"""Runs that are observed and replayed while they move, by the same functions as whole tables.
 
-Who follows a run knows when all have decided, and where a strategy wants to steer; it gives what motion to the end,
-observation and replay give one after the other, and a test holds it to that.
+The closed loop knows when all robots have decided and where a strategy wants to steer. It gives the same tables
+as motion, observation and replay one after the other; a test holds it to that.
 """
 
 from __future__ import annotations
@@ -13,60 +13,60 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import entry_for, kernel, read_only, signed, zero_rows
-from vibroswarm.inference.replayers import NOWHERE, replayer_of
-from vibroswarm.inference.rows import Readings, Rows, Stops
-from vibroswarm.inference.timeline import write_heard
-from vibroswarm.inference.tracks import NO_TRACKS, move_rows, tracks_of_rows
-from vibroswarm.motion.contract import Motion, MotionState
+from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
+from vibroswarm.inference.deliveries import write_heard
+from vibroswarm.inference.replayer import NO_VALUES, replayer_of
+from vibroswarm.inference.sample_rows import Readings, Rows, Stops
+from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.record import SAMPLE_ROW
-from vibroswarm.observation.ground import Ground, read
-from vibroswarm.scenario import Scenario
+from vibroswarm.motion.recorder import SAMPLE_ROW
+from vibroswarm.motion.source import Motion, MotionState
+from vibroswarm.observation.sensed_floor import SensedFloor, read
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 
-class Notes(NamedTuple):
-    """A run's samples so far, in the order of time; (room,) each but where it is said."""
+class SampleBuffer(NamedTuple):
+    """The samples of a run so far, in order of time; (capacity,) each unless stated."""
 
     robot: NDArray[np.uint16]
     sample: NDArray[np.uint32]
     time_s: NDArray[np.float64]
     tick: NDArray[np.int64]
     previous: NDArray[np.int32]
-    """The robot's row before; -1: none."""
+    """Previous row of the same robot; -1: none."""
     stop_tick: NDArray[np.int64]
     following: NDArray[np.int32]
-    """The robot's next row; -1: none yet."""
+    """Next row of the same robot; -1: none yet."""
     heard: NDArray[np.int32]
-    """(room, 3): as of ``Timeline``."""
+    """(capacity, 3): as ``Timeline.heard``."""
     observation: NDArray[np.uint8]
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     heading_rad: NDArray[np.float64]
     latest: NDArray[np.int32]
-    """(robots,): the robot's last row; -1: none."""
+    """(robots,): last row of each robot; -1: none."""
     own: NDArray[np.int32]
-    """(robots,): how many it has taken."""
+    """(robots,): number of samples of each robot."""
     first: NDArray[np.int32]
-    """(robots,): the robot's first row; -1: none yet."""
+    """(robots,): first row of each robot; -1: none yet."""
 
 
-def empty_notes(robots: int, room: int) -> Notes:
-    """Notes for so many samples."""
-    return Notes(
-        robot=np.empty(room, dtype=np.uint16),
-        sample=np.empty(room, dtype=np.uint32),
-        time_s=np.empty(room),
-        tick=np.empty(room, dtype=np.int64),
-        previous=np.empty(room, dtype=np.int32),
-        stop_tick=np.empty(room, dtype=np.int64),
-        following=np.empty(room, dtype=np.int32),
-        heard=np.empty((room, 3), dtype=np.int32),
-        observation=np.empty(room, dtype=np.uint8),
-        x_m=np.empty(room),
-        y_m=np.empty(room),
-        heading_rad=np.empty(room),
+def empty_sample_buffer(robots: int, capacity: int) -> SampleBuffer:
+    """Return a buffer for ``capacity`` samples."""
+    return SampleBuffer(
+        robot=np.empty(capacity, dtype=np.uint16),
+        sample=np.empty(capacity, dtype=np.uint32),
+        time_s=np.empty(capacity),
+        tick=np.empty(capacity, dtype=np.int64),
+        previous=np.empty(capacity, dtype=np.int32),
+        stop_tick=np.empty(capacity, dtype=np.int64),
+        following=np.empty(capacity, dtype=np.int32),
+        heard=np.empty((capacity, 3), dtype=np.int32),
+        observation=np.empty(capacity, dtype=np.uint8),
+        x_m=np.empty(capacity),
+        y_m=np.empty(capacity),
+        heading_rad=np.empty(capacity),
         latest=np.empty(robots, dtype=np.int32),
         own=np.empty(robots, dtype=np.int32),
         first=np.empty(robots, dtype=np.int32),
@@ -74,10 +74,16 @@ def empty_notes(robots: int, room: int) -> Notes:
 
 
 @kernel
-def note(
-    rows: NDArray[np.void], ground: Ground, notes: Notes, filled: int, seed: int, run: int, tick_ms: int
+def record_samples(
+    rows: NDArray[np.void],
+    ground: SensedFloor,
+    buffer: SampleBuffer,
+    filled: int,
+    seed: int,
+    run: int,
+    tick_ms: int,
 ) -> int:
-    """Put down the samples that came next, and what they read; gives how many there are then.
+    """Append new samples and their readings to the buffer; return the new number of samples.
 
     Args:
         rows: ``motion.record.SAMPLE_ROW``.
@@ -86,28 +92,28 @@ def note(
         row, k = rows[n], filled
         i, number = signed(row.robot), signed(row.sample)
         _, bit, _, _ = read(ground, row.x_m, row.y_m, seed, run, i, number)
-        notes.robot[k], notes.sample[k] = row.robot, row.sample
-        notes.tick[k], notes.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
-        notes.x_m[k], notes.y_m[k], notes.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
-        notes.observation[k], notes.previous[k] = bit, notes.latest[i]
-        notes.stop_tick[k], notes.following[k] = row.stop_tick, -1
-        if notes.latest[i] >= 0:
-            notes.following[notes.latest[i]] = k
+        buffer.robot[k], buffer.sample[k] = row.robot, row.sample
+        buffer.tick[k], buffer.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
+        buffer.x_m[k], buffer.y_m[k], buffer.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
+        buffer.observation[k], buffer.previous[k] = bit, buffer.latest[i]
+        buffer.stop_tick[k], buffer.following[k] = row.stop_tick, -1
+        if buffer.latest[i] >= 0:
+            buffer.following[buffer.latest[i]] = k
         else:
-            notes.first[i] = k
-        until, last_own, own = row.stop_tick - 2, notes.latest[i], notes.own[i]
-        write_heard(notes.heard[k], notes.heard, notes.previous, notes.tick, 0, k, until, last_own, own)
-        notes.latest[i] = k
-        notes.own[i] += 1
+            buffer.first[i] = k
+        until, last_own, own = row.stop_tick - 2, buffer.latest[i], buffer.own[i]
+        write_heard(buffer.heard[k], buffer.heard, buffer.previous, buffer.tick, 0, k, until, last_own, own)
+        buffer.latest[i] = k
+        buffer.own[i] += 1
         filled += 1
     return filled
 
 
-NONE_STANDS: Final = np.empty(0, dtype=np.int64)
+NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
 
 
-def most_samples(scenario: Scenario) -> int:
-    """No run has more samples."""
+def max_samples(scenario: Scenario) -> int:
+    """Return an upper bound on the number of samples of a run."""
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
     between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
     return scenario.swarm.robots * (scenario.ticks // between + 2)
@@ -117,111 +123,114 @@ class ClosedLoop:
     """Follows runs of a scenario, one after the other."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        robots, room = scenario.swarm.robots, most_samples(scenario)
+        robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_of(scenario.strategy.name)
-        self.notes = empty_notes(robots, room)
+        self.buffer = empty_sample_buffer(robots, capacity)
         self.ends_s: list[float] = []
-        """When its runs were over, for who asks."""
+        """Ends of its runs, for callers."""
         self.entry: Callable[..., int] | None = None
-        self.replayer = replayer_of(scenario, seed, runs=1, longest=room, rows=room)
-        notes = Notes(*(read_only(column) for column in self.notes))
+        self.replayer = replayer_of(scenario, seed, runs=1, longest=capacity, rows=capacity)
+        buffer = SampleBuffer(*(read_only(column) for column in self.buffer))
         self.readings = Readings(
-            notes.observation,
-            notes.x_m,
-            notes.y_m,
-            notes.heading_rad,
-            NOWHERE,
+            buffer.observation,
+            buffer.x_m,
+            buffer.y_m,
+            buffer.heading_rad,
+            NO_VALUES,
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
             read_only(self.bounds),
             read_only(self.runs),
-            notes.robot,
-            notes.sample,
-            notes.time_s,
-            notes.heard,
+            buffer.robot,
+            buffer.sample,
+            buffer.time_s,
+            buffer.heard,
             read_only(np.zeros((robots, 3), dtype=np.int32)),
         )
         self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.stops = Stops(
-            notes.tick,
-            notes.stop_tick,
-            notes.following,
-            notes.first,
+            buffer.tick,
+            buffer.stop_tick,
+            buffer.following,
+            buffer.first,
             read_only(self.walked_tick),
             read_only(self.known_tick),
         )
 
-    def begin(self, run: int, ground: Ground) -> None:
-        """Go to the start of a run."""
+    def begin(self, run: int, ground: SensedFloor) -> None:
+        """Reset to the start of a run."""
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
-        self.notes.latest[:], self.notes.own[:], self.notes.first[:] = -1, 0, -1
+        self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
         self.is_new = True
 
     @property
-    def asks_places(self) -> bool:
-        """Whether the network reads where robots are: ``take_moves`` is then called before ``catch_up``."""
-        return self.replayer.asks_places
+    def reads_positions(self) -> bool:
+        """Whether the network reads robot positions; ``add_moves`` must then be called before ``catch_up``."""
+        return self.replayer.reads_positions
 
-    def take_moves(self, rows: NDArray[np.void]) -> None:
-        """Put down moves (``motion.moves.MOVE_ROW``) that ended, or are under way; those are given again."""
+    def add_moves(self, rows: NDArray[np.void]) -> None:
+        """Append moves (``motion.moves.MOVE_ROW``) that have ended or are under way; the latter are given again
+        later."""
         self.moves.append(rows.copy())
 
-    def take(self, rows: NDArray[np.void]) -> None:
-        """Put down the samples that came next (``motion.record.SAMPLE_ROW``)."""
+    def add_samples(self, rows: NDArray[np.void]) -> None:
+        """Append new samples (``motion.recorder.SAMPLE_ROW``)."""
         arguments = (
             rows,
             self.ground,
-            self.notes,
+            self.buffer,
             int(self.bounds[1]),
             self.seed,
             int(self.runs[0]),
             self.tick_ms,
         )
         if self.entry is None:
-            self.entry = entry_for(note, *arguments)
+            self.entry = entry_for(record_samples, *arguments)
         self.bounds[1] = self.entry(*arguments)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
-        """Let the robots live through what was put down.
+        """Replay everything appended since the last call.
 
         Args:
-            known_tick: up to here, this tick not included, motion is known. stop_tick: (robots,): since when each robot
-                stands then; -1: it walks.
+            known_tick: motion is known up to this tick, exclusive. stop_tick: (robots,): tick since which each robot
+                stands; -1: it walks.
         """
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        if self.asks_places:
+        if self.reads_positions:
             self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)
-        self.replayer.go_on(self.rows, self.readings, self.stops, begins=self.is_new, tracks=self.tracks)
+        self.replayer.advance(
+            self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
+        )
         self.is_new = False
 
-    def go_back_to(self, time_s: float) -> None:
-        """The swarm as it was at ``time_s``, the samples taken then included."""
+    def rewind_to(self, time_s: float) -> None:
+        """Return the swarm to its state at ``time_s``, including the samples taken at that time."""
         last = int(self.bounds[1]) - 1
-        if not self.replayer.needs_stops and (last < 0 or self.notes.time_s[last] <= time_s):
-            return  # nothing was done since
-        self.replayer.go_on(
-            self.rows, self.readings, self.stops, begins=True, limit_s=time_s, tracks=self.tracks
+        if not self.replayer.needs_stops and (last < 0 or self.buffer.time_s[last] <= time_s):
+            return  # nothing has happened since
+        self.replayer.advance(
+            self.rows, self.readings, self.stops, from_start=True, limit_s=time_s, tracks=self.tracks
         )
 
     @property
     def decision(self) -> NDArray[np.int64]:
-        """Of each robot so far, (robots,); -1 undecided."""
+        """Current decision of each robot, (robots,); -1: undecided."""
         return self.replayer.swarm.agents["decision"]
 
     @property
     def decision_time_s(self) -> NDArray[np.float64]:
-        """When it came to stand, (robots,); not a number where undecided."""
+        """Time of each robot's current decision, (robots,); nan: undecided."""
         return self.replayer.swarm.agents["decided_s"]
 
     @property
     def all_decided_s(self) -> float | None:
-        """When the last robot's decision came to stand, s; None while there are undecided ones."""
+        """Time of the latest current decision, s; None while any robot is undecided."""
         agents = self.replayer.swarm.agents
         if (agents["decision"] == -1).any():
             return None
@@ -229,14 +238,14 @@ class ClosedLoop:
 
     @property
     def first_all_decided_s(self) -> float | None:
-        """When for the first time no robot was undecided, s; None while there are undecided ones."""
+        """First time at which no robot was undecided, s; None while any robot is undecided."""
         if self.all_decided_s is None:
             return None
         return float(self.replayer.swarm.agents["first_decided_s"].max())
 
     @property
     def estimate(self) -> NDArray[np.float64]:
-        """The robots' posterior means, (robots,); not a number where a strategy keeps no posterior."""
+        """Posterior mean of each robot, (robots,); nan if the strategy keeps no posterior."""
         states = self.replayer.swarm.states
         if not {"alpha", "beta"} <= set(states.dtype.names or ()):
             return np.full(states.size, np.nan)
@@ -244,17 +253,17 @@ class ClosedLoop:
 
     @property
     def steers(self) -> bool:
-        """Whether the strategy has a say in how robots move."""
+        """Whether the strategy steers the robots."""
         return self.strategy.steer is not None
 
     @property
     def may_change(self) -> bool:
-        """Whether robots that have decided may decide otherwise later."""
+        """Whether robots may change their decisions."""
         return self.strategy.revises and self.scenario.decision.revise
 
 
 def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
-    """A motion table as rows (``motion.record.SAMPLE_ROW``), without its account of time."""
+    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``), without its time accounts."""
     rows = zero_rows(samples.height, SAMPLE_ROW)
     for name in ("run", "robot", "sample", "x_m", "y_m", "heading_rad"):
         rows[name] = samples[name].to_numpy()
@@ -263,8 +272,12 @@ def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
     return rows
 
 
-def move_on(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
-    """Move a run on to ``until_s``, and let the swarms of some scenarios that move alike live through it.
+def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
+    """Advance a run to ``until_s``, and replay it in the loops of several scenarios with the same motion.
+
+    Returns the new motion as tables if the source gives nothing else, otherwise None.
+
+    Returns the new motion as tables if the source gives nothing else, otherwise None.
 
     Gives what is new as tables, where the source gives nothing else.
     """
@@ -273,32 +286,32 @@ def move_on(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> M
 
         def take(rows: NDArray[np.void]) -> None:
             for one in loop:
-                one.take(rows)
+                one.add_samples(rows)
 
-        if any(one.asks_places for one in loop):
+        if any(one.reads_positions for one in loop):
             rest = state.hand_over(until_s, take)
             for one in loop:
-                if one.asks_places and rest.moves is not None:
-                    one.take_moves(rest.moves)
+                if one.reads_positions and rest.moves is not None:
+                    one.add_moves(rest.moves)
         else:
             state.go_on(until_s, take)
         needed = any(one.replayer.needs_stops for one in loop)
-        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NONE_STANDS
+        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NO_STOP_TICKS
     else:
         piece = state.advance(until_s)
-        known_tick, stop_tick = taken_from(piece, loop, tick_ms)
+        known_tick, stop_tick = add_piece(piece, loop, tick_ms)
     for one in loop:
         one.catch_up(known_tick, stop_tick)
     return piece
 
 
-def taken_from(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
-    """Put down a piece of motion; gives up to which tick it is known, and since when each robot stands then."""
+def add_piece(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
+    """Append a piece of motion; return the tick up to which motion is known, and since when each robot stands."""
     rows = sample_rows(piece.samples, tick_ms)
     for one in loop:
-        one.take(rows)
-        if one.asks_places:
-            one.take_moves(move_rows(piece.moves, tick_ms))
+        one.add_samples(rows)
+        if one.reads_positions:
+            one.add_moves(move_rows(piece.moves, tick_ms))
     standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)
     return int(np.rint(piece.ends["end_s"].to_numpy().max() * (1000.0 / tick_ms))), stop_tick

@@ -1,12 +1,13 @@
 """Outcomes of robots and runs: the columns, how each is computed, and the tables and figures made of them.
 
-All functions take arrays of shape (..., runs, robots) for robots and (..., runs) for runs; leading axes are cells.
+All functions take arrays of shape (..., runs, robots) for robots and (..., runs) for runs; leading axes are
+cells.
 
 | name | definition |
 |---|---|
 | truth | the right decision by the scenario's task; nan where neither is |
 | right, wrong | robots whose decision is, is not, the truth; none where the truth is nan |
-| consensus | incomplete: one is undecided; split: they differ; else right, wrong, or agreed if the truth is nan |
+| consensus | incomplete: one is undecided; split: they differ; right, wrong; truth_undefined: the truth is nan |
 | consensus_time_s | time of the last decision of a swarm that decided alike, else nan |
 | belief_in_truth | belief that f is below the boundary where it is, one minus that where it is above |
 | estimate | alpha / (alpha + beta), the posterior mean of f; nan for a robot that keeps no posterior |
@@ -24,16 +25,16 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 
-CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "agreed")
-"""Outcome of a run. ``agreed``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
+CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "truth_undefined")
+"""Outcome of a run. ``truth_undefined``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
 so that neither decision is right."""
-RIGHT, WRONG, SPLIT, INCOMPLETE, AGREED = range(len(CONSENSUS))
+RIGHT, WRONG, SPLIT, INCOMPLETE, TRUTH_UNDEFINED = range(len(CONSENSUS))
 
 ROBOTS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -41,16 +42,16 @@ ROBOTS: Final[dict[str, Any]] = {
     "decision": pl.Int8,
     "decision_time_s": pl.Float64,
     "belief_at_decision": pl.Float64,
-    "belief": pl.Float64,
+    "belief_below": pl.Float64,
     "belief_in_truth": pl.Float64,
     "alpha": pl.UInt32,
     "beta": pl.UInt32,
     "samples": pl.UInt32,
     "sent": pl.UInt32,
-    "received": pl.UInt32,
+    "messages_received": pl.UInt32,
 }
-"""Columns of the table of robots. ``belief`` is at the moment of decision, or at the last sample of a robot that never
-decided. alpha, beta and received are at the end."""
+"""Columns of the table of robots. ``belief_below`` (the boundary) is at the moment of decision, or at the last sample
+of a robot that never decided. alpha, beta and messages_received are at the end."""
 
 RUNS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -72,7 +73,7 @@ statistics: it is marked by ``stopped_early``."""
 
 
 def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, height_m: float) -> list[float]:
-    """Return the fill ratio inside the arena of each run's floor; a floor shared by runs is measured once."""
+    """Return the fill ratio of each run's floor inside the arena; a floor shared by runs is measured once."""
     known: dict[int, float] = {}
     for run in runs:
         floor = floors[run]
@@ -147,7 +148,7 @@ def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
     Args:
         finals: ``inference.agents.final_columns``, of that shape. truth: (..., runs).
     """
-    in_truth = belief_in_truth(finals["belief"], truth[..., None])
+    in_truth = belief_in_truth(finals["belief_below"], truth[..., None])
     return {**finals, "belief_in_truth": in_truth, "sent": finals.get("sent", finals["samples"])}
 
 
@@ -164,7 +165,7 @@ def run_columns(
     undecided = (decision == -1).sum(axis=-1)
     right, wrong = right_of(decision, truth).sum(axis=-1), wrong_of(decision, truth).sum(axis=-1)
     alike = (decision == decision[..., :1]).all(axis=-1)
-    of_alike = np.where(np.isnan(truth), AGREED, np.where(right > 0, RIGHT, WRONG))
+    of_alike = np.where(np.isnan(truth), TRUTH_UNDEFINED, np.where(right > 0, RIGHT, WRONG))
     together = (undecided == 0) & alike
     return {
         "consensus": np.where(undecided > 0, INCOMPLETE, np.where(alike, of_alike, SPLIT)).astype(np.uint8),
@@ -199,13 +200,13 @@ def outcome_tables(
 def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
     """Return the table of robots, one row a run and robot, also for robots that never sampled.
 
-    A robot's decision is its last, and its time that of the sample at which it came to stand.
+    A robot's decision is its last one, and its time that of the sample at which it was made.
 
     Args:
         finals: of each robot, run by run. truth: (runs,).
     """
     robots = finals.height // max(truth.size, 1)
-    given: list[str] = [name for name in ("belief", "samples", "sent") if name in finals.columns]
+    given: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
     by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in given}
     made = robot_columns(by_run, truth)
     more = {name: as_series(name, made[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")}
@@ -261,7 +262,7 @@ def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str,
 
 
 def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return what ``runs`` says of each swarm as numbers, (..., runs) each; nan where no decision is right.
+    """Return the figures of each swarm in ``runs``, (..., runs) each; nan where no decision is right.
 
     Args:
         runs: columns of the table of runs. robots: how many a run has. t_end_s: end of a run, s.

@@ -1,4 +1,4 @@
-"""Replay of a strategy over the samples of runs, messages and all."""
+"""Replay of a strategy, including its messages, over the samples of runs."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import read_only, zero_rows
+from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, as_column, final_frame
-from vibroswarm.inference.generate import draws
-from vibroswarm.inference.replayers import NOWHERE, replayer_of
-from vibroswarm.inference.rows import Log, Readings, Rows, empty_log
-from vibroswarm.inference.timeline import Timeline, timeline_of
-from vibroswarm.inference.tracks import NO_TRACKS
-from vibroswarm.motion.contract import Motion
-from vibroswarm.scenario import Scenario
+from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
+from vibroswarm.inference.generated_kernels import uses_uniforms
+from vibroswarm.inference.replayer import NO_VALUES, replayer_of
+from vibroswarm.inference.sample_rows import Log, Readings, empty_log
+from vibroswarm.inference.sender_positions import NO_TRACKS
+from vibroswarm.motion.source import Motion
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 INFERENCE: Final[dict[str, Any]] = {
@@ -26,8 +26,8 @@ INFERENCE: Final[dict[str, Any]] = {
     "message": pl.UInt8,
     "alpha": pl.UInt32,
     "beta": pl.UInt32,
-    "received": pl.UInt32,
-    "belief": pl.Float64,
+    "messages_received": pl.UInt32,
+    "belief_below": pl.Float64,
     "decision": pl.Int8,
 }
 
@@ -35,14 +35,14 @@ INFERENCE: Final[dict[str, Any]] = {
 def infer(
     scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The inference table, and what became of each robot (``agents.FINALS``).
+    """Return the inference table and the final state of each robot (``agents.FINALS``).
 
     Args:
-        motion: or its timeline, made once for many strategies.
+        motion: or its timeline, built once for many strategies.
         observations: the observation table of the motion, row by row.
     Raises:
         ValueError: the rows of motion and observations are not the same.
-        CodeError: the strategy did what none may.
+        CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)
     strategy = strategy_of(scenario.strategy.name)
@@ -57,13 +57,13 @@ def infer(
 def outcomes(
     scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> pl.DataFrame:
-    """What became of each robot, as ``infer`` has it, without the inference table."""
+    """Return the final state of each robot, as ``infer`` does, without the inference table."""
     timeline = timeline_of(scenario, motion)
     return final_frame(timeline.ends, _replayed(scenario, seed, timeline, observations, None, None))
 
 
 def replay_to_end(scenario: Scenario, seed: int, timeline: Timeline, observation: NDArray[np.uint8]) -> Swarm:
-    """``outcomes`` as rows: the robots at the end of each run.
+    """Replay whole runs; return the rows of the robots at their end.
 
     Args:
         observation: (rows,), of the timeline's samples.
@@ -80,7 +80,7 @@ def _replayed(
     log: Log | None,
 ) -> Swarm:
     if not _same_rows(timeline.samples, observations):
-        raise ValueError("the observation table has not the rows of the motion table")
+        raise ValueError("the observation table does not have the rows of the motion table")
     return _replay(scenario, seed, timeline, observations["observation"].to_numpy(), messages, log)
 
 
@@ -94,11 +94,11 @@ def _replay(
 ) -> Swarm:
     longest = timeline.longest
     replayer = replayer_of(
-        scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages, log=log,
-        timeline=timeline,
+        scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,
+        log=log, timeline=timeline,
     )  # fmt: skip
     strategy = strategy_of(scenario.strategy.name)
-    numbers = timeline.message_numbers(seed) if draws(strategy) else NOWHERE
+    numbers = timeline.message_uniforms(seed) if uses_uniforms(strategy) else NO_VALUES
     readings = Readings(
         read_only(observation),
         timeline.x_m,
@@ -106,21 +106,15 @@ def _replay(
         timeline.heading_rad,
         read_only(numbers),
     )
-    replayer.go_on(
+    replayer.advance(
         rows_of(timeline),
         readings,
         timeline.stops_if(replayer.needs_stops),
-        begins=True,
-        ends=True,
-        tracks=timeline.tracks if replayer.asks_places else NO_TRACKS,
+        from_start=True,
+        to_end=True,
+        tracks=timeline.tracks if replayer.reads_positions else NO_TRACKS,
     )
     return replayer.swarm
-
-
-def rows_of(timeline: Timeline) -> Rows:
-    """A timeline as kernels read it."""
-    columns = (timeline.bounds, timeline.runs, timeline.robot, timeline.sample, timeline.time_s)
-    return Rows(*(read_only(one) for one in (*columns, timeline.heard, timeline.heard_at_end)))
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:
@@ -130,17 +124,17 @@ def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:
 
 
 def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    # An observation table is made with the columns of its motion table: one memory, nothing to compare.
+    # An observation table shares columns with its motion table: the same memory need not be compared.
     at_one_place = one.__array_interface__["data"][0] == other.__array_interface__["data"][0]
     return (at_one_place and one.dtype == other.dtype) or np.array_equal(one, other)
 
 
 def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
-    """The columns of the inference table but run, robot and sample; null where the strategy has no such number."""
+    """Return the inference columns except run, robot and sample; null if the strategy lacks the value."""
     count = log.belief.size
     columns: dict[str, Any] = {
-        "received": log.received,
-        "belief": log.belief,
+        "messages_received": log.received,
+        "belief_below": log.belief,
         "decision": log.decision,
     }
     if "bit" in (messages.dtype.names or ()):

@@ -1,8 +1,9 @@
-"""Replay where it is known how many messages each robot received between its samples, not which; a kernel's source.
+"""Replay of recordings that count received messages without saying which ones: template of a kernel.
 
-A robot's log counts the messages it has received. So in each draw as many of the messages that others sent since its
-last sample are heard, chosen at random. Times in a log are a little late: where more were received than were sent in
-that time, the rest is taken from those left over from the time before, and then from those sent up to ``slack`` later.
+A robot's log counts the messages it has received. In each draw, that many of the messages the others sent since
+its last sample are heard, chosen at random. Times in a log are a little late: if a robot received more messages
+than were sent in that time, the rest is taken from messages left over from earlier, then from those sent up to
+``slack_s`` later.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel, signed
-from vibroswarm.draws import LOSS, uniform
-from vibroswarm.inference.agents import Swarm, begin_agent, of_beginning, of_sample, world_for
-from vibroswarm.inference.hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
-from vibroswarm.inference.rows import Log, Marks, Session
+from vibroswarm.core.jit import kernel, signed
+from vibroswarm.core.rng import LOSS, uniform
+from vibroswarm.inference.agents import Swarm, begin_agent, begin_draws, sample_draws, world_of_robot
+from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
+from vibroswarm.inference.sample_rows import HeardMessages, Log, Session
 from vibroswarm.strategies.world import Reading, World
 
 
@@ -31,65 +32,74 @@ def choose(
     run: int,
     index: int,
 ) -> tuple[int, int]:
-    """Robot ``i`` hears up to ``wanted`` of the others' messages of rows [first, last) that it has not heard.
+    """Choose up to ``wanted`` of the others' messages of rows [first, last) that robot ``i`` has not heard.
 
-    Each set of so many is equally likely. Gives how many ones and zeros.
+    All subsets of this size are equally likely. Returns the numbers of ones and zeros.
     """
-    there = 0
+    remaining = 0
     for k in range(first, last):
-        there += session.robot[k] != i and heard[k] == 0
-    left, ones, zeros = min(wanted, there), 0, 0
+        remaining += session.robot[k] != i and heard[k] == 0
+    left, ones, zeros = min(wanted, remaining), 0, 0
     for k in range(first, last):
         if left == 0:
             break
         if session.robot[k] == i or heard[k] != 0:
             continue
-        if uniform(seed, run, i, LOSS, index, k) * there < left:
+        if uniform(seed, run, i, LOSS, index, k) * remaining < left:
             heard[k] = 1
             left -= 1
             bit = bit_of(messages[k])
             ones += bit
             zeros += 1 - bit
-        there -= 1
+        remaining -= 1
     return ones, zeros
 
 
-# It allocates nothing: a kernel that counts references would drop those of arrays in tuples that its parts give.
+# Without allocation: a kernel that counts references would drop those of arrays in tuples that its hooks return.
 @kernel
 def replay_from_counts(
-    session: Session, swarm: Swarm, messages: NDArray[np.void], marks: Marks, log: Log, world: World, slack_s: float,
-    seed: int, run: int,
+    session: Session, swarm: Swarm, messages: NDArray[np.void], heard_messages: HeardMessages, log: Log,
+    world: World, slack_s: float, seed: int, run: int,
 ) -> int:  # fmt: skip
-    """One run from the prior to its end; gives how many messages that were received nobody can have sent.
+    """Replay one run from the prior to its end; return how many received messages nobody can have sent.
 
     Args:
-        swarm: of one run, messages: (rows,), marks, log: (rows,); overwritten. seed: of which messages are lost,
-            and of what the strategy draws.
+        swarm: of one run, heard_messages, messages, log: (rows,); overwritten. seed: of the lost messages and of the
+            strategy's random numbers.
     """
     rows, robots = session.robot.size, swarm.params.size
-    heard, before, since = marks
+    heard, leftover_from, new_from = heard_messages
     unsent = 0
     for i in range(robots):
         begin_agent(swarm.agents[i])
         begin(
             swarm.states[i],
             views(swarm.arrays, i),
-            of_beginning(seed, run, i),
+            begin_draws(seed, run, i),
             swarm.params[i],
-            world_for(world, i),
+            world_of_robot(world, i),
         )
     for k in range(rows):
         i, index = session.robot[k], session.sample[k]
-        until = since[i]
+        until = new_from[i]
         while until < k and session.time_s[until] < session.hears_until_s[k]:
             until += 1
         later = until
         while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
             later += 1
         wanted = session.received[k]
-        ones, zeros = choose(session, heard[i], messages, i, since[i], until, wanted, seed, run, index)
+        ones, zeros = choose(session, heard[i], messages, i, new_from[i], until, wanted, seed, run, index)
         more_ones, more_zeros = choose(
-            session, heard[i], messages, i, before[i], since[i], wanted - ones - zeros, seed, run, index
+            session,
+            heard[i],
+            messages,
+            i,
+            leftover_from[i],
+            new_from[i],
+            wanted - ones - zeros,
+            seed,
+            run,
+            index,
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
         more_ones, more_zeros = choose(
@@ -97,19 +107,19 @@ def replay_from_counts(
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
         unsent += wanted - ones - zeros
-        before[i], since[i] = since[i], until
+        leftover_from[i], new_from[i] = new_from[i], until
         row, s, p, w, a = (
             swarm.agents[i],
             swarm.states[i],
             swarm.params[i],
-            world_for(world, i),
+            world_of_robot(world, i),
             views(swarm.arrays, i),
         )
         row.received += ones + zeros
         on_counts(s, ones, zeros, p, w)
         bit = signed(session.observation[k])
         x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0)
-        on_sample(s, a, x, messages[k], of_sample(seed, run, i, index, -1.0), p, w)
+        on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w)
         row.samples += 1
         row.sent += 1
         row.belief = belief(s, a, p, w)

@@ -1,1 +1,1 @@
-"""Where and when robots sampled: one contract, many sources."""
+"""Where and when robots sampled: one protocol, several sources."""

@@ -1,7 +1,7 @@
-"""The fixed-step engine: every control period of every robot, one after the other. Readable, and the oracle.
+"""The fixed-step engine: every control period of every robot in turn. Simple, and the reference for tests.
 
-A period is sense, control, move, contact, sample (``phases``); a whole run with the messages in the loop
-(``whole``) adds communicate. Times are whole ticks; the robot stands at tick 0 and walks from tick 1.
+A period is sense, control, move, contact, sample (``control_step``). Times are integer ticks; the robot stands at
+tick 0 and walks from tick 1.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import kernel
-from vibroswarm.motion.body import Setup
-from vibroswarm.motion.contract import Source, register
+from vibroswarm.core.jit import kernel
+from vibroswarm.motion.control_step import ROBOT, Swarm, account, contact, control, move, refresh, sense
 from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.moves import note_moves
-from vibroswarm.motion.phases import ROBOT, Swarm, account, contact, control, move, refresh, sense
-from vibroswarm.motion.record import Record, end_rows, room, write_sample, write_segments
+from vibroswarm.motion.recorder import Record, end_rows, room, write_sample, write_segments
+from vibroswarm.motion.robot_params import Setup
+from vibroswarm.motion.source import Source, register
 from vibroswarm.motion.steering import no_sample_before_steps
 
 
@@ -31,7 +31,7 @@ def step(
     run: int,
     tick: int,
 ) -> None:
-    """One control period, from ``tick`` to the next."""
+    """Simulate one control period, from ``tick`` to the next."""
     sense(swarm, setup)
     sampling = control(swarm, setup, seed, run, tick)
     move(swarm, setup)
@@ -49,7 +49,7 @@ def step(
 def sample(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
 ) -> None:
-    """Write down the samples taken at this tick."""
+    """Record the samples taken at this tick."""
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)
@@ -67,7 +67,7 @@ def steps(
     tick: int,
     until: int,
 ) -> int:
-    """Periods from ``tick`` to ``until``, or while the buffers surely suffice; gives the tick reached."""
+    """Simulate from ``tick`` to ``until``, or while the buffers surely suffice; return the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         step(swarm, setup, speeds, record, seed, run, now)
@@ -75,24 +75,24 @@ def steps(
 
 
 class FixedStepRun(KernelRun):
-    """One run under the fixed-step engine: state in, state out (``MotionState``)."""
+    """A run under the fixed-step engine (``MotionState``)."""
 
     fields = ROBOT
 
     def move_on(self, until: int) -> int:
-        """Every control period up to the tick ``until``, or for as long as the buffers suffice."""
+        """Simulate up to the tick ``until``, or for as long as the buffers suffice; return the tick reached."""
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
     def no_sample_before(self) -> int:
-        """A tick, ``tick`` or later, before which nobody samples."""
+        """Return a tick, ``tick`` or later, before which nobody samples."""
         return no_sample_before_steps(self.swarm, self.setup, self.tick)
 
     def ends(self) -> NDArray[np.void]:
-        """Where the robots are now: ``END_ROW``."""
+        """Return the robots' current poses: ``END_ROW``."""
         return end_rows(self.swarm, self.run, self.tick)
 
     def headings(self) -> NDArray[np.float64]:
-        """The robots' headings now, rad, whole turns included."""
+        """Return the robots' current headings, rad, not wrapped."""
         return self.swarm["heading_rad"].copy()
 
 

@@ -11,22 +11,22 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.core.jit import inlined, kernel
 
 QUARTER_RAD: Final = math.pi / 2.0
 QUARTER_REST_RAD: Final = 6.123233995736766e-17
-"""A quarter of a turn is this much more than the number that stands for it."""
+"""Difference between a quarter turn and its floating-point value."""
 SMALL_RAD: Final = 0.8
-"""Up to here the series of ``small_sin_cos`` are exact to rounding."""
+"""Limit up to which the series of ``small_sin_cos`` are exact to rounding."""
 F: Final = tuple(1.0 / math.factorial(n) for n in range(17))
-"""Coefficients of those series: to multiply by them is many times as fast as to divide."""
+"""Coefficients of those series; multiplying by them is many times faster than dividing."""
 
 
 @kernel
 def arc(
     x_m: float, y_m: float, heading_rad: float, speed_m_s: float, rate_rad_s: float, dt_s: float
 ) -> tuple[float, float, float]:
-    """Pose after ``dt_s`` of constant speed and turn rate, exactly."""
+    """Return the pose after ``dt_s`` of constant speed and turn rate, exactly."""
     half = 0.5 * rate_rad_s * dt_s
     sinc = math.sin(half) / half if abs(half) > 1e-6 else 1.0 - half * half / 6.0
     chord = speed_m_s * dt_s * sinc
@@ -36,9 +36,9 @@ def arc(
 
 @inlined
 def small_sin_cos(angle_rad: float) -> tuple[float, float]:
-    """Sine, and cosine less 1, of an angle of at most SMALL_RAD: their series, to the last bit or two.
+    """Return sin and cos - 1 of an angle of at most SMALL_RAD, from their series, to the last bit or two.
 
-    A third of the time of the general functions, and without the cancellation of cos - 1.
+    Takes a third of the time of the general functions, and avoids the cancellation in cos - 1.
     """
     t = angle_rad * angle_rad
     t2 = t * t
@@ -52,7 +52,7 @@ def small_sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @inlined
 def sin_cos(angle_rad: float) -> tuple[float, float]:
-    """Sine and cosine of an angle of a few turns, to the last bits: of what is left of it beside quarter turns."""
+    """Return sine and cosine of an angle of a few turns, to the last bits, by reduction to a quarter turn."""
     quarters = math.floor(angle_rad * (2.0 / math.pi) + 0.5)
     sine, cosine_less_1 = small_sin_cos(angle_rad - quarters * QUARTER_RAD - quarters * QUARTER_REST_RAD)
     cosine = 1.0 + cosine_less_1
@@ -65,7 +65,7 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @kernel
 def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, height_m: float) -> float:
-    """Distance along the unit direction (dx, dy) to the arena's walls, from inside; 0 from outside."""
+    """Return the distance along the unit direction (dx, dy) to the arena's walls, from inside; 0 from outside."""
     if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
         return 0.0
     nearest = math.inf
@@ -84,7 +84,7 @@ def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, 
 def disc_distance(
     x_m: float, y_m: float, dx: float, dy: float, centre_x_m: float, centre_y_m: float, radius_m: float
 ) -> float:
-    """Distance along the unit direction (dx, dy) to a disc; 0 from inside, infinite when it is missed."""
+    """Return the distance along the unit direction (dx, dy) to a disc; 0 from inside, infinite if it misses."""
     to_x, to_y = centre_x_m - x_m, centre_y_m - y_m
     along = to_x * dx + to_y * dy
     beyond = to_x * to_x + to_y * to_y - radius_m * radius_m
@@ -100,5 +100,5 @@ def disc_distance(
 
 @kernel
 def wrapped_rad(angle_rad: float) -> float:
-    """The same angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi)."""
     return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))

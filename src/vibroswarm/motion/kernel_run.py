@@ -11,13 +11,11 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import zero_rows
+from vibroswarm.core.jit import zero_rows
 from vibroswarm.errors import InputError
-from vibroswarm.motion.body import give_each, setup_of, speed_quantiles
-from vibroswarm.motion.contract import Motion
+from vibroswarm.motion.control_step import begin
 from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
-from vibroswarm.motion.phases import begin
-from vibroswarm.motion.record import (
+from vibroswarm.motion.recorder import (
     Rows,
     SampleColumns,
     clear,
@@ -28,9 +26,11 @@ from vibroswarm.motion.record import (
     with_samples,
     write_segments,
 )
+from vibroswarm.motion.robot_params import give_each, setup_of, speed_quantiles
+from vibroswarm.motion.source import Motion
 from vibroswarm.motion.steering import check_steering, steer_robot
 from vibroswarm.robot.walk import STOP
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 
 Take = Callable[[NDArray[np.void]], None]
 

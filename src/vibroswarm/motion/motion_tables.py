@@ -1,4 +1,4 @@
-"""The tables of motion and their columns; ``contract`` says what each means."""
+"""Tables of motion and their columns; ``source`` describes them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.forked import check_threads
+from vibroswarm.core.fork_guard import check_threads
 
 MOTION: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -49,7 +49,7 @@ ENDS: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Motion:
-    """The tables of a source, see ``contract``."""
+    """The tables of a source, see ``source``."""
 
     samples: pl.DataFrame
     ends: pl.DataFrame
@@ -58,9 +58,9 @@ class Motion:
 
 
 def join(pieces: Sequence[Motion]) -> Motion:
-    """Pieces of motion, in the order of runs and of time within a run, as one.
+    """Join pieces of motion, in the order of runs and of time within a run.
 
-    The ends of a run are those of its last piece, and so is what is said of a move that is in several.
+    The ends of a run, and the data of a move that several pieces contain, are those of the last piece.
     """
     check_threads()
     ends = pl.concat([piece.ends for piece in pieces])

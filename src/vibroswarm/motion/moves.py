@@ -1,7 +1,7 @@
-"""The moves of robots: what one does from one tick until it does another thing, or is blocked, or no longer is.
+"""Robots' moves: a drive, turn, avoidance, stop or blocked stretch, as one row each.
 
-Both engines write a move down where it begins, and how far it turned and when it was over where it ends. Segments
-(``record``) hold each tick of a turn; moves hold a turn as one row, and cost a small part of that.
+Both engines write a row when a move begins, and complete it when the move ends. Segments (``recorder``) hold each
+tick of a turn; moves hold a turn as one row, at a small part of the cost.
 
 | name | unit | equation |
 |---|---|---|
@@ -18,11 +18,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.compiled import inlined, inner, kernel, zero_rows
-from vibroswarm.motion.body import Setup
-from vibroswarm.motion.contract import MOVES
+from vibroswarm.core.jit import inlined, inner, kernel, zero_rows
+from vibroswarm.motion.control_step import Swarm
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.phases import Swarm
+from vibroswarm.motion.robot_params import Setup
+from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import AVOID, KINDS, STOP, TURN
 
 MOVE_ROW = np.dtype(
@@ -31,14 +31,14 @@ MOVE_ROW = np.dtype(
     + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
     + [(name, np.float64) for name in ("turned_rad", "ray_m")]
 )
-"""A move from ``tick`` to the tick ``until``, or -1: it is under way. The heading is not wrapped. speed and rate are
-those of a robot that drives; of one that turns, speed is the radius of the circle on which its centre goes, m."""
+"""A move from ``tick`` to ``until``, or -1 while under way. The heading is not wrapped. For a turning robot,
+speed_m_s holds the radius of the circle on which its centre moves, m."""
 
 UNDER_WAY = np.dtype([(name, np.int64) for name in ("place", "doing", "avoidances")])
-"""A robot's move under way: its row in the buffer, or -1; what it does, as one number; its avoidances so far."""
+"""A robot's current move: its row in the buffer, or -1; its activity, as one number; its avoidances so far."""
 
 MOVES_AT_ONCE: Final = 2048
-"""Rows of a buffer, at least: so few that they stay in the processor's cache."""
+"""Minimum rows of a buffer: few enough to stay in the processor's cache."""
 
 
 @inlined
@@ -55,14 +55,14 @@ def note_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """A row if robot ``i`` does from ``tick`` on what it did not do before.
+    """Begin a row if robot ``i`` does something new from ``tick`` on.
 
     Args:
         moves: ``MOVE_ROW``. under_way: ``UNDER_WAY``, (robots,). filled: (3,), the last of which is the number of
             rows. x_m, y_m, heading_rad: the pose at ``tick``.
     """
     row = swarm[i]
-    # A turn or an avoidance that follows its like at once differs by its number.
+    # The counts tell a turn or avoidance from one of the same kind just before.
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode + (row.blocked if row.mode != STOP else 0)
     if doing != under_way[i].doing:
         begin_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)
@@ -83,7 +83,7 @@ def begin_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """End robot ``i``'s move under way and begin another."""
+    """End robot ``i``'s current move and begin another."""
     row = swarm[i]
     if under_way[i].place >= 0:
         last = moves[under_way[i].place]
@@ -91,7 +91,7 @@ def begin_move(
     place = filled[2]
     filled[2] += 1
     while place > 0 and moves[place - 1].tick == tick and moves[place - 1].robot > i:
-        moves[place] = moves[place - 1]  # the event engine lets those stop first that stop to sample
+        moves[place] = moves[place - 1]  # the event engine processes robots that stop to sample first
         under_way[moves[place].robot].place = place
         place -= 1
     under_way[i].place = place
@@ -116,10 +116,10 @@ def note_moves(
     tick: int,
     after_move: bool,
 ) -> None:
-    """``note_move`` of all robots.
+    """Call ``note_move`` for all robots.
 
     Args:
-        after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
+        after_move: read the poses at the start of the tick, as saved by ``contact``.
     """
     for i in range(swarm.size):
         row = swarm[i]
@@ -131,7 +131,7 @@ def note_moves(
 
 
 def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]) -> None:
-    """Take those rows out of a buffer that come before all that are under way: as these are recent, few are left."""
+    """Remove the rows before the oldest current move from a buffer."""
     first, count = int(under_way["place"].min()), int(filled[2])
     rest = bytes_of(moves[first:count]).copy()
     bytes_of(moves)[: rest.size] = rest
@@ -140,12 +140,12 @@ def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDA
 
 
 def bytes_of(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-    """Rows as bytes: to copy them is many times as fast as field by field."""
+    """Return rows as bytes, which copy many times faster than field by field."""
     return rows.view(np.uint8)
 
 
 def with_room(moves: NDArray[np.void], filled: int) -> NDArray[np.void]:
-    """The same buffer, or one twice as large if it is more than half full."""
+    """Return the same buffer, or one twice as large if it is more than half full."""
     if 2 * filled <= moves.size:
         return moves
     larger = zero_rows(2 * moves.size, MOVE_ROW)
@@ -157,7 +157,7 @@ def with_room(moves: NDArray[np.void], filled: int) -> NDArray[np.void]:
 def let_end(
     moves: NDArray[np.void], under_way: NDArray[np.void], until: int, headings: NDArray[np.float64]
 ) -> None:
-    """Let the moves under way end at tick ``until`` (-1: go on), with robots that head there (rad, (robots,))."""
+    """Set the end of current moves to tick ``until`` (-1: still under way), given the robots' headings (rad)."""
     for i in range(headings.size):
         if under_way[i].place >= 0:
             move = moves[under_way[i].place]
@@ -165,7 +165,7 @@ def let_end(
 
 
 class MoveColumns:
-    """The columns of a table of moves, filled from rows as they come, while those are still in the cache."""
+    """Columns of a table of moves, filled from rows while those are still in the processor's cache."""
 
     def __init__(self, tick_ms: int, room: int) -> None:
         self.tick_ms, self.count = tick_ms, 0
@@ -173,7 +173,7 @@ class MoveColumns:
         self.kinds, self.numbers = np.empty((1, room), dtype=np.uint8), np.empty((8, room))
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Put these rows (``MOVE_ROW``), which have all ended, after those there."""
+        """Append these rows (``MOVE_ROW``), all of which have ended."""
         if rows.size == 0:
             return
         if self.count + rows.size > self.kinds.size:
@@ -192,7 +192,7 @@ class MoveColumns:
         return larger
 
     def frame(self, in_order: bool = True) -> pl.DataFrame:
-        """All rows as a table; sorted by run, start and robot if they were not taken ``in_order``."""
+        """Return all rows as a table; sorted by run, start and robot if they were not taken ``in_order``."""
         n = self.count
         start, x, y, heading, speed, rate, turned, ray = self.numbers[:, :n]
         frame = pl.DataFrame(
@@ -224,7 +224,7 @@ def fill_move_columns(
     first: int,
     tick_ms: int,
 ) -> None:
-    """``MOVE_ROW`` into columns, the floats in the order of ``MOVES``; ticks become s."""
+    """Convert ``MOVE_ROW`` to columns, the floats in the order of ``MOVES``; ticks become s."""
     for k in range(rows.size):
         row, place = rows[k], first + k
         runs[place], robots[place], kinds[place] = row.run, row.robot, row.kind

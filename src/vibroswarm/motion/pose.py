@@ -1,4 +1,4 @@
-"""Where anyone was at any time, from a segment table, or from a table of moves."""
+"""Position of a robot at any time, from a table of segments or of moves."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.errors import InputError
-from vibroswarm.forked import check_threads
 
 
 def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Position and heading of one robot of one run.
+    """Return position and heading of one robot of one run.
 
     Args:
-        segments: a segment table (see ``contract``): exact arcs, each from its ``start_s`` to the next.
+        segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next.
         time_s: times from 0 on, s, any shape. After the last segment's start its arc goes on, so times
             beyond the end of the run are not meaningful.
     Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
@@ -25,14 +25,14 @@ def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDA
 
 
 def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Position of one robot of one run, from its moves.
+    """Return the position of one robot of one run, from its moves.
 
-    Of a robot that drives or stands it is exact, and so it is where a turn begins and ends. In a turn it is on the
-    circle that the centre goes round, of radius m_d turn_track / 2, but as if the turn rate were constant: so it is
-    off by the circle's diameter at most.
+    It is exact for a robot that drives or stands, and where a turn begins and ends. Within a turn it lies on the
+    circle of radius m_d turn_track / 2 on which the centre moves, as if the turn rate were constant: off by the
+    circle's diameter at most.
 
     Args:
-        moves: a table of moves (see ``contract``). time_s: as for ``pose``.
+        moves: a table of moves (see ``source``). time_s: as for ``pose``.
     Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
     Raises:
         InputError: no such run or robot in the table, or a time before its first move.
@@ -43,7 +43,7 @@ def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLik
 def _along_arcs(
     arcs: pl.DataFrame, run: int, robot: int, time_s: ArrayLike, what: str
 ) -> NDArray[np.float64]:
-    """Poses on the arcs of the rows of a table of segments or of moves."""
+    """Return poses on the arcs of the rows of a table of segments or of moves."""
     check_threads()
     own = arcs.filter((pl.col("run") == run) & (pl.col("robot") == robot))
     if own.height == 0:

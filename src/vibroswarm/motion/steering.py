@@ -1,28 +1,28 @@
-"""Steering: from sample to sample, and what a robot does after its own one.
+"""Steering: advancing from sample to sample, and changing what a robot does after its own sample.
 
-Others look ahead on a robot that stands only to the end of its stop; what it does then it plans when the stop is over.
-So what it was going on with may be changed as long as it stands, and nothing else need be told of it.
+Other robots look ahead on a standing robot only to the end of its stop; its next plan is made when the stop is
+over. So what it resumes may be changed while it stands, and nothing else needs to know.
 """
 
 from __future__ import annotations
 
 import math
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.core.jit import inlined, kernel
 from vibroswarm.errors import InputError, whole_number_of
-from vibroswarm.motion.body import Setup
-from vibroswarm.motion.phases import Swarm, load, store
-from vibroswarm.motion.plans import Planners, ticks_to_sample
+from vibroswarm.motion.control_step import Swarm, load, store
+from vibroswarm.motion.event.trajectory import Planners, ticks_to_sample
+from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import STOP, steered
 
-MOST_TURN_DEG = 3600.0
-MOST_DRIVE_MS = 1e9
+MAX_TURN_DEG = 3600.0
+MAX_DRIVE_MS = 1e9
 ROUNDING_TICKS = 1e-6
 
 
 @kernel
 def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
-    """``robot.walk.steered`` for robot ``i``; False, and nothing is done, if it has not just sampled."""
+    """Apply ``robot.walk.steered`` to robot ``i``; return False if it has not just sampled."""
     row = swarm[i]
     if row.mode != STOP or row.sampled == 0 or row.samples == 0:
         return False
@@ -31,31 +31,31 @@ def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
 
 
 def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) -> int:
-    """The robot's number.
+    """Return the robot's number, if the arguments are valid.
 
     Raises:
         InputError: no such robot, or an angle or a duration that no robot can turn or drive.
     """
     robot = whole_number_of(robot, "robot", 0, robots - 1)
-    if not (math.isnan(turn_deg) or abs(turn_deg) <= MOST_TURN_DEG):
+    if not (math.isnan(turn_deg) or abs(turn_deg) <= MAX_TURN_DEG):
         raise InputError(
-            f"{turn_deg!r} is not an angle from -{MOST_TURN_DEG:g} to {MOST_TURN_DEG:g} deg, or nan",
+            f"{turn_deg!r} is not an angle from -{MAX_TURN_DEG:g} to {MAX_TURN_DEG:g} deg, or nan",
             field="turn_deg",
         )
-    if not (math.isnan(drive_ms) or 0.0 <= drive_ms <= MOST_DRIVE_MS):
+    if not (math.isnan(drive_ms) or 0.0 <= drive_ms <= MAX_DRIVE_MS):
         raise InputError(
-            f"{drive_ms!r} is not a duration from 0 to {MOST_DRIVE_MS:g} ms, or nan", field="drive_ms"
+            f"{drive_ms!r} is not a duration from 0 to {MAX_DRIVE_MS:g} ms, or nan", field="drive_ms"
         )
     return robot
 
 
 @inlined
 def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) -> int:
-    """A tick before which robot ``i``, whose row is of tick ``latest``, takes no sample; ``now`` or later."""
+    """Return a tick, ``now`` or later, before which robot ``i``, whose row is of tick ``latest``, does not sample."""
     row = swarm[i]
     if row.mode == STOP and row.sampled == 0:
         return max(now, latest + ticks_to_sample(setup, row.stopped_ms))
-    # The timer runs all the time at most, and from 0 after a sample.
+    # The timer runs at most all the time, from 0 after a sample.
     timer_ms = 0 if row.mode == STOP else row.timer_ms
     left = (setup.sample_interval_ms - timer_ms) / setup.tick_ms - ROUNDING_TICKS
     stops = latest + (2 + int(left) if left > 0.0 else 1)
@@ -64,7 +64,7 @@ def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) 
 
 @kernel
 def no_sample_before_steps(swarm: Swarm, setup: Setup, now: int) -> int:
-    """A tick before which nobody samples, of robots that have made their steps before tick ``now``."""
+    """Return a tick before which nobody samples, for robots stepped up to tick ``now``."""
     earliest = no_sample_before(swarm, 0, setup, now - 1, now)
     for i in range(1, swarm.size):
         earliest = min(earliest, no_sample_before(swarm, i, setup, now - 1, now))
@@ -73,7 +73,7 @@ def no_sample_before_steps(swarm: Swarm, setup: Setup, now: int) -> int:
 
 @kernel
 def no_sample_before_plans(planners: Planners, setup: Setup, now: int) -> int:
-    """``no_sample_before_steps`` of robots each of which has its plan."""
+    """Return the same as ``no_sample_before_steps``, for robots that have plans."""
     earliest = no_sample_before(planners, 0, setup, planners[0].tick, now)
     for i in range(1, planners.size):
         earliest = min(earliest, no_sample_before(planners, i, setup, planners[i].tick, now))

@@ -1,4 +1,4 @@
-"""Whether a scenario's robots turn in place without swinging up: the closed loop of the turn controller.
+"""Stability of a scenario's turns in place: the closed loop of the turn controller.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -16,20 +16,20 @@ from __future__ import annotations
 
 import math
 
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 
 
 def turn_gain_deg(scenario: Scenario) -> float:
-    """G: degrees that the fastest robot turns in a control period by a command of 1 %."""
+    """Return G: degrees that the fastest robot turns in a control period at a command of 1 %."""
     robot = scenario.robot
     fastest = robot.full_speed_m_s * robot.speed_factor_max
     return math.degrees(2.0 * 0.01 * fastest / robot.turn_track_m * scenario.tick_s)
 
 
 def spectral_radius(scenario: Scenario) -> float:
-    """The largest eigenvalue, absolute, of a step of the turn controller below full command; stable below 1.
+    """Return the largest absolute eigenvalue of a step of the turn controller below full command; stable below 1.
 
-    Without an integral gain that of the error alone: the integral is then summed up and of no matter.
+    Without an integral gain it is that of the error alone, as the integral then has no effect.
     """
     gain = turn_gain_deg(scenario)
     p = gain * scenario.walk.turn_gain_percent_per_deg
@@ -44,7 +44,7 @@ def spectral_radius(scenario: Scenario) -> float:
 
 
 def is_stable(scenario: Scenario) -> bool:
-    """Whether ``spectral_radius`` is below 1: by the bound, which rounding does not blur near 1."""
+    """Return whether ``spectral_radius`` is below 1, by the bound, which is insensitive to rounding near 1."""
     walk = scenario.walk
     gains = 2.0 * walk.turn_gain_percent_per_deg
     gains += scenario.tick_s * walk.turn_integral_gain_percent_per_deg_s
@@ -52,12 +52,12 @@ def is_stable(scenario: Scenario) -> bool:
 
 
 def passes_tolerance(scenario: Scenario) -> bool:
-    """Whether the fastest robot at full command may turn from one side of the tolerance to the other in a step."""
+    """Return whether the fastest robot at full command may cross the whole tolerance in one step."""
     return 100.0 * turn_gain_deg(scenario) > 2.0 * scenario.walk.turn_tolerance_deg
 
 
 def scenario_warnings(scenario: Scenario) -> list[str]:
-    """What a user should know of a scenario that is valid, and hardly what was meant; one sentence each."""
+    """Return warnings about a valid scenario that is hardly what was meant; one sentence each."""
     if is_stable(scenario) or not passes_tolerance(scenario):
         return []
     walk = scenario.walk

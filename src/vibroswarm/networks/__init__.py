@@ -1,8 +1,8 @@
-"""Who hears which message, and when; one network a file (``base`` says what one is made of)."""
+"""Networks: who hears which message, and when; one file each (``base`` defines the protocol)."""
 
 from __future__ import annotations
 
-from vibroswarm.networks import ideal, loss  # noqa: F401  (these make themselves known)
+from vibroswarm.networks import ideal, loss  # noqa: F401  (these register themselves)
 from vibroswarm.networks.base import Network, known, names, network, register
 from vibroswarm.strategies.world import u
 

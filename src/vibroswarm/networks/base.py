@@ -1,16 +1,16 @@
-"""What a network is: who hears which message, and when.
+"""The protocol of networks: who hears which message, and when.
 
 A network is one file, as a strategy is: it declares its parameters and has one of two functions.
 
-    def lost(sender, receiver, d, p, w): ...      # True: never; else it is there at the next tick
+    def lost(sender, receiver, d, p, w): ...      # True: lost; else it arrives at the next tick
     def send(n, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w): ...
 
-``lost`` is for networks in which messages are lost by themselves: it is asked for each message and receiver, in any
-order. ``send`` is called for each message in the order of tick and sender, and may remember what went before in ``n``,
-a row of the network's State; it fills ``arrival_tick``, one for each robot: the tick from which on the message can be
-read (later than ``tick``; never: -1). ``x_m`` and ``y_m``, one for each robot, say where they are at ``tick``, if the
-function reads them: exactly, but that a robot that turns is told where it began to, some millimetres away at most.
-``p`` is the Params, ``w`` a ``World`` whose ``robot`` is the receiver or the sender; ``u(d, k)`` is the k-th number.
+``lost`` is for networks that lose messages independently: it is called for each message and receiver, in any order.
+``send`` is called for each message in the order of tick and sender, and may keep a memory in ``n``, a row of the
+network's State. It fills ``arrival_tick``, one entry per robot: the tick from which the message can be read (later than
+``tick``; never: -1). ``x_m`` and ``y_m``, one entry per robot, are the positions at ``tick``, if the function reads
+them: exact, except that a turning robot is reported where its turn began, some millimetres away at most. ``p`` is the
+Params, ``w`` a ``World`` whose ``robot`` is the receiver or the sender; ``u(d, k)`` is the k-th uniform number.
 """
 
 from __future__ import annotations
@@ -18,60 +18,49 @@ from __future__ import annotations
 import dis
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from vibroswarm.errors import InputError, shown
-from vibroswarm.registry import Registry
-from vibroswarm.strategies.base import NAME, NoParams, as_params, row_type
+from vibroswarm.core.registry import Registry
+from vibroswarm.errors import InputError
+from vibroswarm.strategies.base import Plugin, row_type
+from vibroswarm.strategies.static_checks import PARAMETERS, check_function
 from vibroswarm.strategies.world import World
-from vibroswarm.strategies.written import PARAMETERS, check_function
 
 Hook = Callable[..., Any]
 
 
 class NoState:
-    """A network that remembers nothing."""
+    """State of a network that has none."""
 
 
-@dataclass(frozen=True)
-class Network:
-    """A network, see the head of this module.
+@dataclass(frozen=True, kw_only=True)
+class Network(Plugin):
+    """A network, see the module's docstring.
 
     Args:
-        name: as scenarios call it. params, state: classes of annotated fields. about: one line.
+        state: class of annotated fields. lost, send: one of the two functions.
     """
 
-    name: str
-    params: type = NoParams
     state: type = NoState
     lost: Hook | None = None
     send: Hook | None = None
-    about: str = ""
-    source: str = field(default="", compare=False)
-    """The text of the file it comes from, where that is not of this package."""
-    code: str = field(default="", compare=False)
-    """That file's name, this one's name in it, and its hash."""
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"{shown(self.name)} is no name; small letters, digits and underscores", field="name"
-            )
+        super().__post_init__()
         if self.lost is not None and self.send is not None:
-            raise InputError("has both lost and send; one of them", field=self.name)
-        object.__setattr__(self, "params", as_params(self.params, self.name))
+            raise InputError("has both lost and send; give one of them", field=self.name)
         rows = {"n": self.state_type.names, "p": self.params_type.names, "w": World._fields}
         for one in ("lost", "send"):
             if getattr(self, one) is not None:
                 check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
 
     @cached_property
-    def asks_places(self) -> bool:
-        """Whether ``send`` reads where the robots are."""
+    def reads_positions(self) -> bool:
+        """Whether ``send`` reads the robots' positions."""
         if self.send is None:
             return False
         given = list(inspect.signature(self.send).parameters)
@@ -83,18 +72,8 @@ class Network:
 
     @property
     def state_type(self) -> np.dtype[np.void]:
-        """The row of its state."""
+        """Row type of its state."""
         return row_type(self.state, "state")
-
-    @property
-    def params_type(self) -> np.dtype[np.void]:
-        """The row of its parameters."""
-        return row_type(self.params, "params")
-
-    def params_row(self, values: object) -> tuple[Any, ...]:
-        """The parameters as a row of ``params_type``."""
-        names: tuple[str, ...] = self.params_type.names or ()
-        return tuple(getattr(values, name, 0) for name in names)
 
 
 _registry = Registry[Network]("network", "network.name")

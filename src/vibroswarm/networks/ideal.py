@@ -1,4 +1,4 @@
-"""Everybody hears everybody."""
+"""A network in which everybody hears everybody."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each message and receiver is lost by itself, with one probability.
+"""A network that loses each message to each receiver independently, with one probability.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -16,7 +16,7 @@ from vibroswarm.strategies.world import Draws, World, u
 
 
 class Params:
-    """How much is lost."""
+    """How many messages are lost."""
 
     share: Annotated[
         float, Field(ge=0, le=1, description="Probability that a message does not reach a receiver.")
@@ -24,7 +24,7 @@ class Params:
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
-    """Whether this message does not reach this receiver."""
+    """Return whether this message is lost on its way to this receiver."""
     return bool(p.share > 0.0 and u(d, 0) < p.share)
 
 

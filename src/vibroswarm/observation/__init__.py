@@ -1,1 +1,1 @@
-"""What each sample read: an energy and a bit for every row of a motion table."""
+"""Readings: an energy and a bit for every row of a motion table."""

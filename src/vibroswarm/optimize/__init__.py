@@ -1,29 +1,27 @@
-"""Searching for good parameters: spaces, objectives, methods that ask and are told, and what is true afterwards.
+"""Search for good parameters: spaces, objectives, methods, and validation on fresh runs.
 
-The names below are looked up when they are first used.
+The names below are imported when they are first used.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.lazy import lazy_names
+from vibroswarm.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from vibroswarm.inference.cost_outcomes import Outcomes
-    from vibroswarm.optimize.check import compare_scenarios
-    from vibroswarm.optimize.fronts import Front, front_of
+    from vibroswarm.inference.outcome_arrays import Outcomes
     from vibroswarm.optimize.grid import Grid, scores_of, truth_of_grid
-    from vibroswarm.optimize.importance import ped_anova
     from vibroswarm.optimize.loop import Found, run_search
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.pso import PsoSettings
-    from vibroswarm.optimize.report import best_scenario, write_report
-    from vibroswarm.optimize.sensitivity import sobol_indices
-    from vibroswarm.optimize.simulate_runs import outcomes_of
+    from vibroswarm.optimize.scenario_comparison import compare_scenarios
+    from vibroswarm.optimize.search_report import best_scenario, write_report
+    from vibroswarm.optimize.sensitivity import ped_anova, sobol_indices
+    from vibroswarm.optimize.simulate_outcomes import outcomes_of
     from vibroswarm.optimize.space import Space
     from vibroswarm.optimize.spec import Search, SearchSettings
-    from vibroswarm.optimize.truth import Truth, truth_of
+    from vibroswarm.optimize.validation import Front, Truth, front_of, truth_of
 
 __all__ = [
     "Found",
@@ -51,7 +49,7 @@ __all__ = [
 
 _HOME: Final = {
     "Found": "loop",
-    "Front": "fronts",
+    "Front": "validation",
     "Grid": "grid",
     "Objective": "objective",
     "Outcomes": "evaluate",
@@ -59,18 +57,18 @@ _HOME: Final = {
     "Search": "spec",
     "SearchSettings": "spec",
     "Space": "space",
-    "Truth": "truth",
-    "best_scenario": "report",
-    "compare_scenarios": "check",
-    "front_of": "fronts",
-    "outcomes_of": "simulate_runs",
-    "ped_anova": "importance",
+    "Truth": "validation",
+    "best_scenario": "search_report",
+    "compare_scenarios": "scenario_comparison",
+    "front_of": "validation",
+    "outcomes_of": "simulate_outcomes",
+    "ped_anova": "sensitivity",
     "run_search": "loop",
     "scores_of": "grid",
     "sobol_indices": "sensitivity",
-    "truth_of": "truth",
+    "truth_of": "validation",
     "truth_of_grid": "grid",
-    "write_report": "report",
+    "write_report": "search_report",
 }
 
 __getattr__ = lazy_names(__name__, _HOME)

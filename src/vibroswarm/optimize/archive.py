@@ -1,6 +1,6 @@
-"""All candidates that were ever tried, with the figures of their runs: what every method reads, and nothing else keeps.
+"""Store all candidates of a search with the figures of their runs; every method reads them here.
 
-Figures accumulate: a candidate asked for again gets further runs, never the same ones.
+Figures accumulate: a candidate that is requested again gets further runs, never the same ones.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from vibroswarm.optimize.space import Point, Space, Values
 
 @dataclass
 class Candidate:
-    """One point of the space and what came of its runs."""
+    """One point of the space with the figures of its runs."""
 
     key: int
     point: Point
     values: Values
     origin: str
-    """What made it: "start", "pso 3", ..."""
+    """The step that proposed it: "start", "pso 3", ..."""
     rows: list[Rows] = field(default_factory=list)
     failed: int = 0
-    """Runs that could not be done. One is enough for a candidate not to win."""
+    """Runs that failed; a candidate with a failed run cannot win."""
     why: str = ""
     count: int = 0
-    """Runs asked for, done or failed."""
+    """Runs requested, including failed ones."""
 
     def all_rows(self) -> Rows:
-        """(runs, cases, columns)."""
+        """Return the figures of all runs, (runs, cases, columns)."""
         if len(self.rows) > 1:
             self.rows = [np.concatenate(self.rows)]
         return self.rows[0] if self.rows else np.empty((0, 1, 1))
@@ -45,9 +45,9 @@ class Archive:
         self.space, self.objectives = space, tuple(objectives)
         self.candidates: list[Candidate] = []
         self.columns: list[slice] = []
-        """The columns of each objective; known with the first rows."""
+        """The columns of each objective; set when the first rows are added."""
         self.runs = 0
-        """Runs asked for so far."""
+        """Runs requested so far."""
         self.failed = 0
         """Runs that failed."""
         self._scores: dict[tuple[int, int], tuple[int, float]] = {}
@@ -60,18 +60,18 @@ class Archive:
         return len(self.candidates)
 
     def new(self, point: Point, origin: str) -> int:
-        """Add a candidate; gives its key."""
+        """Add a candidate and return its key."""
         point = np.clip(np.asarray(point, dtype=np.float64), 0.0, 1.0)
         key = len(self.candidates)
         self.candidates.append(Candidate(key, point, self.space.values(point), origin))
         return key
 
     def count(self, key: int) -> int:
-        """Runs of a candidate that came to an end."""
+        """Count the runs of a candidate that did not fail."""
         return sum(rows.shape[0] for rows in self[key].rows)
 
-    def take_in(self, key: int, rows: Rows | str, count: int) -> None:
-        """Put the figures of ``count`` runs, or why there are none, to a candidate."""
+    def add_runs(self, key: int, rows: Rows | str, count: int) -> None:
+        """Add the figures of ``count`` runs to a candidate, or the reason why they failed."""
         candidate = self[key]
         candidate.count += count
         self.runs += count
@@ -83,7 +83,7 @@ class Archive:
         candidate.rows.append(rows)
 
     def score(self, key: int, objective: int = 0) -> float:
-        """The score; infinite without runs, or where one failed."""
+        """Compute the score of a candidate; infinite without runs or if one failed."""
         found = self[key]
         if found.failed or not found.rows:
             return math.inf
@@ -95,11 +95,11 @@ class Archive:
         return known[1]
 
     def scores(self, key: int) -> list[float]:
-        """The score under each objective."""
+        """Compute the score under each objective."""
         return [self.score(key, k) for k in range(len(self.objectives))]
 
     def estimate(self, key: int) -> tuple[float, float]:
-        """The score under the first objective, freed of its bias for few runs, and its standard error."""
+        """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error."""
         found, count = self[key], self.count(key)
         if found.failed or not count:
             return math.inf, math.inf
@@ -111,26 +111,15 @@ class Archive:
         return known[1], known[2]
 
     def cautious(self, key: int, caution: float = 1.0) -> float:
-        """The estimate plus so many standard errors: of what is little known, much may be luck."""
+        """Return an upper bound of the score: the estimate plus ``caution`` standard errors."""
         estimate, error = self.estimate(key)
         return estimate + caution * error if math.isfinite(error) else estimate
 
     def in_order(self, keys: Sequence[int] | None = None) -> list[int]:
-        """Candidates by cautious estimate, the best first."""
+        """Sort candidates by that upper bound, the best first."""
         return sorted(range(len(self)) if keys is None else keys, key=lambda k: (self.cautious(k), k))
 
     def best(self, keys: Sequence[int] | None = None) -> int:
-        """The candidate with the smallest estimate; the first of equals."""
+        """Return the candidate with the smallest estimate, or the first of equals."""
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))
-
-
-def unbeaten(scores: Sequence[Sequence[float]]) -> list[bool]:
-    """For each row of scores, whether no other is as good in all and better in one; less is better."""
-    return [
-        not any(
-            all(a <= b for a, b in zip(other, mine, strict=True)) and list(other) != list(mine)
-            for other in scores
-        )
-        for mine in scores
-    ]

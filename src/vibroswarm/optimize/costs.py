@@ -1,16 +1,16 @@
-"""What one run costs: figures of each run, from which an objective makes the score of a candidate.
+"""Compute the cost of each run, from which an objective computes the score of a candidate.
 
-| cost | figure of a run | source |
+| cost | figure of a run | source in the paper |
 |---|---|---|
-| intended | sum over robots of (1 + abs(f - f*) N_tiles) e_d; e_d = t/T_end right, 5 wrong, 1 undecided | the words |
-| printed | the same with (1 + abs(f - f*) / N_tiles) | the equation |
-| authors_code | the same with abs(f - f*) / 0.04; undecided 3 | the program that ran |
+| intended | sum over robots of (1 + abs(f - f*) N_tiles) e_d; e_d = t/T_end right, 5 wrong, 1 undecided | its text |
+| printed | the same with (1 + abs(f - f*) / N_tiles) | its equation |
+| authors_code | the same with abs(f - f*) / 0.04; undecided 3 | its program |
 | decision_time | mean over robots of min(t, T_end), s | - |
 | errors | mean over robots of t/T_end right, ``false_alarm`` or ``miss`` wrong, ``undecided`` undecided | - |
 | consensus | min(consensus time, T_end), s; whether it was right | - |
 | at_error | mean over robots of min(t, T_end), s; how many wrong, decided, all | - |
 
-A false alarm says that more than the boundary vibrates where less does; a miss says less where more does.
+A false alarm decides "above the boundary" when the fill ratio is below it; a miss is the opposite error.
 """
 
 from __future__ import annotations
@@ -21,43 +21,43 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.errors import InputError
-from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
 
 WRONG: Final = 5.0
 UNDECIDED: Final = 1.0
 UNDECIDED_IN_CODE: Final = 3.0
 TILE_IN_CODE: Final = 0.04
-"""One of 25 tiles; the program has the number, whatever the floor."""
+"""One of 25 tiles; the program uses this number for every floor."""
 
 Figures = Callable[..., Array]
 """(outcomes, parameters) -> (runs, columns)."""
 
 
 def intended(outcomes: Outcomes) -> Array:
-    """The paper's cost as its words say: the error of the estimate in tiles."""
+    """Compute the paper's cost as its text defines it, with the error of the estimate in tiles."""
     return _paper(outcomes, 1.0 + _error(outcomes, "intended") * outcomes.tiles, UNDECIDED)
 
 
 def printed(outcomes: Outcomes) -> Array:
-    """The paper's cost as its equation has it: the error of the estimate all but vanishes."""
+    """Compute the paper's cost as its equation defines it, in which the error of the estimate hardly counts."""
     return _paper(outcomes, 1.0 + _error(outcomes, "printed") / outcomes.tiles, UNDECIDED)
 
 
 def authors_code(outcomes: Outcomes) -> Array:
-    """The cost that the paper's search minimised: nothing is paid for time where the estimate is right."""
+    """Compute the cost that the paper's program minimised: zero, however late, if the estimate is exact."""
     return _paper(outcomes, _error(outcomes, "authors_code") / TILE_IN_CODE, UNDECIDED_IN_CODE)
 
 
 def decision_time(outcomes: Outcomes) -> Array:
-    """Mean over robots, s."""
+    """Compute the mean decision time over robots, s."""
     return np.asarray(outcomes.time_s.mean(axis=1, keepdims=True))
 
 
 def errors(
     outcomes: Outcomes, false_alarm: float = WRONG, miss: float = WRONG, undecided: float = UNDECIDED
 ) -> Array:
-    """Mean over robots; a wrong decision costs by its kind."""
+    """Compute the mean cost over robots, with different prices of false alarms and misses."""
     check_truth(outcomes)
     of_wrong = np.where(outcomes.truth[:, None] == 0.0, false_alarm, miss)
     cost = np.where(outcomes.wrong, of_wrong, outcomes.time_s / outcomes.t_end_s)
@@ -66,7 +66,7 @@ def errors(
 
 
 def consensus(outcomes: Outcomes) -> Array:
-    """How long the inspection took, s, and whether its outcome was a right consensus."""
+    """Return the duration of the inspection, s, and whether it ended in a right consensus."""
     check_truth(outcomes)
     time_s, right = outcomes.time_s, outcomes.right.all(axis=1)
     alike = ~outcomes.undecided.any(axis=1) & (right | outcomes.wrong.all(axis=1))
@@ -74,7 +74,7 @@ def consensus(outcomes: Outcomes) -> Array:
 
 
 def at_error(outcomes: Outcomes) -> Array:
-    """Time, and the counts from which shares of wrong and undecided robots are made."""
+    """Return the mean time, and the counts of wrong robots, of those that decided, and of all."""
     check_truth(outcomes)
     decided = (~outcomes.undecided).sum(axis=1)
     robots = np.full(decided.size, float(outcomes.robots))
@@ -88,7 +88,7 @@ COSTS: Final[dict[str, Figures]] = {
     "decision_time": decision_time,
     "errors": errors,
 }
-"""Costs of one figure a run, to which a statistic is applied."""
+"""Costs with one figure a run, to which a statistic is applied."""
 
 
 def check_truth(outcomes: Outcomes) -> None:
@@ -106,10 +106,10 @@ def check_truth(outcomes: Outcomes) -> None:
 
 
 def check_figures(values: Any, runs: int, name: str) -> Array:
-    """The figures of a cost as an array of (runs, columns).
+    """Check the figures of a cost and return them as an array (runs, columns).
 
     Raises:
-        InputError: of another shape, no numbers, or not a number in a run.
+        InputError: they have another shape, are no numbers, or are not finite in some run.
     """
     try:
         array = np.asarray(values, dtype=np.float64)
@@ -128,7 +128,7 @@ def check_figures(values: Any, runs: int, name: str) -> Array:
 
 
 def _error(outcomes: Outcomes, cost: str) -> Array:
-    """Return the absolute error of each robot's estimate, (runs, robots).
+    """Compute the absolute error of each robot's estimate, (runs, robots).
 
     Raises:
         InputError: a robot has no estimate.
@@ -144,7 +144,7 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
 
 
 def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
-    """Sum over robots of the two factors, (runs, 1)."""
+    """Sum the product of both factors over robots, (runs, 1)."""
     check_truth(outcomes)
     of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)
     of_decision = np.where(outcomes.undecided, undecided, of_decision)

@@ -1,8 +1,8 @@
-"""Every combination of some values, on shared motion: the paper's second stage, over eta and kappa.
+"""Score every combination of some values on shared motion, as the paper's second stage does for eta and kappa.
 
-A grid is a study: its fields of strategy and decision move no robot, so all cells replay one motion and are compared
-run by run. What has the lowest score is marked, and so is every cell that is not told apart from it: among equals the
-lowest of many scores is luck. The best is scored again on fresh runs.
+A grid is a study: fields of strategy and decision move no robot, so all cells replay one motion and are compared run by
+run. The cell with the lowest score is marked, and so is every cell that does not differ significantly from it, since
+which of these is lowest is luck. The best cell is scored again on fresh runs.
 
 | name | values in the paper |
 |---|---|
@@ -24,18 +24,18 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
-from vibroswarm.inference.cost_outcomes import Outcomes, from_tables
+from vibroswarm.inference.outcome_arrays import Outcomes, from_tables
 from vibroswarm.optimize.evaluate import derived_seed
-from vibroswarm.optimize.objective import Objective, several
+from vibroswarm.optimize.objective import Objective, objectives_from
 from vibroswarm.optimize.spec import KEYS
-from vibroswarm.optimize.truth import Scored, Truth, paired_score, scored_of
-from vibroswarm.plain_files import read_text
-from vibroswarm.study.result import StudyResult
-from vibroswarm.study.result import run as run_study
-from vibroswarm.study.runner import Tell
+from vibroswarm.optimize.validation import Scored, Truth, paired_score, scored_of
+from vibroswarm.study.factors import flat
+from vibroswarm.study.runner import Progress
 from vibroswarm.study.spec import Cell, Study, as_toml
-from vibroswarm.study.varied import flat
+from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.study_result import run as run_study
 
 PAPER: Final[dict[str, list[Any]]] = {
     "strategy.soft.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
@@ -43,40 +43,37 @@ PAPER: Final[dict[str, list[Any]]] = {
 }
 """The paper's grid."""
 RUNS: Final = 1000
-"""Of each cell, without a number; the paper had 100, in which neighbouring cells cannot be told apart."""
+"""Default runs of each cell; the paper's 100 are too few to distinguish neighbouring cells."""
 FRESH: Final = 2000
-"""Runs on which the best cell is scored again."""
+"""Fresh runs on which the best cell is scored again."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A study of a grid, and what it minimises."""
+    """A study of a grid and its objective."""
 
     study: Study
     objective: Objective
 
     @classmethod
     def paper(cls, objective: Objective | None = None, runs: int = RUNS, seed: int = 1) -> Grid:
-        """The paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
+        """Make the paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
 
         Args:
-            objective: what the scores are of; without, the paper's cost. runs: of each node. seed: of all nodes.
+            objective: by default the paper's cost. runs: of each cell. seed: of all cells.
         """
         base = {"preset": "paper", "strategy": {"name": "soft"}}
         return cls(Study(base, {"grid": PAPER}, runs, seed=seed), objective or Objective())
 
     @classmethod
     def read(cls, path: str | Path) -> Grid:
-        """From the search's file ``path``, whose space gives lists, or ranges with steps.
+        """Read a grid from a search's file ``path``, whose space has lists, or ranges with steps.
 
         Raises:
             InputError: no space, or one of ranges without steps.
         """
         path = Path(path)
-        try:
-            values = tomllib.loads(read_text(path, "a search"))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"is not TOML: {error}", field=str(path)) from None
+        values = parsed_toml(read_text(path, "a search"), str(path))
         own = {key: values.pop(key) for key in KEYS if key in values}
         space = own.get("space")
         if not isinstance(space, Mapping) or not space:
@@ -87,16 +84,16 @@ class Grid:
             raise InputError("is the space of this method; put cases into [zip] or [[list]]", field="grid")
         values["grid"] = space
         values.setdefault("runs", RUNS)
-        objectives = several(own.get("objective", {}))
+        objectives = objectives_from(own.get("objective", {}))
         if len(objectives) > 1:
-            raise InputError("a grid has one", field="objective")
+            raise InputError("a grid has one objective", field="objective")
         return cls(Study.from_values(values, name=str(path), folder=path.parent), objectives[0])
 
     def to_toml(self) -> str:
-        """The grid as a search's file that stands alone; ``read`` gives one with the same cells, runs and seed.
+        """Write the grid as a self-contained search file; ``read`` returns one with the same cells, runs and seed.
 
         Raises:
-            InputError: its cost is a function, which no file holds, or it varies nothing in every combination.
+            InputError: its cost is a function, which a file cannot hold, or the study has no grid.
         """
         if self.objective.function is not None:
             raise InputError("a cost that is a function cannot be written to a file", field="objective")
@@ -114,12 +111,12 @@ class Grid:
 
 @dataclass(frozen=True)
 class Node:
-    """One cell of a grid."""
+    """A scored cell of a grid."""
 
     cell: Cell
     scored: Scored
     above_best: Interval
-    """Its score less the best one's, run by run."""
+    """Its score minus that of the best cell, paired by run."""
     time_s: float
     belief_in_truth: float | None
     wrong: float
@@ -127,25 +124,25 @@ class Node:
 
     @property
     def as_good(self) -> bool:
-        """Not told apart from the best."""
+        """Whether it does not differ significantly from the best cell."""
         return not self.above_best.low > 0
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """A grid's cells with their scores."""
+    """A grid with the scores of its cells."""
 
     grid: Grid
     nodes: tuple[Node, ...]
 
     @property
     def best(self) -> Node:
-        """The lowest score."""
+        """The cell with the lowest score."""
         return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row a cell: what is varied, the score with its limits, times and shares."""
+        """One row a cell: varied values, the score with its limits, times and shares."""
         rows = []
         for node in self.nodes:
             score, above = node.scored.score, node.above_best
@@ -159,7 +156,7 @@ class Nodes:
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def as_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "method": "grid",
             "objective": self.grid.objective.as_values(),
@@ -171,10 +168,10 @@ class Nodes:
 
 
 def scores_of(grid: Grid, result: StudyResult) -> Nodes:
-    """Score the cells of a study that has been run; estimates of the fill ratio are those at the end of the runs.
+    """Score the cells of a finished study; estimates of the fill ratio are those at the end of the runs.
 
     Args:
-        grid: its nodes are the cells. result: of ``grid.study``.
+        grid: the grid. result: of ``grid.study``.
     """
     found = []
     for cell in result.study.cells:
@@ -202,13 +199,13 @@ def truth_of_grid(
     *,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    tell: Tell | None = None,
+    progress: Progress | None = None,
 ) -> Truth:
-    """Score the best cell on fresh runs: the lowest of many scores was partly lucky.
+    """Score the best cell on fresh runs, since the lowest of many scores is partly luck.
 
     Args:
-        nodes: of ``scores_of``. runs: fresh ones.
-        executor, workers: see ``study.executors``. tell: called as runs come back.
+        nodes: from ``scores_of``. runs: number of fresh runs.
+        executor, workers: see ``study.executors``. progress: called as runs come back.
     Raises:
         InputError: too few runs.
     """
@@ -218,14 +215,14 @@ def truth_of_grid(
     again = replace(
         Study.of(best.cell.scenario, runs, derived_seed(study.seed, "fresh runs")), motion=study.motion
     )
-    result = run_study(again, executor=executor, workers=workers, tell=tell)
+    result = run_study(again, executor=executor, workers=workers, progress=progress)
     _, outcomes = _outcomes(result, again.cells[0])
     scored = _scored("winner", best.cell, nodes.grid.objective, outcomes)
     return Truth(best.scored.score.estimate, scored, (), ())
 
 
 def _outcomes(result: StudyResult, cell: Cell) -> tuple[pl.DataFrame, Outcomes]:
-    """The table of robots of a cell, and its outcomes."""
+    """Return the table of robots of a cell, and its outcomes."""
     robots, runs = result.tables(cell.number)
     tiles = cell.scenario.floor_for(result.study.seed, 0).tiles.size
     return robots, from_tables(cell.scenario, robots, runs, tiles)

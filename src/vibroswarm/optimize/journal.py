@@ -1,13 +1,13 @@
-"""The record of a search: a folder whose journal grows by a line a step, so that nothing done is done again.
+"""Record a search in a folder whose journal gets a line for each step, so that no finished step runs again.
 
-    search.toml     the search, standing alone
+    search.toml     the search, self-contained
     search.json     format, hash, versions
-    journal.jsonl   a line a step: what was asked for and the figures of every run
-    .lock           the process that is at it, while it is
+    journal.jsonl   a line for each step: the requests and the figures of every run
+    .lock           the process that uses the folder, while it does
 
-A search is resumed by asking its method anew, from the beginning, and telling it what the journal holds: nothing is
-unpickled, and the same history gives the same next question, bit by bit. A line that was being written when the process
-was killed is dropped. Only one process at a time may write: see ``Journal.alone``.
+A search is resumed by running its method from the beginning with the results in the journal: nothing is unpickled, and
+the same history leads to exactly the same next request. A line that was being written when the process was killed is
+dropped. Only one process at a time may write: see ``Journal.alone``.
 """
 
 from __future__ import annotations
@@ -22,59 +22,59 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import InputError, RunError, older, shown
-from vibroswarm.files import whole_file
-from vibroswarm.folder_lock import FILE as LOCK
-from vibroswarm.folder_lock import folder_lock
-from vibroswarm.leftovers import remove_leftovers
-from vibroswarm.notices import say_once
+from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
+from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, write_files
+from vibroswarm.core.untrusted_files import entry, number, read_bytes, read_json, texts
+from vibroswarm.errors import InputError, RunError, check_format, shown, warn_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
-from vibroswarm.plain_files import entry, number, read_bytes, read_json, texts
 from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
+from vibroswarm.study.executors import check_begun_by
 
 SEARCH: Final = "search.toml"
 HEAD: Final = "search.json"
 JOURNAL: Final = "journal.jsonl"
 MOST_JOURNAL: Final = 2**30
-"""Bytes of a journal: some 20 million runs."""
+"""Most bytes of a journal, enough for about 20 million runs."""
 
 
 @dataclass
 class Step:
-    """One step: runs asked for, and what came of them."""
+    """One step: the requested runs and their results."""
 
     asks: list[Ask]
     origins: list[str]
     found: list[list[Any]]
-    """For each ask, the pieces: rows, or why there are none, with the number of runs."""
+    """For each request its pieces: rows, or the reason of a failure with the number of runs."""
 
 
 class Journal:
     """A search's folder."""
 
     def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
-        """The folder of this search: one that is there, or that ``alone`` makes.
+        """Open the folder of this search; ``alone`` makes it if it does not exist.
 
         Raises:
-            InputError: something else is there, another search, other versions.
+            InputError: the folder holds something else, another search, or one of other versions.
         """
         self.folder, self.search, self.mixed = Path(folder), search, mixed
         self._text = search.to_toml()
         if not self._is_there() and self._is_foreign():
-            raise InputError("is there and no search; give the name of a new folder", field=str(self.folder))
+            raise InputError(
+                "exists but is not a search; give the name of a new folder", field=str(self.folder)
+            )
 
     def _is_there(self) -> bool:
-        """Whether this search is in the folder; raises where another is."""
+        """Tell whether the folder holds this search; raise if it holds another."""
         if not (self.folder / HEAD).is_file():
             return False
         self._check(self.search, self.mixed)
         return True
 
     def _is_foreign(self) -> bool:
-        """Whether something is there that is not of this search; what a killed process had begun is."""
+        """Tell whether the folder holds anything that is not the beginning of this search."""
         return self.folder.exists() and not (
             self.folder.is_dir() and all(self._is_begun(path) for path in self.folder.iterdir())
         )
@@ -88,10 +88,10 @@ class Journal:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Be the one process that writes; make the folder if it is not there yet.
+        """Lock the folder for this process, and make it if it does not exist.
 
         Raises:
-            InputError: another process is at it. RunError: it cannot be written.
+            InputError: another process uses it. RunError: it cannot be written.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -106,35 +106,24 @@ class Journal:
     def _make(self) -> None:
         head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
         write_code(self.folder, (cell.scenario for cell in self.search.cases), self.search.study.motion)
-        try:
-            for name, content in (
-                (SEARCH, self._text),
-                (JOURNAL, ""),
-                (HEAD, json.dumps(head, indent=1) + "\n"),
-            ):
-                with whole_file(self.folder / name) as part:
-                    part.write_text(content, encoding="utf-8")
-        except OSError as error:
-            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+        write_files(self.folder, {SEARCH: self._text, JOURNAL: "", HEAD: json.dumps(head, indent=1) + "\n"})
 
     def steps(self) -> Iterator[Step]:
-        """The steps that are there, in order; see ``steps_in``."""
+        """Read the recorded steps in order; see ``steps_in``."""
         return steps_in(self.folder)
 
     def cut(self) -> None:
-        """Drop a last line that was not written whole, and say so."""
+        """Drop an incomplete last line, with a message."""
         path = self.folder / JOURNAL
         data = path.read_bytes()
         end = data.rfind(b"\n") + 1
         if end < len(data):
             with path.open("r+b") as stream:
                 stream.truncate(end)
-            say_once(
-                f"{path}: the last line was not written whole; it is dropped, and its runs are done again"
-            )
+            warn_once(f"{path}: the last line is incomplete; it is dropped, and its runs are repeated")
 
     def add(self, archive: Archive, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
-        """A step is done."""
+        """Record a finished step."""
         step = {
             "asks": [list(ask) for ask in asks],
             "origins": [archive[ask.key].origin for ask in asks],
@@ -161,29 +150,19 @@ class Journal:
         head = read_json(path, "the head of a search")
         version, told = entry(head, "format", int, path), entry(head, "hash", str, path)
         made_by = texts(entry(head, "versions", dict, path), "versions", path)
-        if version < FORMAT:
-            raise InputError(older(version), field=str(self.folder))
-        if version > FORMAT:
-            raise InputError(f"is of format {version}; update vibroswarm", field=str(self.folder))
+        check_format(version, FORMAT, str(self.folder))
         if told != search.hash:
             different = differences(Search.read(self.folder / SEARCH), search)
             raise InputError(
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
-        mine = {} if mixed else versions()
-        if told_apart := [
-            f"{k} {made_by.get(k)} there, {v} here" for k, v in mine.items() if made_by.get(k) != v
-        ]:
-            raise InputError(
-                f"was begun by other versions ({'; '.join(told_apart)}); go on with those, take a new folder, or say "
-                "--mixed to go on all the same",
-                field=str(self.folder),
-            )
+        if not mixed:
+            check_begun_by(made_by, self.folder)
 
 
 def steps_in(folder: Path) -> Iterator[Step]:
-    """The steps of a search's folder, in order.
+    """Read the steps of a search's folder in order.
 
     Raises:
         InputError: the journal cannot be read, or is damaged before its last line.
@@ -197,14 +176,14 @@ def steps_in(folder: Path) -> Iterator[Step]:
             yield _step(json.loads(line))
         except (ValueError, LookupError, TypeError, OverflowError, AttributeError, RecursionError):
             raise InputError(
-                f"line {k + 1} is damaged; put the file back from a copy, or cut it before that line, from where the "
-                "search then goes on",
+                f"line {k + 1} is damaged; restore the file from a copy, or cut it before that line, from where the "
+                "search then continues",
                 field=str(path),
             ) from None
 
 
 def _step(step: Any) -> Step:
-    """One line: for each ask as many pieces as make its runs, all of one shape beside the runs."""
+    """Check a line: the pieces of each request contain its runs, and all have the same cases and columns."""
     asks = [Ask(_count(key, 0), _count(runs, 1)) for key, runs in step["asks"]]
     found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
     origins = [str(origin) for origin in step["origins"]]
@@ -225,12 +204,12 @@ def _count(value: Any, low: int) -> int:
 
 
 def is_search(folder: Path) -> bool:
-    """Whether a folder holds a search."""
+    """Tell whether a folder holds a search."""
     return (folder / HEAD).is_file() and (folder / SEARCH).is_file()
 
 
 def held(folder: Path) -> dict[str, Any]:
-    """What a search's folder holds, in plain values; nothing is run.
+    """Describe the contents of a search's folder in plain values, without running anything.
 
     Raises:
         InputError: it is damaged.
@@ -256,7 +235,7 @@ def held(folder: Path) -> dict[str, Any]:
 
 
 def held_result(path: Path) -> dict[str, Any] | None:
-    """The result of a search, as far as it is shown again; None where it was not scored yet.
+    """Read the parts of a search's result that are displayed; None if it has not been scored yet.
 
     Raises:
         InputError: the file is damaged.
@@ -281,7 +260,7 @@ def held_result(path: Path) -> dict[str, Any] | None:
 
 
 def _piece(given: Any) -> Any:
-    """Rows as an array, (runs, cases, columns); a failure as (why, runs)."""
+    """Read a piece: rows as an array, (runs, cases, columns), or a failure as (why, runs)."""
     if isinstance(given[0], str):
         return given[0], _count(given[1], 0)
     rows = np.array(given, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A search is run: its method asks, executors do, the archive keeps, the journal remembers."""
+"""Run a search: its method requests runs, workers simulate them, and archive and journal record the results."""
 
 from __future__ import annotations
 
@@ -7,33 +7,72 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.batch_samplers import Random, Sobol
 from vibroswarm.optimize.evaluate import Evaluator, do_pieces
 from vibroswarm.optimize.journal import JOURNAL, Journal, Step
-from vibroswarm.optimize.method import Ask, Iteration, Method, Told
-from vibroswarm.optimize.methods import check_libraries, method_of
+from vibroswarm.optimize.method import Ask, Iteration, Method, SearchProgress
+from vibroswarm.optimize.pso import Pso
 from vibroswarm.optimize.race import Race
+from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.surface import optima
 from vibroswarm.study.executors import Workers, workers_for
 
-Tell = Callable[[Told], None]
+
+def method_of(search: Search, archive: Archive) -> Method:
+    """Create the method that a search names.
+
+    Raises:
+        InputError: it needs a library that is not there.
+    """
+    name, starts = search.settings.method, list(search.starts)
+    if name == "pso":
+        return Pso(archive, search.seed, search.pso_settings, starts)
+    seed, budget, evaluations = search.seed, search.search_budget, search.settings.evaluations
+    if name == "random":
+        return Random(archive, seed, budget, evaluations, starts)
+    if name == "sobol":
+        return Sobol(archive, seed, budget, evaluations, starts)
+    from vibroswarm.optimize.optuna_samplers import Cmaes, OptunaSampler
+
+    if name == "cmaes":
+        return Cmaes(archive, seed, budget, evaluations, starts)
+    return OptunaSampler(archive, seed, budget, evaluations, starts, name)
+
+
+def check_libraries(search: Search) -> None:
+    """Check that the libraries of a method are installed, before a folder is made.
+
+    Raises:
+        InputError: the method or Optuna's storage needs a library that is not there, or the method other fields.
+    """
+    method_of(search, Archive(search.space, search.objectives))
+    if search.has_dashboard:
+        from vibroswarm.optimize.optuna_samplers import optuna
+
+        optuna("search.dashboard")
+
+
+Progress = Callable[[SearchProgress], None]
+
+WIDTHS: Final = {"time_at_error": 5, "expected_time_to_right": 2}
+"""Columns of the figures of objectives that have more than one."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a search believes; what is true is another matter, see ``truth``.
+    """The result of a search, as the search itself estimates it; see ``validation`` for estimates on fresh runs.
 
     Args:
-        search: what was searched. archive: all candidates with their runs. best, front: see below.
+        search: its definition. archive: all candidates with their runs. best, front: see below.
         history, race: the iterations of the method, and of the race of the finalists.
     """
 
@@ -44,7 +83,7 @@ class Found:
     history: list[Iteration]
     race: list[Iteration]
     front: tuple[int, ...] = ()
-    """With several objectives, the candidates that none beats in all of them."""
+    """With several objectives, the candidates on the Pareto front."""
 
     @property
     def values(self) -> Values:
@@ -53,7 +92,7 @@ class Found:
 
     @property
     def believed(self) -> float:
-        """The winner's score as the search has it: the paper's search kept the luckiest, the race frees of bias."""
+        """The winner's score in the search: biased by selection in the paper's method, corrected otherwise."""
         if self.race or self.search.settings.method != "pso" or self.search.pso.noise != "fixed":
             return self.archive.estimate(self.best)[0]
         return self.history[-1].best
@@ -71,27 +110,26 @@ def run_search(
     executor: str | Executor = "threads",
     workers: int | None = None,
     mixed: bool = False,
-    tell: Tell = lambda told: None,
+    progress: Progress = lambda told: None,
 ) -> Found:
-    """Run a search, or go on with the one in ``folder``; may be stopped and called again at any moment.
+    """Run a search, or continue the one in ``folder``; may be interrupted and called again at any time.
 
     Args:
-        folder: where its journal is kept; without, nothing is. executor, workers: see ``study.executors``.
-        mixed: also go on where other versions began. tell: called as runs come back.
+        folder: where its journal is saved; by default nowhere. executor, workers: see ``study.executors``.
+        mixed: continue even if other versions began. progress: called as runs finish.
     Raises:
-        InputError: another search is there or another process is at it, a library is not there, or a cost gives no
-            number.
-        RunError: every run of the first step failed, or the workers are gone; what was done is kept.
+        InputError: the folder holds another search or is in use, a library is missing, or a cost returns no number.
+        RunError: every run of the first step failed, or the workers are gone; finished steps are saved.
     """
     check_libraries(search)
     journal = None if folder is None else Journal(folder, search, mixed=mixed)
-    with workers_for(executor, workers) as hands, nullcontext() if journal is None else journal.alone():
-        return _Loop(search, journal, hands, tell).run()
+    with workers_for(executor, workers) as pool, nullcontext() if journal is None else journal.alone():
+        return _Loop(search, journal, pool, progress).run()
 
 
 class _Loop:
-    def __init__(self, search: Search, journal: Journal | None, hands: Workers, tell: Tell) -> None:
-        self.search, self.journal, self.hands, self.tell = search, journal, hands, tell
+    def __init__(self, search: Search, journal: Journal | None, pool: Workers, progress: Progress) -> None:
+        self.search, self.journal, self.pool, self.progress = search, journal, pool, progress
         self.archive = Archive(search.space, search.objectives)
         self.evaluator = Evaluator(
             self.archive,
@@ -104,20 +142,20 @@ class _Loop:
         self.replaying = journal is not None
         self.show: Callable[[], None] = lambda: None
         if journal is not None and search.has_dashboard:
-            from vibroswarm.optimize.dashboard import Dashboard
+            from vibroswarm.optimize.optuna_storage import Dashboard
 
             self.show = Dashboard(journal.folder, self.archive, search.study.name).show
         self.best = math.inf
 
     def run(self) -> Found:
-        """The method, then the race of the finalists."""
+        """Run the method, then the race of the finalists."""
         search = self.search
         method: Method = method_of(search, self.archive)
-        self._drive(method, "search", search.search_runs)
+        self._run_method(method, "search", search.search_runs)
         race: Method | None = None
         if search.final_runs and len(search.objectives) == 1:
             race = Race(self.archive, self._finalists(method), search.final_runs)
-            self._drive(race, "race", search.search_runs + search.final_runs)
+            self._run_method(race, "race", search.search_runs + search.final_runs)
         if self.replaying and self.journal is not None:
             self.journal.cut()
         self.show()
@@ -126,7 +164,7 @@ class _Loop:
         return Found(search, self.archive, last.best(), method.history, race.history if race else [], front)
 
     def _finalists(self, method: Method) -> list[int]:
-        """The method's best, the optima of the surfaces through all candidates, and the starts."""
+        """Choose the method's best candidates, the optima of the response surfaces, and the starts."""
         count = min(self.search.settings.finalists, max(self.search.final_runs // 20, 1))
         keys = range(len(self.archive))
         points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
@@ -135,20 +173,20 @@ class _Loop:
         best = method.finalists(count - len(named))
         return [*best, *(self.archive.new(point, origin) for point, origin in named)]
 
-    def _drive(self, method: Method, stage: str, wanted: int) -> None:
+    def _run_method(self, method: Method, stage: str, wanted: int) -> None:
         while asks := method.ask():
-            self._do(asks, method, stage, wanted)
+            self._run_step(asks, method, stage, wanted)
             method.tell()
             if not self.replaying:
                 self.show()
             if method.history:
                 self.best = method.history[-1].best
-            self._say(method, stage, wanted, 0)
+            self._report_progress(method, stage, wanted, 0)
 
-    def _do(self, asks: Sequence[Ask], method: Method, stage: str, wanted: int) -> None:
+    def _run_step(self, asks: Sequence[Ask], method: Method, stage: str, wanted: int) -> None:
         step = next(self.before, None) if self.replaying else None
         if step is not None:
-            self._repeat(step, asks)
+            self._replay_step(step, asks)
             return
         if self.replaying and self.journal is not None:
             self.journal.cut()
@@ -157,20 +195,20 @@ class _Loop:
         found = do_pieces(
             [piece for _, piece in pieces],
             self.archive.objectives,
-            self.hands,
-            lambda done: self._say(method, stage, wanted, done),
+            self.pool,
+            lambda done: self._report_progress(method, stage, wanted, done),
         )
         by_ask: dict[int, list[Any]] = {ask.key: [] for ask in asks}
         for (ask, piece), rows in zip(pieces, found, strict=True):
             by_ask[ask.key].append(rows if not isinstance(rows, str) else (rows, piece.last - piece.first))
-        self._take_in(asks, [by_ask[ask.key] for ask in asks])
+        self._add_runs(asks, [by_ask[ask.key] for ask in asks])
         if self.journal is not None:
             self.journal.add(self.archive, asks, [by_ask[ask.key] for ask in asks])
 
-    def _repeat(self, step: Step, asks: Sequence[Ask]) -> None:
+    def _replay_step(self, step: Step, asks: Sequence[Ask]) -> None:
         if list(asks) != step.asks or [self.archive[a.key].origin for a in asks] != step.origins:
             raise RunError(
-                "the method asks for something else than the journal holds: another version of it made that; "
+                "the method requests other runs than the journal holds, which another version made; "
                 "take a new folder"
             )
         shape = (len(self.search.cases), sum(slice_.stop - slice_.start for slice_ in self.archive.columns))
@@ -185,14 +223,14 @@ class _Loop:
                     )
         for ask in asks:
             self.evaluator.pieces(ask)  # counts the runs off
-        self._take_in(asks, step.found)
+        self._add_runs(asks, step.found)
 
-    def _take_in(self, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
+    def _add_runs(self, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
         first = not self.archive.columns
         for ask, pieces in zip(asks, found, strict=True):
             for piece in pieces:
                 rows, count = (piece, piece.shape[0]) if isinstance(piece, np.ndarray) else piece
-                self.archive.take_in(ask.key, rows, count)
+                self.archive.add_runs(ask.key, rows, count)
         if first:
             self._name_columns(asks)
 
@@ -200,17 +238,14 @@ class _Loop:
         rows = [self.archive[ask.key].rows[0] for ask in asks if self.archive[ask.key].rows]
         if not rows:
             why = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
-            raise RunError(f"none of the first {sum(a.runs for a in asks)} runs could be done: {why}")
-        total = rows[0].shape[2]
-        each = [_width(objective.name) for objective in self.archive.objectives]
-        if len(each) == 1:
-            each = [total]
-        bounds = np.concatenate([[0], np.cumsum(each)]).tolist()
-        self.archive.columns = [slice(a, b) for a, b in pairwise(bounds)]
+            raise RunError(f"all of the first {sum(a.runs for a in asks)} runs failed: {why}")
+        widths = [WIDTHS.get(objective.name, 1) for objective in self.archive.objectives]
+        bounds = [0, *accumulate(widths if len(widths) > 1 else [rows[0].shape[2]])]
+        self.archive.columns = [slice(first, end) for first, end in pairwise(bounds)]
 
-    def _say(self, method: Method, stage: str, wanted: int, done: int) -> None:
-        self.tell(
-            Told(
+    def _report_progress(self, method: Method, stage: str, wanted: int, done: int) -> None:
+        self.progress(
+            SearchProgress(
                 method=method.name,
                 iteration=len(method.history),
                 iterations=method.iterations,
@@ -221,8 +256,3 @@ class _Loop:
                 stage=stage,
             )
         )
-
-
-def _width(name: str) -> int:
-    """Columns of an objective's figures."""
-    return {"time_at_error": 5, "expected_time_to_right": 2}.get(name, 1)

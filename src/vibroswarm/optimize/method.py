@@ -1,22 +1,25 @@
-"""What a method is: it asks for runs of candidates, is told when they are done, and asks again.
+"""Define the protocol of a method: it requests runs of candidates, is told when they are finished, and continues.
 
-A method keeps its own small state and reads figures from the archive. Chance comes by purpose and iteration, so that
-asking again after the same history asks for the same: that is how a search is resumed.
+A method has little state of its own and reads figures from the archive. Its random numbers depend on purpose and
+iteration only, so that it requests the same runs after the same history; this is how a search is resumed.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.optimize.archive import Archive
 
 
 class Ask(NamedTuple):
-    """So many further runs of a candidate."""
+    """A request for further runs of a candidate."""
 
     key: int
     runs: int
@@ -24,22 +27,43 @@ class Ask(NamedTuple):
 
 @dataclass(frozen=True)
 class Iteration:
-    """What a method believed after an iteration; scores are smaller the better."""
+    """The state of a method after an iteration; lower scores are better."""
 
     number: int
     runs: int
     best_key: int
     best: float
     mean: float
-    """Mean score of the candidates that were tried in it."""
+    """Mean score of the candidates of this iteration."""
     mean_point: tuple[float, ...]
-    """Mean of their places in the unit cube."""
+    """Mean of their points in the unit cube."""
     personal: tuple[float, ...] = ()
-    """Scores of the personal bests, for a swarm."""
+    """Scores of the personal bests of a particle swarm."""
+
+
+def iteration_of(
+    archive: Archive,
+    number: int,
+    keys: Sequence[int],
+    best: tuple[int, float],
+    points: NDArray[np.float64],
+    personal: Iterable[float] = (),
+) -> Iteration:
+    """Record an iteration in which the candidates ``keys`` were tried at ``points``; ``best`` is key and score."""
+    finite = [score for score in map(archive.score, keys) if math.isfinite(score)]
+    return Iteration(
+        number=number,
+        runs=archive.runs,
+        best_key=best[0],
+        best=best[1],
+        mean=float(np.mean(finite)) if finite else math.inf,
+        mean_point=tuple(float(u) for u in points.mean(axis=0)),
+        personal=tuple(float(score) for score in personal),
+    )
 
 
 class Method(Protocol):
-    """See the head of this module."""
+    """The protocol of a method, see the head of this module."""
 
     name: str
     archive: Archive
@@ -47,26 +71,26 @@ class Method(Protocol):
     iterations: int
 
     def ask(self) -> list[Ask]:
-        """Runs that are wanted now; none: the method is done."""
+        """Request runs; an empty list ends the method."""
 
     def tell(self) -> None:
-        """The runs asked for are in the archive."""
+        """Continue: the requested runs are in the archive."""
 
     def best(self) -> int:
-        """The candidate that the method takes for the best."""
+        """Return the candidate with the best estimate."""
 
     def finalists(self, count: int) -> list[int]:
-        """So many candidates that may be the best, or fewer."""
+        """Return up to ``count`` candidates that may be the best."""
 
 
 def chance(seed: int, purpose: str) -> np.random.Generator:
-    """Chance of an optimiser for one purpose, such as "pso 17"."""
+    """Create the random generator for one purpose, such as "pso 17"."""
     return generator(seed, f"optimizer: {purpose}")
 
 
 @dataclass
-class Told:
-    """How far a search is."""
+class SearchProgress:
+    """Progress of a search."""
 
     method: str
     iteration: int

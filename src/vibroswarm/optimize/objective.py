@@ -1,4 +1,4 @@
-"""The score of a candidate: a statistic of its runs' figures, the smaller the better; several floors, several aims.
+"""Compute the score of a candidate from the figures of its runs; lower is better.
 
 | statistic | score of the runs |
 |---|---|
@@ -6,12 +6,12 @@
 | mean | mean |
 | quantile 0.9 | the ceil(0.9 n)-th smallest |
 
-| aim | score of the runs |
+| composite objective | score of the runs |
 |---|---|
-| expected_time_to_right | sum of times / runs with a right consensus, s: a failed inspection is done again |
+| expected_time_to_right | sum of times / runs with a right consensus, s: a failed inspection is repeated |
 | time_at_error | mean time + T_end (excess of errors / max_error + excess of undecided / max_undecided), s |
 
-Cases are the cells of the study: the same runs on several floors, say. The score is that of the worst, or their mean.
+Cases are the cells of the study, such as several floors. The score is that of the worst case, or the mean over cases.
 """
 
 from __future__ import annotations
@@ -24,14 +24,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import (
-    Interval,
-    generator,
-    mean_interval,
-    quantile_interval,
-)
-from vibroswarm.errors import InputError, nearest
-from vibroswarm.inference.cost_outcomes import Outcomes
+from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
+from vibroswarm.errors import InputError, check_choice, nearest, number_of
+from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
 
@@ -50,16 +45,16 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Objective:
-    """What is minimised.
+    """A score to be minimised.
 
     Args:
-        name: of ``NAMES``; with a function any other.
+        name: one of ``NAMES``; with a function any other.
         statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure a run.
         over: the ``worst`` case, or the ``mean`` over cases.
         parameters: of the cost, see ``costs`` and above.
-        function: a cost of the user's: ``Outcomes`` to one number a run. Never read from a file.
+        function: a user's cost, from ``Outcomes`` to one number a run. Never read from a file.
     Raises:
-        InputError: no such name, statistic or parameter.
+        InputError: unknown name, statistic or parameter.
     """
 
     name: str = "authors_code"
@@ -70,28 +65,23 @@ class Objective:
 
     def __post_init__(self) -> None:
         if self.function is not None and self.name in NAMES:
-            raise InputError(f"'{self.name}' is a cost already; name yours otherwise", field="objective.cost")
-        if self.function is None and self.name not in NAMES:
-            raise InputError(
-                f"there is no cost '{self.name}'{nearest(self.name, NAMES)} (there are {', '.join(NAMES)})",
-                field="objective.cost",
-            )
-        if self.over not in OVER:
-            raise InputError(f"{self.over!r} is not one of {', '.join(OVER)}", field="objective.over")
+            raise InputError(f"'{self.name}' is a built-in cost; choose another name", field="objective.cost")
+        if self.function is None:
+            check_choice(self.name, "objective.cost", NAMES)
+        check_choice(self.over, "objective.over", OVER)
         self._quantile()
         known = PARAMETERS.get(self.name, ())
         for name, value in self.parameters.items():
             if name not in known:
                 raise InputError(f"the cost '{self.name}' has no such parameter{nearest(name, known)}",
                                  field=f"objective.{name}")  # fmt: skip
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-                raise InputError(f"{value!r} is wrong; give a number from 0", field=f"objective.{name}")
+            number_of(value, f"objective.{name}")
             if self.name == "time_at_error" and not 0 < value < 1:
                 raise InputError(f"{value!r} is no share; give one above 0", field=f"objective.{name}")
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Objective:
-        """From a table, the ``block``, with ``cost``, ``statistic``, ``over`` and the cost's parameters.
+        """Make an objective from a table, the ``block``, with the cost's name, statistic and parameters.
 
         Raises:
             InputError: no such cost, statistic or parameter.
@@ -106,19 +96,19 @@ class Objective:
         return cls(**named, parameters=values)
 
     def as_values(self) -> dict[str, Any]:
-        """What ``of`` reads."""
+        """Return the table that ``of`` reads."""
         return {"cost": self.name, "statistic": self.statistic, "over": self.over, **self.parameters}
 
     @property
     def words(self) -> str:
-        """In a few words."""
+        """A short description."""
         if self.name in AIMS:
             return self.name.replace("_", " ")
         return f"{self.name}, {self.statistic}"
 
     @property
     def limits(self) -> dict[str, float]:
-        """Of ``time_at_error``: the shares of wrong (of those who decide) and undecided robots that cost nothing."""
+        """The limits of ``time_at_error``: shares of wrong (of deciding) and undecided robots that add nothing."""
         if self.name != "time_at_error":
             return {}
         return {
@@ -128,11 +118,11 @@ class Objective:
 
     @property
     def unit(self) -> str:
-        """Of the score."""
+        """The unit of the score."""
         return "s" if self.name in (*AIMS, "decision_time") else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
-        """The figures of each run of ``outcomes``, (runs, columns).
+        """Compute the figures of each run of ``outcomes``, (runs, columns).
 
         Raises:
             InputError: a user's cost gives no number.
@@ -150,14 +140,14 @@ class Objective:
         )
 
     def score(self, rows: Rows) -> float:
-        """The score of a candidate with the figures ``rows`` (runs, cases, columns); infinite without runs."""
+        """Compute the score from the figures ``rows`` (runs, cases, columns); infinite without runs."""
         if rows.shape[0] == 0:
             return math.inf
         by_case = [self._of_case(rows[:, case]) for case in range(rows.shape[1])]
         return max(by_case) if self.over == "worst" else float(np.mean(by_case))
 
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
-        """The score with its limits: t for a mean, order statistics for a quantile, else bootstrap over runs.
+        """Compute the score and limits: Student's for a mean, order statistics for a quantile, else a bootstrap.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
@@ -171,9 +161,9 @@ class Objective:
         return bootstrap(self.score, rows, level, seed)
 
     def estimate(self, rows: Rows) -> tuple[float, float]:
-        """The score of ``rows`` and its standard error; freed of its bias for few runs where it is smooth (mean + sd).
+        """Estimate the score of ``rows`` and its standard error, corrected for small-sample bias if it is mean + sd.
 
-        A price that sets in at a limit, a quantile and a worst case have corners, where the correction would go wild.
+        The other scores are not smooth in the data, so that the correction would be unstable.
         """
         one = rows.shape[1] == 1 or self.over == "mean"
         freed, error = corrected(self.score, rows)
@@ -192,7 +182,7 @@ class Objective:
         elif self.statistic in ("mean", "mean+sd"):
             return None
         raise InputError(
-            f"'{self.statistic}' is none of mean+sd, mean, and quantile with a share, such as 'quantile 0.9'",
+            f"'{self.statistic}' is unknown; give mean+sd, mean, or a quantile such as 'quantile 0.9'",
             field="objective.statistic",
         )
 
@@ -220,9 +210,9 @@ class Objective:
 def bootstrap(
     score: Callable[[Rows], float], rows: Rows, level: float = 0.95, seed: int = 0, draws: int = DRAWS
 ) -> Interval:
-    """Any statistic of runs with the percentiles of its bootstrap over runs, their middle moved to the estimate.
+    """Compute a statistic of runs with a percentile bootstrap interval over runs, shifted by the bootstrap bias.
 
-    A bootstrap of a standard deviation lies too low by its own bias; without the shift the interval would too.
+    The bootstrap underestimates a standard deviation; without the shift the interval would be too low.
     """
     runs, estimate = rows.shape[0], score(rows)
     if runs < 2:
@@ -234,9 +224,9 @@ def bootstrap(
 
 
 def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:
-    """A score freed of its bias for few runs, and its standard error (jackknife, a group of runs left out at a time).
+    """Correct a score for its small-sample bias, and estimate its standard error, by the grouped jackknife.
 
-    mean + sd of 10 runs is some tenth too low, so candidates of few runs would look better than those of many.
+    mean + sd of 10 runs is too low by about a tenth, so candidates with few runs would look better than others.
     """
     runs = rows.shape[0]
     count = min(groups, runs)
@@ -257,8 +247,8 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
     return count * whole - (count - 1) * mean, error
 
 
-def several(block: Any) -> tuple[Objective, ...]:
-    """One objective from a table, several from a list of tables."""
+def objectives_from(block: Any) -> tuple[Objective, ...]:
+    """Make one objective from a table, or several from a list of tables."""
     if isinstance(block, Mapping):
         return (Objective.of(block),)
     many = isinstance(block, Sequence) and not isinstance(block, str)

@@ -1,4 +1,4 @@
-"""The noise-resistant particle swarm of the paper, asked and told.
+"""Search with the paper's noise-resistant particle swarm.
 
 | name | symbol | equation |
 |---|---|---|
@@ -6,18 +6,18 @@
 | position | p_i | p' = p + v', clipped to the bounds |
 | inertia | w | from 1.0 to 0.4, linear over the iterations |
 | weights | w_p, w_g | 0.75, 0.75 |
-| chance | R_1, R_2 | diagonal, uniform in (0, 1), one a particle, dimension and iteration |
+| random factors | R_1, R_2 | diagonal, uniform in (0, 1), for each particle, dimension and iteration |
 | evaluations | N_e | 10, and 10 more for the best 20 % |
 
-What happens to the further evaluations, and to the personal bests, is the choice of ``noise``:
+``noise`` determines who gets the extra evaluations, and how personal bests are scored:
 
-* ``fixed``, the paper: the best 20 % of the particles are evaluated further; a personal best keeps the score with which
-  it became one, and the luckiest wins.
-* ``rescore`` (default): the further evaluations go to the best 20 % of particles and personal bests together, and every
-  score is that of all evaluations so far.
-* ``ocba``: as many further evaluations, where they tell most about which is best (see ``allocation``).
+* ``fixed``, the paper: the best 20 % of the particles get them; a personal best keeps the score with which it became
+  one, so that the luckiest wins.
+* ``rescore`` (default): the best 20 % of particles and personal bests together get them, and every score uses all
+  evaluations so far.
+* ``ocba``: they are allocated where they best discriminate between candidates (see ``race``).
 
-In the last two, scores are freed of their bias for few evaluations, and compared with ``caution``.
+In the last two, scores are corrected for small-sample bias and compared with ``caution``.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from typing import Final
 
 import numpy as np
 
-from vibroswarm.errors import InputError
-from vibroswarm.optimize.allocation import ask_for
+from vibroswarm.errors import InputError, check_choice, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Ask, Iteration, chance
+from vibroswarm.optimize.method import Ask, Iteration, chance, iteration_of
+from vibroswarm.optimize.race import allocate_runs
 from vibroswarm.optimize.space import Point
 
 NOISE: Final = ("rescore", "ocba", "fixed")
@@ -39,11 +39,11 @@ NOISE: Final = ("rescore", "ocba", "fixed")
 
 @dataclass(frozen=True)
 class PsoSettings:
-    """The swarm's settings; those of the paper but for ``noise``.
+    """The swarm's settings; defaults are the paper's except for ``noise``.
 
     Args:
         particles, iterations: how many. evaluations: runs of each particle in each iteration.
-        extra, extra_share: so many runs more for this share of the best.
+        extra, extra_share: number of extra runs, and the share of the best that get them.
         inertia_first, inertia_last: omega, falling linearly. weight_personal, weight_global: omega_p, omega_g.
         first_velocity, caution: see below.
         noise: ``rescore``, ``ocba`` or ``fixed`` (the paper), see docs/optimizing.md.
@@ -61,48 +61,39 @@ class PsoSettings:
     weight_personal: float = 0.75
     weight_global: float = 0.75
     first_velocity: float = 0.1
-    """Velocities begin uniform between minus and plus this share of the bounds."""
+    """Initial velocities are uniform between minus and plus this fraction of the bounds."""
     noise: str = "rescore"
     caution: float = 1.0
-    """Unless ``fixed``: candidates are compared by score plus so many standard errors, for little known is not good."""
+    """Unless ``fixed``: candidates are compared by score plus this number of standard errors."""
 
     def __post_init__(self) -> None:
         for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < low:
-                raise InputError(f"{value!r} is wrong; give a whole number from {low}", field=f"pso.{name}")
+            whole_number_of(getattr(self, name), f"pso.{name}", low, 10**9)
         for name in (
             "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global",
             "first_velocity", "caution",
         ):  # fmt: skip
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1e3:
-                raise InputError(f"{value!r} is wrong; give a number from 0", field=f"pso.{name}")
-        if self.extra_share > 1:
-            raise InputError(
-                f"{self.extra_share!r} is no share; give one from 0 to 1", field="pso.extra_share"
-            )
-        if self.noise not in NOISE:
-            raise InputError(f"{self.noise!r} is not one of {', '.join(NOISE)}", field="pso.noise")
+            number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
+        check_choice(self.noise, "pso.noise", NOISE)
 
     @property
     def best_of(self) -> int:
-        """How many particles are evaluated further."""
+        """Number of particles with extra evaluations."""
         return math.ceil(self.extra_share * self.particles - 1e-9)
 
     @property
     def runs_an_iteration(self) -> int:
-        """Runs that one iteration takes."""
+        """Runs in one iteration."""
         return self.particles * self.evaluations + self.extra_runs
 
     @property
     def extra_runs(self) -> int:
-        """Of which further ones."""
+        """Extra runs in one iteration."""
         return self.best_of * self.extra
 
 
 class Pso:
-    """The swarm; positions in the unit cube."""
+    """The swarm, with positions in the unit cube."""
 
     name = "pso"
 
@@ -123,41 +114,45 @@ class Pso:
         self.current: list[int] = []
         self.personal: list[int] = []
         self.kept = np.full(settings.particles, math.inf)
-        """Scores of the personal bests as they were kept, for ``fixed``."""
+        """Scores of the personal bests when they became so, for ``fixed``."""
 
     def ask(self) -> list[Ask]:
-        """All particles; then the further evaluations."""
+        """Request runs of all particles, then the extra evaluations."""
         if self.iteration == self.iterations:
             return []
         if not self.extras:
             origin = f"pso {self.iteration + 1}"
             self.current = [self.archive.new(point, origin) for point in self.position]
             return [Ask(key, self.settings.evaluations) for key in self.current]
-        return self._further()
+        return self._extra_asks()
 
     def tell(self) -> None:
-        """After the further evaluations: personal bests, then the next positions."""
+        """After the extra evaluations, update the personal bests and move the particles."""
         if not self.extras and self.settings.extra_runs:
             self.extras = True
-            if self._further():
+            if self._extra_asks():
                 return
         self.extras = False
         self._update_bests()
-        self._write_down()
         self.iteration += 1
+        personal, best = self._personal_scores(), self.best()
+        lowest = (best, float(personal.min()))
+        self.history.append(
+            iteration_of(self.archive, self.iteration, self.current, lowest, self.position, personal)
+        )
         if self.iteration < self.iterations:
             self._move()
 
     def best(self) -> int:
-        """The global best."""
+        """Return the global best."""
         return self.personal[int(np.argmin(self._personal_scores()))]
 
     def finalists(self, count: int) -> list[int]:
-        """The best of the personal bests, each once."""
+        """Return the best personal bests, each once."""
         order = np.argsort(self._personal_scores(), kind="stable")
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
-    def _further(self) -> list[Ask]:
+    def _extra_asks(self) -> list[Ask]:
         settings, archive = self.settings, self.archive
         if settings.noise == "fixed":
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
@@ -166,7 +161,7 @@ class Pso:
         if settings.noise == "rescore":
             among.sort(key=lambda k: (archive.estimate(k)[0], k))
             return [Ask(key, settings.extra) for key in among[: settings.best_of]]
-        return ask_for(archive, among, settings.extra_runs)
+        return allocate_runs(archive, among, settings.extra_runs)
 
     def _update_bests(self) -> None:
         now = np.array([self._score(key) for key in self.current])
@@ -186,22 +181,6 @@ class Pso:
         if self.settings.noise == "fixed":
             return self.kept
         return np.array([self._score(key) for key in self.personal])
-
-    def _write_down(self) -> None:
-        scores = [self.archive.score(key) for key in self.current]
-        there = [s for s in scores if math.isfinite(s)]
-        personal = self._personal_scores()
-        self.history.append(
-            Iteration(
-                number=self.iteration + 1,
-                runs=self.archive.runs,
-                best_key=self.best(),
-                best=float(personal.min()),
-                mean=float(np.mean(there)) if there else math.inf,
-                mean_point=tuple(float(u) for u in self.position.mean(axis=0)),
-                personal=tuple(float(s) for s in personal),
-            )
-        )
 
     def _move(self) -> None:
         settings = self.settings

@@ -1,29 +1,97 @@
-"""The last stage of a search: those that may be the best run again, on fresh runs that no choice was made by.
+"""Allocate runs by optimal computing budget allocation (OCBA): where they best discriminate between candidates.
 
-A candidate that looked good on the runs by which it was chosen was partly lucky. So each finalist begins anew, gets a
-first share of the runs, and more goes where it tells most about which is best (see ``allocation``). The last share is
-the winner's alone: no choice follows it.
+| name | symbol | equation |
+|---|---|---|
+| best | b | the smallest estimate |
+| distance | d_i | estimate_i - estimate_b |
+| noise | s_i | standard error times sqrt(runs): the noise of one run |
+| runs | N_i, N_b | N_i proportional to (s_i / d_i)^2; N_b = s_b sqrt(sum over i of (N_i / s_i)^2) |
+
+Chen, Lin, Yuecesan and Chick, "Simulation budget allocation for further enhancing the efficiency of ordinal
+optimization", Discrete Event Dynamic Systems 10 (2000).
+
+The last stage of a search is a race: finalists run again on fresh runs, which played no part in choosing them.
+
+A candidate that looked good on the runs by which it was chosen was partly lucky. So each finalist starts without runs
+and gets an equal first share; OCBA allocates further runs. The last share goes to the winner alone.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
-from vibroswarm.optimize.allocation import ask_for
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask, Iteration
 
+
+def allocate(
+    estimates: Sequence[float], errors: Sequence[float], counts: Sequence[int], more: int
+) -> NDArray[np.int64]:
+    """Divide ``more`` runs among candidates, shape as the inputs.
+
+    Args:
+        estimates, errors: score and its standard error; candidates without finite values get none.
+        counts: runs so far.
+    """
+    value, n = np.asarray(estimates, dtype=np.float64), np.asarray(counts, dtype=np.float64)
+    error = np.asarray(errors, dtype=np.float64)
+    given = np.zeros(value.size, dtype=np.int64)
+    there = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
+    if there.size == 0 or more <= 0:
+        return given
+    if there.size == 1:
+        given[there[0]] = more
+        return given
+    value, n = value[there], n[there]
+    noise = np.maximum(error[there] * np.sqrt(n), 1e-12)
+    best = int(np.argmin(value))
+    # Differences below their own error are not resolved, so near-equal candidates share runs instead of one taking all.
+    distance = np.maximum(value - value[best], 0.5 * noise / np.sqrt(n) + 1e-12)
+    weight = (noise / distance) ** 2
+    others = np.arange(value.size) != best
+    weight[best] = noise[best] * np.sqrt(float(((weight[others] / noise[others]) ** 2).sum()))
+    given[there] = _share_out(weight, n, more)
+    return given
+
+
+def allocate_runs(archive: Archive, keys: Sequence[int], more: int) -> list[Ask]:
+    """Request further runs of candidates as ``allocate`` divides them."""
+    found = [archive.estimate(key) for key in keys]
+    given = allocate([f[0] for f in found], [f[1] for f in found], [archive.count(k) for k in keys], more)
+    return [Ask(key, int(count)) for key, count in zip(keys, given, strict=True) if count]
+
+
+def _share_out(weight: NDArray[np.float64], there: NDArray[np.float64], more: int) -> NDArray[np.int64]:
+    """Divide ``more`` runs so that the totals come as close as possible to the shares of the weights."""
+    active = np.ones(weight.size, dtype=np.bool_)
+    while True:  # those above their share get none; the others share the rest
+        total = there[active].sum() + more
+        wanted = np.where(active, weight / weight[active].sum() * total - there, 0.0)
+        if (wanted[active] >= 0).all():
+            break
+        active &= wanted >= 0
+    whole = np.floor(wanted).astype(np.int64)
+    left = more - int(whole.sum())
+    rest = np.argsort(-(wanted - whole), kind="stable")[:left]
+    whole[rest] += 1
+    return whole
+
+
 FIRST_SHARE: Final = 0.3
-"""Of the runs, given to all alike."""
+"""Share of the runs divided equally."""
 LAST_SHARE: Final = 0.3
-"""Of the runs, given to the winner."""
+"""Share of the runs for the winner."""
 ROUNDS: Final = 5
-"""Of what lies between."""
+"""Rounds of allocation between the first and the last share."""
 
 
 class Race:
-    """Finalists of a search against each other."""
+    """The race of the finalists of a search."""
 
     name = "race"
 
@@ -39,7 +107,7 @@ class Race:
         self.winner: int | None = None
 
     def ask(self) -> list[Ask]:
-        """All alike first, then in rounds, then the winner."""
+        """Request equal runs first, then rounds of allocation, then the winner's runs."""
         if self.iteration == self.iterations:
             return []
         alone = len(self.keys) == 1
@@ -50,7 +118,7 @@ class Race:
             return [Ask(key, first) for key in self.keys]
         if 0 < self.iteration <= ROUNDS and not alone:
             each = between // ROUNDS
-            asks = ask_for(
+            asks = allocate_runs(
                 self.archive, self.keys, each if self.iteration < ROUNDS else between - each * (ROUNDS - 1)
             )
             if asks:
@@ -61,7 +129,7 @@ class Race:
         return [Ask(self.winner, left)] if left > 0 else []
 
     def tell(self) -> None:
-        """A round is done."""
+        """Record a finished round."""
         self.iteration += 1
         best = self.best()
         scores = [self.archive.estimate(key)[0] for key in self.keys]
@@ -78,9 +146,9 @@ class Race:
         )
 
     def best(self) -> int:
-        """The winner so far."""
+        """Return the winner so far."""
         return self.archive.best(self.keys) if self.winner is None else self.winner
 
     def finalists(self, count: int) -> list[int]:
-        """The best, in order."""
+        """Return the best candidates in order."""
         return sorted(self.keys, key=lambda k: (self.archive.estimate(k)[0], k))[:count]

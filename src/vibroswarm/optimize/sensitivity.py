@@ -1,20 +1,25 @@
-"""Which fields matter: shares of the variance of the cost over the space, the noise of the runs taken out.
+"""Estimate which fields matter: Sobol indices of the cost, corrected for the noise of runs, and PED-ANOVA.
 
 | name | symbol | equation |
 |---|---|---|
-| first order | S_i | Var(E(Y given u_i)) / Var(Y): what the field does alone |
+| first order | S_i | Var(E(Y given u_i)) / Var(Y): the effect of the field alone |
 | total | S_Ti | 1 - Var(E(Y given all but u_i)) / Var(Y): with all its interactions |
 | noise | - | mean over points of s^2 / R: the variance that R replicates leave in a point's mean |
-| freed of noise | - | the noise taken off: S_i V / (V - noise), (S_Ti V - noise) / (V - noise) |
+| corrected | - | S_i V / (V - noise), (S_Ti V - noise) / (V - noise) |
 
-Saltelli's design: (d + 2) N points, R runs each with numbers of their own, averaged before the indices are
-computed. The noise of a point's mean is independent of that of all others: it adds to Var(Y), adds nothing to the
-covariances in S_i, and adds to the squared differences in S_Ti. Y is the mean of the cost; a standard deviation of few
-runs would be noise. With several cases it is the mean over them.
+Saltelli's design has (d + 2) N points with R independent runs each, averaged before the indices are computed. The noise
+of a point's mean is independent of that of all others: it adds to Var(Y), adds nothing to the covariances in S_i, and
+adds to the squared differences in S_Ti. Y is the mean of the cost, since a standard deviation of few runs would be
+noise. With several cases it is the mean over them.
+
+PED-ANOVA needs no further runs. Field by field it compares the distribution of the best candidates of a search with
+that of all (Watanabe, Bansal and Hutter, "PED-ANOVA", IJCAI 2023; through Optuna). It is robust to noise, but describes
+only the region that the search explored; Sobol indices describe the whole space.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -26,10 +31,13 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.csv_text import csv_bytes
+from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.files import whole_file
 from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.optuna_samplers import ignore_warnings, optuna
+from vibroswarm.optimize.optuna_storage import distribution_of
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
 
@@ -39,7 +47,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Field:
-    """The shares of one field, with their 95 % limits."""
+    """The indices of one field, with 95 % limits."""
 
     name: str
     first: float
@@ -52,7 +60,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The shares of all fields, the largest total first."""
+    """The indices of all fields, the largest total first."""
 
     fields: tuple[Field, ...]
     points: int
@@ -60,7 +68,7 @@ class Sensitivity:
     runs: int
     failed: int
     noise_share: float
-    """Of the variance of the points' means, what is noise of the runs."""
+    """Share of the variance of the points' means that is noise of the runs."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -74,13 +82,13 @@ def sobol_indices(
     replicates: int = PIECE,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    tell: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Sensitivity:
-    """Sobol indices of the mean cost over the space of a search.
+    """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
-        search: its space, scenario and first objective count. budget: runs. replicates: of each point.
-        executor, workers: see ``study.executors``. tell: called as runs come back.
+        search: defines space, scenario and first objective. budget: runs. replicates: of each point.
+        executor, workers: see ``study.executors``. progress: called as runs come back.
     Raises:
         InputError: SALib is not there, or the budget is too small. RunError: a run failed.
     """
@@ -92,8 +100,8 @@ def sobol_indices(
               k * replicates, (k + 1) * replicates)
         for k, point in enumerate(design)
     ]  # fmt: skip
-    with workers_for(executor, workers) as hands:
-        found = do_pieces(pieces, search.objectives[:1], hands, tell)
+    with workers_for(executor, workers) as pool:
+        found = do_pieces(pieces, search.objectives[:1], pool, progress)
     bad = [rows for rows in found if isinstance(rows, str)]
     if bad:
         raise RunError(f"{len(bad) * replicates} runs failed, and every point is needed: {bad[0]}")
@@ -102,7 +110,7 @@ def sobol_indices(
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:
-    """The design, (N (d + 2), d), in the unit cube.
+    """Draw Saltelli's design in the unit cube, (N (d + 2), d).
 
     Raises:
         InputError: SALib is not there, or too few points.
@@ -127,7 +135,7 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
 
 
 def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
-    """The shares from the costs of a design's runs, (N (d + 2), replicates)."""
+    """Compute the indices from the costs of a design's runs, (N (d + 2), replicates)."""
     dimensions, replicates = len(names), costs.shape[1]
     mean = costs.mean(axis=1)
     noise = costs.var(axis=1, ddof=1) / replicates if replicates > 1 else np.zeros(mean.size)
@@ -158,7 +166,7 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
 
 
 def _shares(rows: Array, noise: Array) -> Array:
-    """First-order and total shares, (2, d). Columns of a row: A, A with column i of B for each i, B (Saltelli 2010)."""
+    """Compute first-order and total indices, (2, d), from rows A, A with column i of B, B (Saltelli 2010)."""
     a, b = rows[:, 0], rows[:, -1]
     whole = np.concatenate([a, b])
     centre, variance = whole.mean(), whole.var() - float(noise.mean())
@@ -171,15 +179,43 @@ def _shares(rows: Array, noise: Array) -> Array:
 
 
 def write_sensitivity(found: Sensitivity, folder: str | Path) -> None:
-    """Keep the shares as ``sensitivity.csv``.
+    """Write the indices as ``sensitivity.csv``.
 
     Raises:
         RunError: it cannot be written.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(folder / "sensitivity.csv") as part:
-            part.write_bytes(csv_bytes(pl.DataFrame([vars(one) for one in found.fields])))
-    except OSError as error:
-        raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
+    table = pl.DataFrame([vars(one) for one in found.fields])
+    write_files(Path(folder), {"sensitivity.csv": csv_bytes(table)})
+
+
+MIN_CANDIDATES: Final = 20
+"""Candidates."""
+
+
+def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
+    """Compute the importance of each field, the largest first; the sum is 1.
+
+    Args:
+        found: a finished search. best_share: share of the candidates that count as good.
+    Raises:
+        InputError: Optuna is not there, too few candidates, or a share outside (0, 1).
+    """
+    if not 0 < best_share < 1:
+        raise InputError(f"{best_share!r} is no share", field="best_share")
+    library, archive = optuna(), found.archive
+    distributions = {d.name: distribution_of(library, d) for d in archive.space}
+    scored = [(c, archive.score(c.key)) for c in archive.candidates]
+    there = [(c, score) for c, score in scored if math.isfinite(score)]
+    if len(there) < MIN_CANDIDATES:
+        raise InputError(f"{len(there)} candidates are too few; at least {MIN_CANDIDATES}", field="found")
+    with ignore_warnings():
+        study = library.create_study()
+        for candidate, score in there:
+            study.add_trial(
+                library.trial.create_trial(
+                    params=dict(candidate.values), distributions=distributions, value=score
+                )
+            )
+        evaluator = library.importance.PedAnovaImportanceEvaluator(target_quantile=best_share)
+        importances = library.importance.get_param_importances(study, evaluator=evaluator)
+    return {str(name): float(share) for name, share in importances.items()}

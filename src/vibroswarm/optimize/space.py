@@ -1,12 +1,12 @@
-"""What a search may change: fields of a scenario with their bounds, seen as a unit cube.
+"""Map the fields that a search may change to a unit cube and back.
 
     [space]
     "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
     "decision.min_observations" = { from = 1, to = 500, scale = "log" }
     "strategy.name" = ["none", "soft"]
 
-A method knows nothing but points of the cube. A field of whole numbers is rounded when a point becomes values; a list
-stands for its values at equal shares of [0, 1].
+Methods only use points of the cube. Fields with whole numbers are rounded when a point is turned into values; the
+values of a list occupy equal parts of [0, 1].
 
 | name | symbol | bounds in the paper |
 |---|---|---|
@@ -27,13 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.scenario import Scenario, value_of
-from vibroswarm.study.varied import bounds_of, fields_in, rounded
+from vibroswarm.scenario.scenario import Scenario, value_of
+from vibroswarm.study.factors import bounds_of, fields_in, rounded
 
 Point = NDArray[np.float64]
-"""A place in the unit cube, (dimensions,)."""
+"""A point in the unit cube, (dimensions,)."""
 Values = dict[str, Any]
-"""Fields by dotted name, and their values."""
+"""Values of fields by dotted name."""
 
 PAPER: Final[dict[str, Any]] = {
     "walk.walk_duration_location_ms": {"from": 0, "to": 20000},
@@ -47,7 +47,7 @@ PAPER: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Dimension:
-    """One field: its ends and scale, or its choices."""
+    """One field with its bounds and scale, or its choices."""
 
     name: str
     low: float
@@ -58,10 +58,10 @@ class Dimension:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Dimension:
-        """From ``{from, to, scale, whole}`` or a list of values.
+        """Read a dimension from ``{from, to, scale, whole}`` or a list of values.
 
         Raises:
-            InputError: bounds that are crossed, a log scale from 0, an empty list.
+            InputError: the bounds are reversed, a log scale starts at 0, or the list is empty.
         """
         where = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
@@ -76,7 +76,7 @@ class Dimension:
         return cls(name, float(low), float(high), scale, whole)
 
     def value(self, u: float) -> Any:
-        """The value at the share ``u`` in [0, 1]."""
+        """Return the value at the fraction ``u`` in [0, 1]."""
         if self.choices:
             return self.choices[min(int(u * len(self.choices)), len(self.choices) - 1)]
         if u in (0.0, 1.0):
@@ -86,10 +86,10 @@ class Dimension:
         return rounded(self.low + u * (self.high - self.low), self.whole)
 
     def share(self, value: Any) -> float:
-        """The share at which the value lies.
+        """Return the fraction of the range at which a value lies.
 
         Raises:
-            InputError: outside the bounds, or not among the choices.
+            InputError: the value is out of bounds or not among the choices.
         """
         if self.choices:
             if value not in self.choices:
@@ -115,10 +115,10 @@ class Space:
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """From a table of fields, the ``block``, as TOML gives it.
+        """Read a space from a table of fields, the ``block``.
 
         Raises:
-            InputError: an unknown field, no field, wrong bounds.
+            InputError: a field is unknown or has wrong bounds, or there is none.
         """
         given = fields_in(block, "space")
         if not given:
@@ -132,16 +132,16 @@ class Space:
 
     @property
     def size(self) -> int:
-        """How many fields."""
+        """Number of fields."""
         return len(self.dimensions)
 
     @property
     def names(self) -> list[str]:
-        """The fields, by dotted name."""
+        """Dotted names of the fields."""
         return [d.name for d in self.dimensions]
 
     def to_block(self) -> dict[str, Any]:
-        """What ``of`` reads."""
+        """Return the table that ``of`` reads."""
         block: dict[str, Any] = {}
         for d in self.dimensions:
             ends = {"from": d.low, "to": d.high, "scale": d.scale, "whole": d.whole}
@@ -149,11 +149,11 @@ class Space:
         return block
 
     def values(self, point: Point) -> Values:
-        """The values at a point of the cube."""
+        """Return the values at a point of the cube."""
         return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> Point:
-        """The place of values in the cube.
+        """Return the point of the cube for values.
 
         Raises:
             InputError: a field is missing, unknown to the space, or out of bounds.
@@ -167,5 +167,5 @@ class Space:
         return np.array([d.share(values[d.name]) for d in self.dimensions])
 
     def values_of(self, scenario: Scenario) -> Values:
-        """What a scenario has in these fields."""
+        """Return a scenario's values of these fields."""
         return {name: value_of(scenario, name) for name in self.names}

@@ -1,4 +1,4 @@
-"""A search: what is searched over, what is minimised, how, and how long. Frozen, checked, TOML in and out.
+"""Define a search: space, objectives, method and budget; read and write it as TOML.
 
     seed = 1
     start = ["paper-empirical"]             # presets, or tables of values; always among the first candidates
@@ -13,8 +13,8 @@
     [pso]
     particles = 25
 
-Without a space it is the paper's, begun from P0. Blocks of varied fields, as a study has them, are the cases on which
-every candidate is tried: several floors, say.
+The default space is the paper's, with P0 as the start. Blocks of varied fields, as in a study, are the cases in which
+every candidate is evaluated, such as several floors.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
+from vibroswarm.errors import InputError, check_choice, nearest, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.optimize.evaluate import NUMBERS
-from vibroswarm.optimize.objective import Objective, several
+from vibroswarm.optimize.objective import Objective, objectives_from
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.space import PAPER, Point, Space
-from vibroswarm.plain_files import read_text
-from vibroswarm.presets import preset, preset_names
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.presets import preset_names
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.spec import Cell, Study
 
 FORMAT: Final = 2
@@ -51,19 +51,19 @@ FINAL_SHARE: Final = 0.4
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How a search goes, whatever the method.
+    """Settings of a search that all methods share.
 
     Args:
-        method: of ``METHODS``.
+        method: one of ``METHODS``.
         evaluations: runs a candidate, for methods other than pso, which has its own.
-        budget: runs of the search, all told; pso takes as many iterations as fit. Without: 15,000, as the paper
-            took with its 50 iterations.
-        final: of these, runs of the race of the finalists (0: the best as the search left it); without, 40 %.
-        finalists: how many run in it.
-        surface: let the optima of a surface through all candidates run in it too.
+        budget: total runs of the search; pso makes as many iterations as fit. Default: 15,000, those of the paper's
+            50 iterations.
+        final: runs of the race of the finalists, part of the budget (0: no race); by default 40 %.
+        finalists: number of finalists.
+        surface: whether minima of a response surface are finalists too.
         numbers: ``independent`` runs for each evaluation, or ``common`` ones.
-        fresh: runs on which the winner is scored in the end, beyond the budget.
-        dashboard: keep a copy in Optuna's storage, for its dashboard; without, for the methods of Optuna only.
+        fresh: runs on which the winner is validated, in addition to the budget.
+        dashboard: write a copy for Optuna's dashboard; by default only for Optuna's methods.
     """
 
     method: str = "pso"
@@ -77,36 +77,25 @@ class SearchSettings:
     dashboard: bool | None = None
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(
-                f"there is no method '{self.method}'{nearest(self.method, METHODS)} (there are {', '.join(METHODS)},"
-                " and grid)",
-                field="search.method",
-            )
-        if self.numbers not in NUMBERS:
-            raise InputError(f"{self.numbers!r} is not one of {', '.join(NUMBERS)}", field="search.numbers")
+        check_choice(self.method, "search.method", METHODS)
+        check_choice(self.numbers, "search.numbers", NUMBERS)
         for name in ("surface", "dashboard"):
             if not isinstance(getattr(self, name), bool | None):
                 raise InputError(f"{getattr(self, name)!r}: true or false", field=f"search.{name}")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**9:
-                raise InputError(
-                    f"{value!r} is wrong; give a whole number from {low}", field=f"search.{name}"
-                )
+            if (value := getattr(self, name)) is not None:
+                whole_number_of(value, f"search.{name}", low, 10**9)
 
 
 @dataclass(frozen=True)
 class Search:
-    """See the head of this module.
+    """The definition of a search, see the head of this module.
 
     Args:
-        study: the scenario and the cases (its cells), the seed and the source of motion; its runs do not matter.
+        study: the scenario and the cases (its cells), the seed and the source of motion; its runs are ignored.
         space: fields with bounds. objectives: one, or several for nsga2.
-        settings: method, budget and the rest. pso: what only that method has.
-        start: presets by name, or values of the space's fields. Without: the paper's P0 in the paper's space.
+        settings: method, budget and others. pso: settings of that method.
+        start: presets by name, or values of the space's fields. Default: the paper's P0 in the paper's space.
     Raises:
         InputError: naming what is wrong, and what would be right.
     """
@@ -144,18 +133,15 @@ class Search:
         folder: str | Path | None = None,
         method: str | None = None,
     ) -> Search:
-        """A search from TOML text.
+        """Read a search from TOML text.
 
         Args:
             text: TOML. name: what errors call it. folder: where files of floors that it names lie.
-            method: in place of its own; several objectives without one take nsga2.
+            method: overrides that of the text; the default for several objectives is nsga2.
         Raises:
             InputError: not TOML, or naming what is wrong in it.
         """
-        try:
-            values = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"is not TOML: {error}", field=name) from None
+        values = parsed_toml(text, name)
         own = {key: values.pop(key) for key in KEYS if key in values}
         known = [f.name for f in fields(Study)]
         for key in values:
@@ -168,7 +154,7 @@ class Search:
         start = own.get("start")
         if start is not None and not isinstance(start, list):
             raise InputError("is a list of presets or of tables of values", field="start")
-        objectives, settings = several(own.get("objective", {})), own.get("search", {})
+        objectives, settings = objectives_from(own.get("objective", {})), own.get("search", {})
         if isinstance(settings, Mapping):
             given = {"method": "nsga2"} if len(objectives) > 1 else {}
             settings = given | dict(settings) | ({} if method is None else {"method": method})
@@ -183,7 +169,7 @@ class Search:
 
     @classmethod
     def read(cls, path: str | Path, *, method: str | None = None) -> Search:
-        """A search from the TOML file ``path``, by ``method``; floors that it names by file lie beside it.
+        """Read a search from the TOML file ``path``, optionally with another ``method``; floor files are beside it.
 
         Raises:
             InputError: it cannot be read, or something in it is wrong.
@@ -192,7 +178,7 @@ class Search:
         return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent, method=method)
 
     def to_values(self) -> dict[str, Any]:
-        """As TOML has it, standing alone."""
+        """Return the self-contained values for TOML."""
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
         values["start"] = list(self._start)
         values["space"] = self.space.to_block()
@@ -202,10 +188,10 @@ class Search:
         return values | {"pso": dict(vars(self.pso))}
 
     def to_toml(self) -> str:
-        """The search as TOML; ``from_toml`` gives back an equal one.
+        """Write the search as TOML; ``from_toml`` reads an equal one.
 
         Raises:
-            InputError: its cost is a function, which no file holds.
+            InputError: its cost is a function, which a file cannot hold.
         """
         import tomli_w
 
@@ -214,22 +200,22 @@ class Search:
         return tomli_w.dumps(self.to_values())
 
     def with_settings(self, **changed: Any) -> Search:
-        """A copy with some of the ``SearchSettings`` ``changed``, by name."""
+        """Copy the search with some ``SearchSettings`` ``changed``."""
         return replace(self, settings=replace(self.settings, **changed))
 
     @property
     def seed(self) -> int:
-        """Of all that is drawn."""
+        """Seed of all random numbers."""
         return self.study.seed
 
     @property
     def cases(self) -> tuple[Cell, ...]:
-        """The scenarios in which every candidate is tried."""
+        """The scenarios in which every candidate is evaluated."""
         return self.study.cells
 
     @cached_property
     def starts(self) -> list[Point]:
-        """Where the search begins, in the unit cube.
+        """The starts as points in the unit cube.
 
         Raises:
             InputError: a start outside the bounds, an unknown preset.
@@ -258,12 +244,12 @@ class Search:
 
     @property
     def budget(self) -> int:
-        """Runs of the search, all told; without a number, as many as the paper's swarm took."""
+        """Total runs of the search; by default those of the paper's swarm."""
         return self.settings.budget or self.pso.runs_an_iteration * self.pso.iterations
 
     @property
     def final_runs(self) -> int:
-        """Runs of the race of the finalists: none with several objectives, or in the paper's own way."""
+        """Runs of the race of the finalists: none with several objectives, or with the paper's method."""
         if self.settings.final is not None:
             return self.settings.final
         if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.noise == "fixed"):
@@ -287,37 +273,37 @@ class Search:
 
     @property
     def has_dashboard(self) -> bool:
-        """Whether Optuna's storage gets a copy."""
+        """Whether a copy for Optuna's dashboard is written."""
         wanted = self.settings.dashboard
         return self.settings.method in OF_OPTUNA if wanted is None else wanted
 
     @property
     def pso_settings(self) -> PsoSettings:
-        """Of the swarm, with as many iterations as the budget has room for.
+        """Settings of the swarm, with as many iterations as fit into the budget.
 
         Raises:
-            InputError: the budget does not last for one.
+            InputError: the budget is too small for one.
         """
         if self.settings.method != "pso":
             return self.pso
         iterations = self.search_budget // self.pso.runs_an_iteration
         if iterations < 1:
             raise InputError(
-                f"{self.search_budget} runs do not last for one iteration, which takes {self.pso.runs_an_iteration}",
+                f"{self.search_budget} runs are too few for one iteration, which takes {self.pso.runs_an_iteration}",
                 field="search.budget",
             )
         return replace(self.pso, iterations=iterations)
 
     @property
     def search_runs(self) -> int:
-        """Runs that the method takes, without the race."""
+        """Runs of the method, without the race."""
         if self.settings.method == "pso":
             return self.pso_settings.runs_an_iteration * self.pso_settings.iterations
         return self.search_budget
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits that change with whatever changes the search."""
+        """16 hexadecimal digits that identify the search."""
         values = self.to_values()
         values.pop("runs", None)
         text = json.dumps(values, sort_keys=True, default=str)
@@ -325,7 +311,7 @@ class Search:
 
 
 def differences(there: Search, given: Search) -> list[str]:
-    """What tells two searches apart, field by field, in words."""
+    """Say in which fields two searches differ."""
     old, new = dict(_flat(there.to_values())), dict(_flat(given.to_values()))
     return [
         f"{name} is {old.get(name, 'not set')!r} there and {new.get(name, 'not set')!r} here"
@@ -353,7 +339,7 @@ def _settings(kind: Any, block: Any, name: str) -> Any:
 
 
 def check_scenario(scenario: Scenario, where: str) -> None:
-    """Refuse a scenario in which no decision is right."""
+    """Refuse a scenario in which no decision is right, since no cost is defined there."""
     floor = scenario.floor_for(0, 0)
     alike = not scenario.floor.drawn_by_run or scenario.task.name == "fill_ratio"  # the answer, for all runs
     if alike and truth_on(scenario, floor) is None:

@@ -1,1 +1,1 @@
-"""The paper computed anew: its figures and tables, and a verdict on each of its claims."""
+"""Reproduction of the paper: its figures and tables, and a verdict on each of its claims."""

@@ -1,13 +1,15 @@
-"""The reproduction as one zip file: scenarios, seeds, versions and results, from which anybody can confirm it.
+"""Write the reproduction as one zip file: scenarios, seeds, versions and results, with which anyone can verify it.
 
-| entry | holds |
+| entry | content |
 |---|---|
 | archive.json | format, settings, versions, items, the SHA-256 of each other entry |
 | scenarios/HASH.toml | all scenarios |
 | cells.csv | one row a cell: scenario, seed, engine, runs, digest of its table of robots, its figures, its command |
 | robots.csv | the table of robots of the first runs of each cell |
-| measured.csv, claims.csv | what claims were decided by, and the verdicts |
+| measured.csv, claims.csv | the values that decided the claims, and the verdicts |
 | tables/NAME.csv | the tables of all items |
+
+A zip file of unknown origin is read as data: nothing is unpacked or run; names and sizes are checked.
 """
 
 from __future__ import annotations
@@ -15,37 +17,110 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from pathlib import Path
-from typing import Any, Final
+from types import TracebackType
+from typing import Any, Final, Self
 
 import polars as pl
 
-from vibroswarm.csv_text import csv_bytes
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.files import whole_file
-from vibroswarm.paper.cells import Came, Cell
+from vibroswarm.paper.cells import Cell, CellResults
 from vibroswarm.paper.item import CLAIMS
-from vibroswarm.paper.report import cells_table, claims_table, command_of
 from vibroswarm.paper.reproduce import Reproduction
+from vibroswarm.paper.reproduction_report import cells_table, claims_table, command_of
 from vibroswarm.simulation import versions
 
-FORMAT: Final = 3
+MOST_ENTRIES: Final = 20_000
+MOST_BYTES: Final = 512 * 2**20
+"""Total size of all entries, unpacked."""
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*)?(\.[a-z]+)?")
+
+
+class Zipped:
+    """An open zip file whose entries have plain names and bounded sizes.
+
+    Raises:
+        InputError: not a zip file, a malformed name, too many or too large entries.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise InputError("is not a file", field=str(path))
+        try:
+            self._file = zipfile.ZipFile(path)
+        except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            raise InputError(f"is not a zip file ({error})", field=str(path)) from None
+        try:
+            self.names = self._checked()
+        except InputError:
+            self._file.close()
+            raise
+
+    def _checked(self) -> list[str]:
+        """Names of all entries, checked with their sizes and compression."""
+        entries = self._file.infolist()
+        names = [entry.filename for entry in entries]
+        if len(entries) > MOST_ENTRIES or sum(entry.file_size for entry in entries) > MOST_BYTES:
+            raise InputError(
+                f"is too large: at most {MOST_ENTRIES} files of 512 MiB in all", field=str(self.path)
+            )
+        if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
+            # Other methods may need gigabytes of memory.
+            raise InputError("uses an unsupported compression method; use deflate", field=str(self.path))
+        odd = [name for name in names if not _NAME.fullmatch(name)]
+        if odd or len(set(names)) != len(names):
+            raise InputError(f"has a file with an invalid name, {(odd or names)[0]!r}", field=str(self.path))
+        return names
+
+    def read(self, name: str) -> bytes:
+        """Bytes of an entry.
+
+        Raises:
+            InputError: the entry is missing, damaged, encrypted, or longer than stated.
+        """
+        try:
+            entry = self._file.getinfo(name)
+            with self._file.open(entry) as stream:
+                data = stream.read(entry.file_size + 1)
+        except KeyError:
+            raise InputError(f"has no '{name}'", field=str(self.path)) from None
+        except Exception as error:  # zipfile and zlib raise many kinds
+            words = str(error) or type(error).__name__
+            raise InputError(f"'{name}' is damaged ({words})", field=str(self.path)) from None
+        if len(data) > entry.file_size:
+            raise InputError(f"'{name}' is longer than stated", field=str(self.path))
+        return data
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+
+FORMAT: Final = 4
 HEAD: Final = "archive.json"
 FIGURES: Final = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong", "robots_undecided")
 _MADE: Final = (1980, 1, 1, 0, 0, 0)
-"""Entries bear no date, so that the same reproduction gives the same file."""
+"""Entries have no date, so that the same reproduction gives the same file."""
 
 
 def write_archive(made: Reproduction, path: Path) -> None:
     """Write the archive, whole or not at all.
 
     Raises:
-        InputError: what came of the cells is not at hand, or the file cannot be written.
+        InputError: the results of the cells are missing, or the file cannot be written.
     """
-    if made.came is None:
-        raise InputError("needs what came of the cells; reproduce with again=True", field="--archive")
-    entries = _entries(made, made.came)
+    if made.results is None:
+        raise InputError("needs the results of the cells; reproduce with with_cells=True", field="--archive")
+    entries = _entries(made, made.results)
     head = {
         "format": FORMAT,
         "settings": {
@@ -69,10 +144,11 @@ def write_archive(made: Reproduction, path: Path) -> None:
         part.write_bytes(buffer.getvalue())
 
 
-def _entries(made: Reproduction, came: Came) -> dict[str, bytes]:
-    cells = {key: cell for key, cell in made.cells.items() if key in came.cells}
-    rows = [cell_row(cell, came) for cell in cells.values()]
-    robots = [came.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]
+def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
+    """Contents of all files of the archive but the head, by name."""
+    cells = {key: cell for key, cell in made.cells.items() if key in results.cells}
+    rows = [cell_row(cell, results) for cell in cells.values()]
+    robots = [results.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]
     decided = made.decided
     measured = [one.tables[CLAIMS] for one in made.made if CLAIMS in one.tables]
     entries = {
@@ -87,18 +163,18 @@ def _entries(made: Reproduction, came: Came) -> dict[str, bytes]:
     return entries | {f"{name}.csv": csv_bytes(frame) for name, frame in frames.items()}
 
 
-def cell_row(cell: Cell, came: Came) -> dict[str, Any]:
-    """What is kept of a cell."""
-    found = came[cell]
+def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
+    """Archived row of a cell."""
+    found = results[cell]
     return {
         "key": cell.key,
         "column": cell.column,
         "scenario": cell.scenario.hash,
         "block": cell.block,
-        "seed": cell.seed(came.seed),
+        "seed": cell.seed(results.seed),
         "motion": cell.motion,
         "runs": found.row["runs"],
         "digest": found.digest,
         **{name: found.row[name] for name in FIGURES},
-        "command": cell.command(came.runs, came.seed),
+        "command": cell.command(results.runs, results.seed),
     }

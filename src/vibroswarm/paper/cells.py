@@ -1,6 +1,6 @@
-"""The cells of the reproduction: each a scenario run many times; all that move alike share their motion.
+"""Run the cells of the reproduction: each is one scenario run many times; cells with the same motion share it.
 
-Cells of all items are gathered first and run as one study, which keeps what is done: a second run goes on with it.
+The cells of all items run as one study, which saves what is done: a second call continues it.
 """
 
 from __future__ import annotations
@@ -25,26 +25,25 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, plain
 from vibroswarm.floors.source import is_random
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s, run_figures
 from vibroswarm.paper.columns import COLUMNS
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario, field_names, value_of
-from vibroswarm.study.compare import second_seed
+from vibroswarm.scenario.scenario import Scenario, field_names, preset, value_of
+from vibroswarm.study.batch_table import arrays_of
+from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.executors import processors
-from vibroswarm.study.result import StudyResult, run
-from vibroswarm.study.rows import arrays_of
-from vibroswarm.study.runner import Told
+from vibroswarm.study.factors import LABEL
+from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
-from vibroswarm.study.varied import LABEL
+from vibroswarm.study.study_result import StudyResult, run
 
 FIRST_RUNS: Final = 10
-"""Runs of a cell whose robots an archive holds one by one."""
+"""Runs of each cell whose robots an archive lists one by one."""
 ROWS_AT_A_TIME: Final = 400_000
-Tell = Callable[[float], None]
+Progress = Callable[[float], None]
 Figures = Mapping[str, NDArray[np.float64]]
 
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
 READ: Final = ("cell", *ROBOTS, *OF_RUN)
-"""Columns of a study's rows that are summed up."""
+"""Columns of a study's rows that are summarised."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,8 @@ class Cell:
     """One scenario and how it is run.
 
     Args:
-        block: 0: the seed of the reproduction; 1: its second block of seeds. motion: the engine.
-        runs: fewer than the others, if wanted.
+        column: preset of the reproduction. block: 0, the seed of the reproduction; 1, its second block of seeds.
+        motion: engine. runs: at most so many runs; None, as many as the other cells.
     """
 
     column: str
@@ -64,22 +63,22 @@ class Cell:
 
     @cached_property
     def key(self) -> str:
-        """Equal for cells that give the same numbers."""
+        """Identifier that is equal for cells with equal results."""
         return f"{self.scenario.hash}-{self.block}-{self.motion}-{self.runs or 'all'}"
 
     def seed(self, seed: int) -> int:
-        """The seed of its runs."""
+        """Seed of its runs."""
         return second_seed(seed) if self.block else seed
 
     def command(self, runs: int, seed: int) -> str:
-        """The command that gives this cell alone."""
+        """Command that runs this cell alone."""
         how = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
         how += [f"--motion {self.motion}"] if self.motion != "event" else []
         return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *how])
 
 
 def options_of(column: str, scenario: Scenario) -> list[str]:
-    """The options by which ``evaluate`` makes this scenario from the preset of a column."""
+    """Options with which ``evaluate`` makes this scenario from the preset of a column."""
     values = differences(scenario, preset(column))
     words = [f"--preset {column}"]
     source = values.pop("floor.source", None)
@@ -95,7 +94,7 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Fields in which a scenario differs from another, by dotted name."""
+    """Fields in which a scenario differs from a base, by dotted name."""
     found: dict[str, Any] = {}
     for name in field_names():
         value = value_of(scenario, name)
@@ -105,71 +104,71 @@ def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class CellCame:
-    """What came of one cell."""
+class CellResult:
+    """Results of one cell."""
 
     row: dict[str, Any]
-    """Summed up, see ``row_of``."""
+    """Summary, see ``row_of``."""
     figures: Figures
-    """Of each run, (runs,) each: ``outcomes.run_figures`` and ``WALKED``."""
+    """Figures of each run, (runs,) each: ``outcomes.run_figures`` and ``WALKED``."""
     digest: str
-    """Of the table of robots, all runs, bit by bit."""
+    """SHA-256 of the table of robots of all runs."""
     first: pl.DataFrame
-    """The table of robots of the first runs."""
+    """Table of robots of the first runs."""
 
 
 @dataclass(frozen=True)
-class Came:
-    """What came of all cells."""
+class CellResults:
+    """Results of all cells."""
 
     seed: int
     runs: int
-    cells: dict[str, CellCame]
+    cells: dict[str, CellResult]
 
-    def __getitem__(self, cell: Cell) -> CellCame:
+    def __getitem__(self, cell: Cell) -> CellResult:
         return self.cells[cell.key]
 
     def values(self, cell: Cell, name: str) -> NDArray[np.float64]:
-        """One figure of each run, (runs,); not a number where a run has none."""
+        """A figure of each run of a cell, (runs,); nan where a run has none."""
         return self[cell].figures[name]
 
     def row(self, cell: Cell) -> dict[str, Any]:
-        """The cell summed up, with the command that gives it alone."""
+        """Summary of a cell, with the command that runs it alone."""
         about = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
         return self[cell].row | about
 
 
 def run_cells(
-    cells: Iterable[Cell], runs: int, seed: int, folder: Path, workers: int | None, tell: Tell
-) -> Came:
-    """Run what is missing of the cells, and give what came; kept in ``folder``."""
+    cells: Iterable[Cell], runs: int, seed: int, folder: Path, workers: int | None, progress: Progress
+) -> CellResults:
+    """Run the cells that are missing in ``folder`` and return the results of all."""
     groups: dict[tuple[int, str, int], dict[str, Cell]] = {}
     for cell in cells:
         how = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
         groups.setdefault(how, {}).setdefault(cell.key, cell)
-    read: list[Future[dict[str, CellCame]]] = []
+    read: list[Future[dict[str, CellResult]]] = []
     weights = [_weight(list(group.values()), how) for how, group in groups.items()]
     before = 0.0
-    with ThreadPoolExecutor(1) as reader:  # the cells of a study are summed up while the next study runs
+    with ThreadPoolExecutor(1) as reader:  # cells of a study are summarised while the next study runs
         for (how, group), weight in zip(groups.items(), weights, strict=True):
             study = study_of(group, how)
 
-            def told(now: Told, before: float = before, weight: float = weight) -> None:
-                tell((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
+            def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
+                progress((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
 
-            result = run(study, folder / study.hash, workers=workers, tell=told)
+            result = run(study, folder / study.hash, workers=workers, progress=report_progress)
             read.append(reader.submit(_read, result, list(group.values()), how[2], workers))
             if workers == 1:
                 wait(read)
             before += weight
-            tell(before / sum(weights))
-        came = {key: one for each in read for key, one in each.result().items()}
-    return Came(seed, runs, came)
+            progress(before / sum(weights))
+        results = {key: one for each in read for key, one in each.result().items()}
+    return CellResults(seed, runs, results)
 
 
-def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellCame]:
-    """Sum up all cells of a study, some at a time: reading them one by one would read all of them each time."""
-    found: dict[str, CellCame] = {}
+def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellResult]:
+    """Summarise all cells of a study in blocks: each read scans the whole study, so cells are not read one by one."""
+    found: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
         for group in result.plan.groups:
             numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
@@ -178,20 +177,20 @@ def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None
                 some = numbers[first : first + step]
                 rows = result.unsorted_rows(*some).select(READ).collect()
                 mine = [cells[number] for number in some]
-                came = summed_up(mine, rows, some, runs, robots, pool.map)
-                found |= {cell.key: one for cell, one in zip(mine, came, strict=True)}
+                results = summarise(mine, rows, some, runs, robots, pool.map)
+                found |= {cell.key: one for cell, one in zip(mine, results, strict=True)}
     return found
 
 
-def summed_up(
+def summarise(
     cells: Sequence[Cell],
     rows: pl.DataFrame,
     numbers: Sequence[int],
     runs: int,
     robots: int,
-    map_: Callable[..., Iterable[CellCame]] = map,
-) -> list[CellCame]:
-    """Cells with swarms of one size summed up.
+    map_: Callable[..., Iterable[CellResult]] = map,
+) -> list[CellResult]:
+    """Summarise cells whose swarms have the same size.
 
     Args:
         rows: of a study, the columns ``READ``. numbers: of the cells there, ascending. runs: of each cell.
@@ -201,30 +200,31 @@ def summed_up(
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
     figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
 
-    def one(k: int) -> CellCame:
+    def one(k: int) -> CellResult:
         mine = {name: column[k] for name, column in of_robots.items()}
         each = {name: column[k].copy() for name, column in figures.items()}
         first = {name: column[:FIRST_RUNS].ravel() for name, column in mine.items()}
         table = pl.DataFrame([as_series(name, first[name], kind) for name, kind in ROBOTS.items()])
-        return CellCame(row_of(mine, each, float(t_end_s[k])), each, digest_of(mine), table)
+        return CellResult(row_of(mine, each, float(t_end_s[k])), each, digest_of(mine), table)
 
     return list(map_(one, range(len(cells))))
 
 
 def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
-    """One cell in the two forms.
+    """Summary of one cell in two forms.
 
-    The paper's: means of time and belief, with the standard deviation over robots over the root of the runs as
-    bar. As they should be: intervals over runs, and what became of the robots and of the swarms.
+    As in the paper: means of time and belief, with the standard deviation over robots divided by the square root
+    of the
+    number of runs as error bar. Correctly: intervals over runs, and the shares of robots and swarms by outcome.
 
     Args:
-        robots: the table of robots, (runs, robots) each. figures: (runs,) each.
+        robots: table of robots, (runs, robots) each. figures: (runs,) each.
     """
     runs, count = robots["decision"].shape
     figures = {**figures, "robots": np.full(runs, count)}
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
-        row |= _ends(name, interval(name, figures))
+        row |= _with_limits(name, interval(name, figures))
     row["decision_time_s_bar"] = float(capped_time_s(robots["decision_time_s"], t_end_s).std()) / math.sqrt(
         runs
     )
@@ -232,18 +232,18 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     belief = belief[~np.isnan(belief)]
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
-        row |= _ends(name, interval(name, figures))
+        row |= _with_limits(name, interval(name, figures))
     for name in WALKED[:2]:
-        row |= _ends(name, mean_interval(figures[name]))
+        row |= _with_limits(name, mean_interval(figures[name]))
     return row
 
 
-def _ends(name: str, found: Interval) -> dict[str, Any]:
+def _with_limits(name: str, found: Interval) -> dict[str, Any]:
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found[:3], strict=True)}
 
 
 def digest_of(robots: Columns) -> str:
-    """SHA-256 of the values of a table of robots, (runs, robots) each, bit by bit; a missing value counts as one."""
+    """SHA-256 of a table of robots, (runs, robots) each; a missing value counts as a value."""
     found = hashlib.sha256()
     for name, kind in ROBOTS.items():
         values = robots[name]
@@ -255,12 +255,12 @@ def digest_of(robots: Columns) -> str:
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
-    """Roughly how long a group takes."""
+    """Relative cost of a group, roughly."""
     return (5.0 if how[1] == "fixed-step" else 1.0) * how[2] * (3 + len(cells) / 30)
 
 
 def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
-    """A study whose cells are these, in order."""
+    """Study with these cells, in order."""
     seed, motion, runs = how
     base = preset(COLUMNS[0])
     points = [{LABEL: key, **differences(cell.scenario, base)} for key, cell in group.items()]
@@ -275,5 +275,5 @@ def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
 
 
 def digest(text: str) -> str:
-    """16 hexadecimal digits of a text."""
+    """First 16 hexadecimal digits of the SHA-256 of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]

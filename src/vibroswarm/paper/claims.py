@@ -1,34 +1,53 @@
-"""The paper's claims as data: read, checked, and decided by intervals.
+"""Intervals of measured values, by what was measured of them.
 
-A value **holds** where its whole interval lies within what the claim says, **fails** where it lies wholly outside, and
-is **open** otherwise, also where there is no interval (``limits`` has the intervals). A value **cannot be asked** where
-the column's floor or sensor does not allow the question (``askable``).
+| value | limits | source |
+|---|---|---|
+| a constant, marked as such | itself | - |
+| a mean over n runs, with its standard error s | x -+ t(1 - c / 2; n - 1) s | Student 1908 |
+| a mean of values of which many may be alike and few far off | the wider of Student's and the next | - |
+| a share, or a difference d of shares, between -1 and 1 | d - w(d+, d-) to d + w(d-, d+) | Zou & Donner 2008 |
+| anything else, a standard error of 0 too | none | - |
 
-| verdict | what it asserts | when |
+c is 1 - level. d+ and d- are the means of the positive and of the negative parts of d, so that d = d+ - d-. L and U are
+Clopper and Pearson's limits (1934) of a share whose count is the sum of the parts, rounded outwards, each at c / (2 e).
+The e makes them hold for all values between 0 and 1, not for 0 and 1 alone: the tail of a sum of such values is at most
+e times that of a binomial of the same mean (Bentkus 2004). The widths of the two are put together as errors are:
+
+    w(p, q)^2 = l^2 + u^2 + 2 r l u, l = p - L(p), u = U(q) - q, r = sqrt(p q / ((1 - p) (1 - q)))
+
+with -r the correlation of two parts of which a run has one at most. So 0 of 100 runs do not give [0, 0].
+
+The paper's claims as data: read, checked, and decided by intervals.
+
+A value **holds** if its whole interval lies within the bounds of the claim, **fails** if it lies wholly outside, and is
+**open** otherwise, also without an interval. A value **cannot be asked** where the column's floor or sensor does not
+allow the question (``item.cannot_ask``).
+
+| verdict | meaning | condition |
 |---|---|---|
 | reproduced | every value lies within | every value holds, at the claim's level |
-| in part | some value lies within and some outside | at least one holds and at least one fails, both corrected |
+| in part | some values lie within and some outside | at least one holds and at least one fails, both corrected |
 | not reproduced | some value lies outside | at least one fails, corrected, and none holds |
 | cannot be asked | nothing | a value cannot be asked, and no other fails |
-| inconclusive | nothing | everything else: more runs may settle it |
+| inconclusive | nothing | all else: more runs may settle it |
 
-Corrections, so that the probability of **any** false verdict in a column is at most a = 0.05:
+Corrections keep the probability of **any** false verdict in a column at or below a = 0.05:
 
-| name | equation | why |
+| name | equation | reason |
 |---|---|---|
 | level of a claim | 1 - a / (m - k) | of m claims (measured or not), k were settled at stricter levels (Holm 1979) |
 | for "reproduced" | the same | if one value is outside, all hold only if that one does (Berger 1982) |
 | for single values | 1 - a / ((m - k) v) | any of the v values asked may fail or hold by chance (Bonferroni) |
 
-Each limit errs with half of its level's complement. Where all values lie inside, only a failing one errs: a' / 2 in
-all, with a' = a / (m - k). Where all lie outside, "reproduced" and a holding one err: a' / 2 each. Holm's proof is for
-claims that can be settled falsely in one direction; in two it is proven for independent claims (Shaffer 1980), and
+Each limit errs with half of its level's complement. If all values lie inside, only a failing one is an error: a' / 2 in
+all, with a' = a / (m - k). If all lie outside, "reproduced" and a holding one are errors: a' / 2 each. Holm's proof is
+for claims that can be settled falsely in one direction; for two it is proven for independent claims (Shaffer 1980), and
 simulated for dependent ones (tests). A claim keeps the verdict of the level at which it was settled. "Not significant"
 is never "reproduced".
 
 A **check** (``kind = "check"``) compares a preset's constant with the text, or ours or the paper with itself: no run
-can turn it, or it is about the software. By the same rules, in a family of its own, it is passed, failed or open; it
-counts as no verdict.
+can change it, or it is about the software. The same rules apply, in a family of its own; it passes, fails or stays
+open, and counts as no verdict.
 """
 
 from __future__ import annotations
@@ -42,10 +61,61 @@ from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
 import polars as pl
+from scipy.special import betaincinv, stdtrit
 
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.paper.columns import COLUMNS
-from vibroswarm.paper.limits import interval
+
+Limits = tuple[float, float]
+UNBOUNDED: Limits = (-math.inf, math.inf)
+
+
+def interval(row: Mapping[str, Any], level: float) -> Limits:
+    """Limits of a row of ``MEASURED``; infinite where there are none."""
+    x = row["estimate"]
+    if x is None or not math.isfinite(x):
+        return UNBOUNDED
+    if row["exact"]:
+        return x, x
+    error, bounded = row["standard_error"], row["above"] is not None
+    found = []
+    if error is not None and math.isfinite(error) and error > 0.0:
+        half = float(stdtrit(max(row["n"] - 1, 1), 0.5 + level / 2)) * error
+        found.append((x - half, x + half))
+    if bounded:
+        low, high = mean_limits(row["above"], row["below"], row["n"], level)
+        shift = x - (row["above"] - row["below"])
+        found.append((low + shift, high + shift))
+    return (min(low for low, _ in found), max(high for _, high in found)) if found else UNBOUNDED
+
+
+def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
+    """Limits of the mean of n independent values between -1 and 1 (Zou & Donner 2008).
+
+    Args:
+        above, below: means of their positive and negative parts.
+    """
+    tail = (1.0 - level) / 2
+    (low_above, high_above), (low_below, high_below) = (share_limits(p, n, tail) for p in (above, below))
+    others = (1.0 - above) * (1.0 - below)
+    alike = min(math.sqrt(above * below / others), 1.0) if others > 0.0 else 0.0
+    down = _together(above - low_above, high_below - below, alike)
+    up = _together(high_above - above, below - low_below, alike)
+    return above - below - down, above - below + up
+
+
+def _together(first: float, second: float, alike: float) -> float:
+    return math.sqrt(first**2 + second**2 + 2.0 * alike * first * second)
+
+
+def share_limits(share: float, n: int, tail: float) -> Limits:
+    """Limits of the mean of n independent values between 0 and 1, each wrong with probability ``tail`` at most."""
+    total, each = share * n, tail / math.e
+    least, most = math.floor(total + 1e-9), math.ceil(total - 1e-9)
+    low = float(betaincinv(least, n - least + 1, each)) if least > 0 else 0.0
+    high = float(betaincinv(most + 1, n - most, 1.0 - each)) if most < n else 1.0
+    return low, high
+
 
 TESTS: Final = ("within", "at_least", "at_most")
 VERDICTS: Final = ("reproduced", "in part", "not reproduced", "inconclusive", "cannot be asked")
@@ -56,7 +126,7 @@ CHECKED: Final = {
     "inconclusive": "open",
     "cannot be asked": "open",
 }
-"""What a check is said to be in place of a verdict."""
+"""Result of a check in place of a verdict."""
 KINDS: Final = ("claim", "check")
 CANNOT: Final = "cannot be asked"
 ALPHA: Final = 0.05
@@ -73,10 +143,10 @@ MEASURED: Final[dict[str, Any]] = {
     "below": pl.Float64,
     "cannot": pl.String,
 }
-"""What an item measures for its claims: see ``limits`` for how these give an interval.
+"""What an item measures for its claims; ``interval`` gives the limits.
 
-exact: a constant, not an estimate. above, below: means of the positive and the negative parts of values between -1 and
-1. cannot: why the column cannot ask for this value; null: it can.
+exact: a constant, not an estimate. above, below: means of the positive and the
+negative parts of values between -1 and 1. cannot: why the column cannot answer the question, or null.
 """
 UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "cannot"})
 """Columns of ``MEASURED`` that may be null."""
@@ -84,7 +154,7 @@ UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "can
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, as ``claims.toml`` has it."""
+    """One claim of ``claims.toml``."""
 
     id: str
     item: str
@@ -97,11 +167,11 @@ class Claim:
     columns: tuple[str, ...] = COLUMNS
     kind: str = "claim"
     no_control: str | None = None
-    """Why negative controls need not turn it."""
+    """Why negative controls need not change its verdict."""
 
     def __post_init__(self) -> None:
         if self.test not in TESTS:
-            raise InputError(f"'{self.test}' is no test{nearest(self.test, TESTS)}", field=self.id)
+            raise InputError(f"'{self.test}' is not a test{nearest(self.test, TESTS)}", field=self.id)
         given = self.margin if self.test == "within" else self.effect
         if given is None or not math.isfinite(given) or (self.test == "within" and given <= 0):
             raise InputError(f"the test '{self.test}' needs a margin above 0, or an effect", field=self.id)
@@ -114,7 +184,7 @@ class Claim:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Between which values it holds."""
+        """Bounds between which the claim holds."""
         if self.test == "within":
             assert self.margin is not None
             return -self.margin, self.margin
@@ -130,23 +200,23 @@ class Claim:
 
 
 def claims_from(text: str) -> tuple[Claim, ...]:
-    """Claims from TOML.
+    """Parse claims from TOML.
 
     Raises:
-        InputError: no TOML, a key that there is not, an id that stands twice.
+        InputError: invalid TOML, an unknown key, or a repeated id.
     """
     try:
         tables = tomllib.loads(text)["claim"]
     except (ValueError, KeyError) as error:
-        raise InputError(f"holds no claims: {error}", field="claims.toml") from None
+        raise InputError(f"has no claims: {error}", field="claims.toml") from None
     known = {field.name for field in fields(Claim)}
     found = []
     for table in tables:
         if unknown := set(table) - known:
-            raise InputError(f"there is no such key{nearest(min(unknown), known)}", field=min(unknown))
+            raise InputError(f"unknown key{nearest(min(unknown), known)}", field=min(unknown))
         found.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
     if len({claim.id for claim in found}) != len(found):
-        raise InputError("an id stands twice", field="claims.toml")
+        raise InputError("an id is repeated", field="claims.toml")
     return tuple(found)
 
 
@@ -157,14 +227,14 @@ def all_claims() -> tuple[Claim, ...]:
 
 
 class Decided(NamedTuple):
-    """What came of one claim in one column."""
+    """Verdict on one claim in one column."""
 
     claim: Claim
     column: str
     verdict: str
-    """Of ``VERDICTS``; of a check one of the values of ``CHECKED``."""
+    """One of ``VERDICTS``; for a check one of the values of ``CHECKED``."""
     level: float
-    """Of the claim, before it is corrected for the number of its values."""
+    """Level of the claim, before it is corrected for the number of its values."""
     cells: pl.DataFrame
     """cell, estimate, low, high, level (of these limits), n, holds (holds, fails, open, cannot be asked), why."""
 
@@ -173,7 +243,7 @@ Rows = Sequence[Mapping[str, Any]]
 
 
 def state(low: float, high: float, bounds: tuple[float, float]) -> str:
-    """holds, fails or open."""
+    """Compare an interval with bounds: holds, fails or open."""
     tiny = 1e-9 * max(abs(b) for b in bounds if math.isfinite(b)) + 1e-12
     if bounds[0] - tiny <= low and high <= bounds[1] + tiny:
         return "holds"
@@ -181,17 +251,17 @@ def state(low: float, high: float, bounds: tuple[float, float]) -> str:
 
 
 def states_of(rows: Rows, bounds: tuple[float, float], level: float) -> list[str]:
-    """The state of each value with intervals of this level."""
+    """State of each value, with intervals of this level."""
     return [CANNOT if row["cannot"] else state(*interval(row, level), bounds) for row in rows]
 
 
 def corrected(level: float, rows: Rows) -> float:
-    """The level for single values of a claim: corrected for how many can be asked."""
+    """Level of single values of a claim, corrected for how many can be asked (Bonferroni)."""
     return 1.0 - (1.0 - level) / max(sum(not row["cannot"] for row in rows), 1)
 
 
 def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
-    """The verdict by the states of the values at the claim's level, and at the corrected one; see the head."""
+    """Verdict from the states at the claim's level and at the corrected level, see the head of this module."""
     if plain and all(one == "holds" for one in plain):
         return "reproduced"
     if "fails" in strict:
@@ -200,7 +270,7 @@ def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
 
 
 def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
-    """The verdict of a claim at a level."""
+    """Verdict of a claim at a level."""
     plain, strict = (states_of(rows, claim.bounds, each) for each in (level, corrected(level, rows)))
     return verdict_of(plain, strict)
 
@@ -208,14 +278,14 @@ def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
 def settle(
     claims: Sequence[Claim], rows: Mapping[str, Rows], alpha: float = ALPHA
 ) -> dict[str, tuple[str, float]]:
-    """Verdict and level of each claim that was measured, by Holm's steps over a family.
+    """Verdict and level of each measured claim of a family, by Holm's procedure.
 
     Args:
-        claims: all of the family. rows: of each claim by its id, as ``MEASURED``; none where it was not measured.
+        claims: the whole family. rows: measured rows by claim id; none where a claim was not measured.
     """
     found: dict[str, tuple[str, float]] = {}
     open_ = [claim for claim in claims if rows.get(claim.id)]
-    while True:  # what is settled at the strictest level relaxes the level of the others
+    while True:  # Holm: claims settled at the strictest level relax the level of the others
         level = 1.0 - alpha / max(len(claims) - len(found), 1)
         now = {claim.id: verdict_at(claim, rows[claim.id], level) for claim in open_ if claim.id not in found}
         settled = {
@@ -227,10 +297,10 @@ def settle(
 
 
 def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> list[Decided]:
-    """All claims in all their columns that were measured; claims and checks of a column are a family each.
+    """Decide all claims in all columns in which they were measured; claims and checks of a column are a family each.
 
     Args:
-        measured: ``MEASURED``. claims: without, all.
+        measured: ``MEASURED``. claims: default all.
     """
     claims = all_claims() if claims is None else claims
     found = []
@@ -246,8 +316,9 @@ def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> lis
 
 
 def _decided(claim: Claim, column: str, rows: Rows, verdict: str, level: float) -> Decided:
+    """Verdict on a claim, with the interval of each value at the level that decided it."""
     if len(rows) != claim.cells:
-        raise InputError(f"{len(rows)} values were measured, and {claim.cells} are asked for", field=claim.id)
+        raise InputError(f"{len(rows)} values were measured, but {claim.cells} are needed", field=claim.id)
     shown = level if verdict == "reproduced" else corrected(level, rows)
     limits = [(-math.inf, math.inf) if row["cannot"] else interval(row, shown) for row in rows]
     cells = pl.DataFrame(

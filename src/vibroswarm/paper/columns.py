@@ -1,13 +1,55 @@
-"""The columns of the reproduction: the presets, each with P* or P0, and the negative controls."""
+"""The paper's own numbers, printed or read off its figures, and the columns of the reproduction.
+
+``published.json`` holds the only numbers that were typed in. The columns are presets, each with P* or P0, with or
+without a negative control.
+"""
 
 from __future__ import annotations
 
+import json
+from functools import cache
+from importlib.resources import files
 from typing import Any, Final
 
 from vibroswarm.errors import InputError, nearest
-from vibroswarm.paper.published import parameters, published
-from vibroswarm.presets import preset
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
+
+FIELDS: Final = {
+    "gamma0_ms": "walk.walk_duration_location_ms",
+    "gamma_ms": "walk.walk_duration_scale_ms",
+    "tau_ms": "sample.sample_interval_ms",
+    "theta_c_mm": "walk.avoidance_threshold_mm",
+    "O_c": "decision.min_observations",
+}
+"""Names of the optimised parameters in the paper, and the fields of a scenario."""
+
+
+@cache
+def _all() -> dict[str, Any]:
+    text = files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def published(path: str) -> Any:
+    """Number or list under a dotted name in ``published.json``, such as ``simulation.fill_ratios``.
+
+    Raises:
+        InputError: there is no such name.
+    """
+    found: Any = _all()
+    for name in path.split("."):
+        if not isinstance(found, dict) or name not in found:
+            raise InputError("is not a number of the paper", field=path)
+        found = found[name]
+    return found
+
+
+def parameters(name: str) -> dict[str, Any]:
+    """Fields set by ``P0`` or ``P_star``."""
+    values = zip(published("parameters.names"), published(f"parameters.{name}"), strict=True)
+    return {FIELDS[key]: value for key, value in values}
+
 
 COLUMNS: Final = ("paper", "text", "calibrated")
 OPTIMISED, EMPIRICAL = "P*", "P0"
@@ -15,17 +57,17 @@ STRATEGIES: Final = ("none", "positive", "soft")
 
 CONTROLS: Final = {
     "labels": "the energies of vibrating and still tiles are swapped, as the paper prints them",
-    "threshold": "the sensor's threshold is 1.55, as Algorithm 2 has it",
-    "false-positives": "24 % of the still tiles read as vibrating and 4.5 % of the vibrating ones as still, as many "
-    "errors as before together",
-    "standstill": "robots hardly leave their place (a twentieth of their speed, turns as ever) and never avoid",
+    "threshold": "the sensor's threshold is 1.55, as in Algorithm 2",
+    "false-positives": "24 % of the still tiles read as vibrating and 4.5 % of the vibrating ones as still, with the "
+    "same total number of errors",
+    "standstill": "robots hardly move (a twentieth of their speed, with normal turns) and never avoid",
     "no-messages": "no message arrives",
-    "losses": "a tenth of the messages is lost, each at each receiver",
+    "losses": "a tenth of the messages is lost, independently at each receiver",
 }
-"""Changes of every scenario with which the verdicts must turn."""
+"""Negative controls: changes of every scenario that must change the verdicts."""
 
 FALSE: Final = (0.24, 0.045)
-"""Shares of false positives and negatives under the control of that name; as the simulations ran, both are 14 %."""
+"""Rates of false positives and false negatives under the control of that name; both are 14 % in the simulations."""
 SLOWER: Final = 0.05
 
 _THRESHOLD: Final = "walk.avoidance_threshold_mm"
@@ -33,20 +75,24 @@ _KINDS: Final = ("shape", "scale", "location")
 
 
 def scenario_of(
-    column: str, values: dict[str, Any] | None = None, *, with_: str = OPTIMISED, control: str | None = None
+    column: str,
+    values: dict[str, Any] | None = None,
+    *,
+    parameter_set: str = OPTIMISED,
+    control: str | None = None,
 ) -> Scenario:
-    """The scenario of a column.
+    """Scenario of a column.
 
     Args:
-        column: of ``COLUMNS``. values: fields to be set. with_: the parameters, P* or P0. control: of ``CONTROLS``.
+        column: one of ``COLUMNS``. values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
     """
     base = preset(column)
     found: dict[str, Any] = {}
-    if with_ == EMPIRICAL:
+    if parameter_set == EMPIRICAL:
         found |= parameters("P0")
-        # Robots that turn at another distance than they are told do so for P0 as for P*.
-        told = parameters("P_star")[_THRESHOLD]
-        found[_THRESHOLD] = float(found[_THRESHOLD]) * base.walk.avoidance_threshold_mm / told
+        # Robots turn at a distance that differs from the commanded one by the same factor for P0 as for P*.
+        commanded = parameters("P_star")[_THRESHOLD]
+        found[_THRESHOLD] = float(found[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
     found |= values or {}
     if control is not None:
         found |= _controlled(base.with_values(found), control)
@@ -54,6 +100,7 @@ def scenario_of(
 
 
 def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
+    """Fields that a negative control sets."""
     if control not in CONTROLS:
         raise InputError(
             f"there is no control '{control}'{nearest(control, CONTROLS)} ({', '.join(CONTROLS)})",
@@ -76,14 +123,14 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:
-    """The fields by which robots hardly leave their place: as the tracks shrink with the speed, they turn as before."""
+    """Fields of robots that hardly move: the tracks shrink with the speed, so they turn as before."""
     names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
     found = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
     return found | {_THRESHOLD: 0.0}
 
 
 def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
-    """The fields by which the sensor errs so often: both distributions of energies are shifted, at their own shapes."""
+    """Fields that give the sensor these error rates: both energy distributions are shifted, their shapes unchanged."""
     from scipy.stats import gamma
 
     sensor, found = scenario.sensor, {}
@@ -94,7 +141,7 @@ def with_errors(scenario: Scenario, false_positive: float, false_negative: float
 
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:
-    """The fields by which vibrating tiles feel as still ones do, and the other way round."""
+    """Fields that swap the energies of vibrating and still tiles."""
     sensor = scenario.sensor
     found = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
     return found | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}

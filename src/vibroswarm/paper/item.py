@@ -1,31 +1,44 @@
-"""What an item of the paper is here: cells that are run, tables made of them, pictures and claims made of the tables.
+"""Define what an item of the paper is: cells to run, tables made from their results, pictures and claims.
 
-Pictures, claims and report are made of the tables alone, so an item whose tables are kept is not computed again.
+Pictures, claims and the report are made from the tables alone, so an item with saved tables is not computed again.
+
+Decisions, and the time until them, answer the paper's question only where the readings lean to the side of the truth
+(``analysis.decidability``). Edges that were fitted on tiles of one size cannot be applied to smaller ones, of
+which they
+take up a larger share: no recording shows that vibration reaches as far there. Both are judged without a negative
+control: what a control does to a column is its effect, and no reason not to ask.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.page.report import Column
-from vibroswarm.paper.cells import Came, Cell
-from vibroswarm.paper.claims import MEASURED
+from vibroswarm.analysis.decidability import decidability, decidability_of_share
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.source import is_random
+from vibroswarm.observation.decision_boundary import expected_ones
+from vibroswarm.paper.cells import WALKED, Cell, CellResults
+from vibroswarm.paper.claim_values import Row, frame, mean, share
 from vibroswarm.paper.columns import COLUMNS, scenario_of
-from vibroswarm.scenario import Scenario
+from vibroswarm.paper.real_data import real_floor
+from vibroswarm.plots import picture
+from vibroswarm.report.html import Column
+from vibroswarm.scenario.scenario import Scenario, preset
 
 Tables = dict[str, pl.DataFrame]
 CLAIMS: Final = "measured"
-"""The table that the claims are decided by."""
+"""The table of measured values that decides the claims."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked for."""
+    """Options of a reproduction."""
 
     runs: int = 1000
     seed: int = 1
@@ -34,78 +47,95 @@ class Settings:
     recordings: Path | None = None
     workers: int | None = None
 
-    def scenario(self, column: str, values: dict[str, Any] | None = None, *, with_: str = "P*") -> Scenario:
-        """A column's scenario, under the negative control where one is asked for."""
-        return scenario_of(column, values, with_=with_, control=self.control)
+    def scenario(
+        self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*"
+    ) -> Scenario:
+        """Scenario of a column, under the negative control if one is set."""
+        return scenario_of(column, values, parameter_set=parameter_set, control=self.control)
 
-    def cell(self, column: str, values: dict[str, Any] | None = None, *, with_: str = "P*") -> Cell:
-        """A column's cell."""
-        return Cell(column, self.scenario(column, values, with_=with_))
+    def cell(self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*") -> Cell:
+        """Cell of a column, see ``scenario``."""
+        return Cell(column, self.scenario(column, values, parameter_set=parameter_set))
 
 
 Cells = dict[Hashable, Cell]
+Drawn = picture.Picture
 
 
 @dataclass(frozen=True)
 class Work:
-    """What an item computes with."""
+    """Everything an item computes with."""
 
     settings: Settings
     cells: Cells
-    came: Came
+    results: CellResults
     folder: Path
-    """Where it may keep what it has half done."""
-    tell: Callable[[float], None] = lambda share: None
+    """Scratch folder for unfinished work."""
+    progress: Callable[[float], None] = lambda share: None
     plain: Cells | None = None
-    """The cells without the negative control, where there is one."""
+    """The cells without the negative control, if one is set."""
 
     def cannot(self, *keys: Hashable) -> str | None:
-        """Why decisions in these cells cannot answer the question; None where they can, see ``askable``."""
-        from vibroswarm.paper.askable import cannot_ask
+        """Why decisions in these cells cannot answer the question, or None; see ``cannot_ask``."""
 
         plain = self.cells if self.plain is None else self.plain
         reasons = (cannot_ask(plain[key].scenario) for key in keys)
         return next((reason for reason in reasons if reason), None)
 
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
-        """One row a cell: the parts of its key under these names, then ``Came.row``."""
+        """Table of cells: the parts of each key under these names, then ``CellResults.row``."""
         chosen = [key for key in self.cells if isinstance(key, tuple)] if keys is None else keys
-        made = [{**dict(zip(names, key, strict=True)), **self.came.row(self.cells[key])} for key in chosen]
+        made = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]
         return pl.DataFrame(made, infer_schema_length=None)
 
     def values(self, key: Hashable, name: str) -> Any:
-        """One figure of each run of a cell, (runs,)."""
-        return self.came.values(self.cells[key], name)
+        """A figure of each run of a cell, (runs,)."""
+        return self.results.values(self.cells[key], name)
 
     def difference(self, name: str, first: Hashable, second: Hashable) -> Any:
-        """A figure of each run in one cell less that in another."""
+        """Difference of a figure between two cells (first - second), run by run, (runs,)."""
         return self.values(first, name) - self.values(second, name)
 
+    def change(
+        self,
+        claim: str,
+        column: str,
+        label: str,
+        name: str,
+        first: Hashable,
+        second: Hashable,
+        *,
+        check: bool = True,
+    ) -> Row:
+        """Row of a claim about a paired difference between two cells (first - second).
 
-class Drawn(Protocol):
-    """A picture, as ``vibroswarm.plots`` gives it."""
+        Args:
+            label: names the value. name: of the figure. check: whether the column must be able to answer the question;
+                how robots walk can be compared on any floor.
+        """
+        values = self.difference(name, first, second)
+        cannot = self.cannot(first, second) if check and name not in WALKED else None
+        if name == "wrong_share":
+            return share(claim, column, label, values, cannot=cannot)
+        return mean(claim, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
 
-    @property
-    def figure(self) -> Any: ...  # noqa: D102
-    @property
-    def numbers(self) -> pl.DataFrame: ...  # noqa: D102
-    @property
-    def caption(self) -> str: ...  # noqa: D102
-    def svg(self) -> str: ...  # noqa: D102
+    def claims(self, measure: Callable[[Work, str], Iterable[Row]]) -> pl.DataFrame:
+        """The rows that ``measure`` yields for each column, as a table of ``claims.MEASURED``."""
+        return frame([row for column in self.settings.columns for row in measure(self, column)])
 
 
 class Picture(NamedTuple):
-    """A picture to be drawn: its file's name, its heading, and how."""
+    """A picture to be drawn: file name, heading and drawing function."""
 
     name: str
     title: str
     draw: Callable[[], Drawn]
-    aside: bool = False
+    folded: bool = False
     """Whether it is shown folded, below the others."""
 
 
-class Shown(NamedTuple):
-    """A table to be shown: which, its caption, which columns and how."""
+class TableView(NamedTuple):
+    """How a table is shown: its name, caption and columns."""
 
     table: str
     caption: str
@@ -114,23 +144,74 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Item:
-    """One item: see the head of this module."""
+    """One item, see the head of this module."""
 
     number: int
     name: str
     title: str
     about: tuple[str, ...]
-    """What the paper shows, and what is to be seen here: paragraphs."""
+    """Paragraphs: what the paper shows and what to look for here."""
     compute: Callable[[Work], Tables]
     cells: Callable[[Settings], Cells] = lambda settings: {}
     pictures: Callable[[Tables, Settings], Iterator[Picture]] = lambda tables, settings: iter(())
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[TableView, ...] = ()
     skipped: Callable[[Settings], str | None] = lambda settings: None
-    """Why it cannot be done, or None."""
+    """Why it cannot be computed, or None."""
     also: Callable[[Settings], str] = lambda settings: ""
-    """What else its tables depend on."""
+    """Whatever else its tables depend on."""
 
 
-def no_claims() -> pl.DataFrame:
-    """A table of measured values that is empty."""
-    return pl.DataFrame(schema=MEASURED)
+def cells_and_claims(
+    keys: tuple[str, ...], measure: Callable[[Work, str], Iterable[Row]]
+) -> Callable[[Work], Tables]:
+    """The ``compute`` of an item with one table of cells and the claims that ``measure`` yields for each column."""
+    return lambda work: {"cells": work.rows(keys), CLAIMS: work.claims(measure)}
+
+
+FITTED_ON: Final = "calibrated"
+"""The preset whose edges were fitted, on the real floor."""
+
+
+@cache
+def cannot_ask(scenario: Scenario) -> str | None:
+    """Why decisions in this scenario cannot answer the question, or None."""
+    return _edges(scenario) or _side(scenario)
+
+
+def _side(scenario: Scenario) -> str | None:
+    """Why the readings do not lean to the side of the truth, or None."""
+    found = decidability(scenario)
+    if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
+        # Random floors of one fill ratio differ in the length of their edges, so the mean over floors is used.
+        share = expected_ones(scenario, found.fill_ratio or 0.0)
+        found = decidability_of_share(share, found.tested, found.truth)
+    return (
+        None
+        if found.verdict == "decidable"
+        else f"{found.verdict}: {found.share:.1%} of the readings are ones"
+    )
+
+
+def _edges(scenario: Scenario) -> str | None:
+    """Why the tiles are too small for the fitted edges, or None."""
+    reach_m = scenario.sensor.edge_reach_m
+    if not reach_m:
+        return None
+    here, there = _side_m(scenario.floor_for(0, 0)), _fitted_m()
+    if here >= there * (1.0 - 1e-9):
+        return None
+    return (
+        f"edges reach {1000 * reach_m:.0f} mm and were fitted on tiles of {1000 * there:.0f} mm; these have "
+        f"{1000 * here:.0f} mm"
+    )
+
+
+@cache
+def _fitted_m() -> float:
+    return _side_m(preset(FITTED_ON).with_values(real_floor()).floor_for(0, 0))
+
+
+def _side_m(floor: Floor) -> float:
+    """Shorter side of a tile, m."""
+    _, _, width_m, height_m, *_ = floor.geometry
+    return float(min(width_m, height_m))

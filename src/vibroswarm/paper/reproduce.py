@@ -1,36 +1,120 @@
-"""The reproduction: items that are missing are computed, all are kept, and the claims are decided."""
+"""Reproduce the paper: compute missing items, save all, and decide the claims.
+
+Items that need no cells are computed in a background thread while the cells run; both report to one progress bar.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import polars as pl
 
-from vibroswarm.forked import check_threads
-from vibroswarm.paper.beside import Bar, Check, beside
-from vibroswarm.paper.cells import Came, Cell, run_cells
+from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.paper.cells import Cell, CellResults, run_cells
+from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
-from vibroswarm.paper.fingerprint import fingerprint
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Settings, Tables, Work, no_claims
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Settings, Tables, Work
+from vibroswarm.paper.item_cache import fingerprint, load_tables, save_tables
 from vibroswarm.paper.items import all_items
-from vibroswarm.paper.kept import keep, read_kept
 from vibroswarm.study.executors import processors
+
+SWITCH_S: Final = 5e-4
+"""Interval at which Python's lock may pass to a waiting thread. Kernels take some ms without it; with Python's
+default of
+5 ms processors would idle."""
+Check = Callable[[], None]
+"""Called now and then on either side; raises to end that side's work."""
+
+
+class Cancelled(Exception):  # noqa: N818  (nothing went wrong here)
+    """Raised in the background thread when the main thread has ended early."""
+
+
+@contextmanager
+def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
+    """Run ``work`` in a thread while the body runs; leaving the context waits for it.
+
+    An exception on either side ends the other one at its next call of the check it is given.
+
+    Args:
+        work: None, nothing is run.
+    """
+    if work is None:
+        yield lambda: None
+        return
+    stop, raised = threading.Event(), list[BaseException]()
+
+    def check_cancelled() -> None:
+        if stop.is_set():
+            raise Cancelled
+
+    def run() -> None:
+        try:
+            work(check_cancelled)
+        except Cancelled:
+            pass
+        except BaseException as error:  # raised again in the main thread
+            raised.append(error)
+
+    def check_raised() -> None:
+        if raised:
+            raise raised[0]
+
+    # A daemon thread, so that a second Ctrl-C exits at once while this waits for it.
+    thread = threading.Thread(target=run, name="vibroswarm-background", daemon=True)
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    thread.start()
+    try:
+        yield check_raised
+        thread.join()
+    finally:
+        stop.set()
+        thread.join()
+        sys.setswitchinterval(before_s)
+    check_raised()
+
+
+class Bar:
+    """Share of all work done, reported from several threads.
+
+    Args:
+        progress: called with the current task and the share done. weights: of the tasks, by name.
+    """
+
+    def __init__(self, progress: Callable[[str, float], None], weights: Mapping[str, float]) -> None:
+        self._progress, self._weights, self._lock = progress, dict(weights), threading.Lock()
+        self._done = dict.fromkeys(weights, 0.0)
+        self.shown: str | None = None
+        """What is named; what tells, if None."""
+
+    def update(self, what: str, share: float) -> None:
+        """Set the share done of a task."""
+        with self._lock:
+            self._done[what] = max(share, self._done[what])
+            whole = sum(self._weights.values())
+            total = sum(self._weights[name] * done for name, done in self._done.items()) / whole
+            self._progress(self.shown or what, min(total, 1.0))
+
 
 ITEMS: Final = "items"
 RUNS: Final = "runs"
 CELLS: Final = "cells of all items"
 CELLS_SHARE: Final = 0.6
-"""Of the bar, for the cells; the items share the rest."""
+"""Share of the bar for the cells; the items have the rest."""
 
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Made:
-    """One item with its tables; or why it was skipped."""
+class ItemResult:
+    """One item with its tables, or why it was skipped."""
 
     item: Item
     tables: Tables
@@ -39,39 +123,39 @@ class Made:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All that was asked for."""
+    """Results of a reproduction."""
 
     settings: Settings
-    made: tuple[Made, ...]
+    made: tuple[ItemResult, ...]
     cells: dict[str, Cell]
-    """By key, those of the items that were not skipped."""
-    came: Came | None
-    """What came of the cells, where any item had to be computed."""
+    """Cells of the items that were not skipped, by key."""
+    results: CellResults | None
+    """Results of the cells, if any item had to be computed."""
 
     @property
     def decided(self) -> list[Decided]:
-        """The claims that were measured."""
+        """Verdicts on the claims that were measured."""
         frames = [one.tables[CLAIMS] for one in self.made if CLAIMS in one.tables]
-        return decide(pl.concat([no_claims(), *frames]))
+        return decide(pl.concat([frame([]), *frames]))
 
 
 def reproduce(
     settings: Settings,
     folder: str | Path,
     items: Sequence[Item] | None = None,
-    tell: Tell = lambda what, share: None,
+    progress: Progress = lambda what, share: None,
     *,
-    again: bool = False,
+    with_cells: bool = False,
 ) -> Reproduction:
-    """Compute the items that are missing in ``folder``, and give all.
+    """Compute the items that are missing in ``folder`` and return all.
 
-    May be stopped at any moment: what is done is kept, and the same call goes on from there.
+    It may be stopped at any moment: finished work is saved, and the same call continues from there.
 
     Args:
-        items: without, all. tell: called with what is being done and the share done. again: have what came of the
-            cells even where no item is missing.
+        items: default all. progress: called with the current task and the share done.
+        with_cells: return results of the cells even if no item is missing.
     Raises:
-        InputError, RunError: as their rooms say.
+        InputError, RunError: see the modules of the items.
     """
     check_threads()
     folder = Path(folder)
@@ -80,22 +164,22 @@ def reproduce(
     cells: dict[str, Cells] = {
         item.name: {} if skipped[item.name] else item.cells(settings) for item in items
     }
-    prints = {item.name: fingerprint(item, settings, cells[item.name]) for item in items}
-    there = {item.name: read_kept(folder / ITEMS / item.name, prints[item.name]) for item in items}
+    fingerprints = {item.name: fingerprint(item, settings, cells[item.name]) for item in items}
+    there = {item.name: load_tables(folder / ITEMS / item.name, fingerprints[item.name]) for item in items}
     missing = [item for item in items if there[item.name] is None and not skipped[item.name]]
-    came = None
-    if missing or again:
-        wanted = [cell for item in (items if again else missing) for cell in cells[item.name].values()]
-        todo = _Todo(settings, folder, missing, cells, prints, tell)
-        came = todo.done(wanted)
+    results = None
+    if missing or with_cells:
+        wanted = [cell for item in (items if with_cells else missing) for cell in cells[item.name].values()]
+        todo = _MissingItems(settings, folder, missing, cells, fingerprints, progress)
+        results = todo.compute(wanted)
         there |= todo.made
-    made = tuple(Made(item, there[item.name] or {}, skipped[item.name]) for item in items)
+    made = tuple(ItemResult(item, there[item.name] or {}, skipped[item.name]) for item in items)
     by_key = {cell.key: cell for one in cells.values() for cell in one.values()}
-    return Reproduction(settings, made, by_key, came)
+    return Reproduction(settings, made, by_key, results)
 
 
-class _Todo:
-    """Items that are missing, with their cells."""
+class _MissingItems:
+    """Missing items with their cells."""
 
     def __init__(
         self,
@@ -103,53 +187,64 @@ class _Todo:
         folder: Path,
         items: Sequence[Item],
         cells: Mapping[str, Cells],
-        prints: Mapping[str, str],
-        tell: Tell,
+        fingerprints: Mapping[str, str],
+        progress: Progress,
     ) -> None:
         self.settings, self.folder = settings, folder
-        self.items, self.cells, self.prints = items, cells, prints
+        self.items, self.cells, self.fingerprints = items, cells, fingerprints
         each = (1 - CELLS_SHARE) / max(len(items), 1)
-        self.bar = Bar(tell, {CELLS: CELLS_SHARE, **{item.name: each for item in items}})
+        self.bar = Bar(progress, {CELLS: CELLS_SHARE, **{item.name: each for item in items}})
         self.made: dict[str, Tables] = {}
 
-    def done(self, wanted: Sequence[Cell]) -> Came:
-        """Run the cells and compute the items: those that need no cells beside them, where workers are several."""
+    def compute(self, wanted: Sequence[Cell]) -> CellResults:
+        """Run the cells and compute the items; with several workers, items without cells run in the background."""
         alone = [item for item in self.items if not self.cells[item.name]]
-        alone.reverse()  # the search first, which leaves Python to the planning of the cells
+        alone.reverse()  # the search first: it leaves Python's lock to the planning of the cells
         aside = alone if wanted and (self.settings.workers or processors()) > 1 else []
-        with beside((lambda check: self._compute(aside, None, check)) if aside else None) as check:
-            came = self._run(wanted, check)
-            self._compute([item for item in self.items if item not in aside], came, check)
+        with background((lambda check: self._compute_items(aside, None, check)) if aside else None) as check:
+            results = self._run(wanted, check)
+            self._compute_items([item for item in self.items if item not in aside], results, check)
             self.bar.shown = None
-        return came
+        return results
 
-    def _run(self, wanted: Sequence[Cell], check: Check) -> Came:
+    def _run(self, wanted: Sequence[Cell], check: Check) -> CellResults:
         settings, self.bar.shown = self.settings, CELLS
 
-        def told(share: float) -> None:
+        def report_progress(share: float) -> None:
             check()
-            self.bar.told(CELLS, share)
+            self.bar.update(CELLS, share)
 
-        return run_cells(wanted, settings.runs, settings.seed, self.folder / RUNS, settings.workers, told)
+        return run_cells(
+            wanted, settings.runs, settings.seed, self.folder / RUNS, settings.workers, report_progress
+        )
 
-    def _compute(self, items: Sequence[Item], came: Came | None, check: Check) -> None:
+    def _compute_items(self, items: Sequence[Item], results: CellResults | None, check: Check) -> None:
         for item in items:
-            if came is not None:
+            if results is not None:
                 self.bar.shown = item.name
-            self._one(item, came or Came(self.settings.seed, self.settings.runs, {}), check)
+            self._compute_item(
+                item, results or CellResults(self.settings.seed, self.settings.runs, {}), check
+            )
 
-    def _one(self, item: Item, came: Came, check: Check) -> None:
-        def told(share: float) -> None:
+    def _compute_item(self, item: Item, results: CellResults, check: Check) -> None:
+        def report_progress(share: float) -> None:
             check()
-            self.bar.told(item.name, share)
+            self.bar.update(item.name, share)
 
-        told(0.0)
+        report_progress(0.0)
         place = self.folder / ITEMS / item.name
         plain = item.cells(replace(self.settings, control=None)) if self.settings.control else None
         tables = item.compute(
-            Work(self.settings, self.cells[item.name], came, self.folder / RUNS / item.name, told, plain)
+            Work(
+                self.settings,
+                self.cells[item.name],
+                results,
+                self.folder / RUNS / item.name,
+                report_progress,
+                plain,
+            )
         )
         place.parent.mkdir(parents=True, exist_ok=True)
-        keep(place, self.prints[item.name], tables)
+        save_tables(place, self.fingerprints[item.name], tables)
         self.made[item.name] = tables
-        told(1.0)
+        report_progress(1.0)

@@ -8,21 +8,20 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.canvas import (
+from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
+from vibroswarm.plots.layout import (
     few_ticks,
     legend_below,
     legend_lines,
     log_x,
+    of_runs,
     percent_axis,
     plain_axes,
     rows_of,
     ticks_at,
 )
-from vibroswarm.plots.frames import check_bounds, check_once, run_counts, tidy, with_series
-from vibroswarm.plots.palette import FAINT, PAPER, look
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import Style, style_named
-from vibroswarm.plots.words import of_runs
+from vibroswarm.plots.style import FAINT, PAPER, Style, look, style_named
 
 COLUMNS = ("x", "series", "estimate", "low", "high")
 
@@ -39,10 +38,10 @@ def draw_error_bars(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
+    """Draw estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
 
     Args:
-        frame: one row a mark: ``x`` (number or text), ``estimate, low, high`` (null: none), where there are
+        frame: one row per mark: ``x`` (number or text), ``estimate, low, high`` (null: none), where there are
             several ``series`` (text), and where known ``runs``.
         x_label: of a numeric x, with its unit.
         label: of the estimate, with its unit.
@@ -56,7 +55,7 @@ def draw_error_bars(
         Picture; its numbers are ``x, series, estimate, low, high, runs``.
 
     Raises:
-        InputError: the frame is not as asked.
+        InputError: the frame is not as described.
     """
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
@@ -75,10 +74,10 @@ def draw_error_bars(
 
 
 def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
-    """A frame of x, estimate, low, high and series, and the series' names.
+    """Check a frame of x, estimate, low, high and series; returns it with the names of the series.
 
     Raises:
-        InputError: the frame is not as asked.
+        InputError: the frame is not as described.
     """
     numeric = "x" in frame.columns and frame.schema["x"].is_numeric()
     frame = tidy(
@@ -97,7 +96,7 @@ def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
 def draw_estimates(
     axes: Any, style: Style, part: pl.DataFrame, index: int, *, shift: float = 0.0, log: bool = False
 ) -> None:
-    """One series of x, estimate, low, high along a numeric x: a line that a missing value breaks, marks, bars.
+    """Draw one series along a numeric x: a line, interrupted by missing values, marks and bars.
 
     Args:
         part: rows of the series. index: of its look. shift: along x, in its unit (decades on a logarithmic axis).
@@ -105,7 +104,7 @@ def draw_estimates(
         InputError: x is not positive on a logarithmic axis.
     """
     if log and part["x"].min() <= 0:  # type: ignore[operator]
-        raise InputError("a logarithmic axis holds no number at or below 0", field="x")
+        raise InputError("a logarithmic axis needs numbers above 0", field="x")
     looks = look(index)
     x = (part["x"] * 10**shift if log else part["x"] + shift).to_numpy()
     line = style.line_pt
@@ -123,7 +122,7 @@ def draw_estimates(
 
 
 def series_handle(style: Style, index: int) -> Any:
-    """The sign of a series in a legend: line and mark."""
+    """The line and mark of a series in a legend."""
     from matplotlib.lines import Line2D
 
     looks = look(index)
@@ -134,7 +133,7 @@ def series_handle(style: Style, index: int) -> Any:
 
 
 def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
-    """By how much series at the same x are set apart, in x or in decades."""
+    """Distance between series at the same x, in x or in decades."""
     places = frame["x"].unique().sort()
     if log:
         places = places.filter(places > 0).log(10)

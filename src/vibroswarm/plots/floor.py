@@ -1,4 +1,4 @@
-"""A picture of a floor, for print and screen, legible in grey."""
+"""Pictures of floors, for print and screen, legible in grey."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.files import whole_file
-from vibroswarm.floors.files import check_suffix
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ SUFFIXES: Final = (".png", ".svg", ".pdf")
 VIBRATING: Final = "#1d3a5f"
 STILL: Final = "#ece7db"
 
-_LINES_UP_TO: Final = 60  # tiles on a side; beyond, lines between them would hide them
-_VECTORS_UP_TO: Final = 10_000  # tiles; beyond, they are one image in SVG and PDF too
+_LINES_UP_TO: Final = 60  # tiles per side; with more, lines between tiles would hide them
+_VECTORS_UP_TO: Final = 10_000  # tiles; more are drawn as an image in SVG and PDF
 
 
 def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
@@ -50,7 +50,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     )
     axes.set(aspect="equal", xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
     if title:
-        axes.set_title(title, fontsize=10, parse_math=False)  # a file name may hold a dollar
+        axes.set_title(title, fontsize=10, parse_math=False)  # a file name may contain a dollar
     marks = [
         Patch(facecolor=colour, edgecolor="#8a8578", label=label)
         for colour, label in ((VIBRATING, "vibrating"), (STILL, "still"))
@@ -60,12 +60,12 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
 
 
 def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, replace: bool = False) -> None:
-    """Write a picture of the floor; what kind is seen from the suffix. The same floor gives the same bytes.
+    """Write a picture of the floor in the format of the suffix. The same floor gives the same bytes.
 
     Args:
         path: ends with .png, .svg or .pdf.
         tiles: (rows, columns) of 0 and 1.
-        title: above the floor. replace: whether a file of this name may be replaced.
+        title: above the floor. replace: whether an existing file may be replaced.
     Raises:
         InputError: another suffix, the file exists, or its folder cannot be written.
         RunError: the disk is full or failed.

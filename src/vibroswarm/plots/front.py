@@ -1,4 +1,4 @@
-"""Time against error: what is bought with waiting, and which choices nothing else beats in both."""
+"""Time against error of several choices, and their Pareto front."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.canvas import few_ticks, legend_below, percent_axis, plain_axes
-from vibroswarm.plots.frames import check_bounds, run_counts, tidy
-from vibroswarm.plots.incidence import thinned
-from vibroswarm.plots.palette import FAINT, INK, PAPER, SERIES
+from vibroswarm.plots.curves import thinned
+from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
+from vibroswarm.plots.layout import few_ticks, legend_below, of_runs, percent_axis, plain_axes, width_pt
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import Style, style_named
-from vibroswarm.plots.words import of_runs, width_pt
+from vibroswarm.plots.style import FAINT, INK, PAPER, SERIES, Style, style_named
 
 NAMED_UP_TO = {"column": 8, "page": 12, "slide": 12}
-"""Points on the front that are numbered and named below; of more, so many, evenly taken."""
+"""Most points of the front that are numbered and named below; of more, an even selection."""
 VECTORS_UP_TO = 2000
-"""Points; more are one image in SVG and PDF too, without their intervals."""
+"""Points; more are drawn as an image in SVG and PDF, without intervals."""
 
 _COLUMNS = ("name", "time", "time_low", "time_high", "error", "error_low", "error_high")
 
@@ -35,15 +33,15 @@ def draw_front(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Time and error of each choice; those on the front are full, numbered from the fastest, and joined by steps.
+    """Draw time and error of each choice; those on the Pareto front are full, numbered, and joined by steps.
 
-    A choice is on the front when no other is at least as good in both and better in one, by the estimates;
-    intervals that overlap say that it might be otherwise.
+    A choice is on the front if no other estimate is at least as good in both and better in one; overlapping
+    intervals leave this open.
 
     Args:
-        frame: one row a choice: ``name`` (text), ``time, error`` (less is better; null: it is counted in the
-            caption), where known ``time_low, time_high, error_low, error_high`` and ``runs``, and where it is to
-            be chosen otherwise ``front`` (true or false).
+        frame: one row per choice: ``name`` (text), ``time, error`` (less is better; null: counted in the
+            caption), where known ``time_low, time_high, error_low, error_high`` and ``runs``, and optionally
+            ``front`` (true or false) to override the front.
         time_label: of time, with its unit. error_label: of error, with its unit.
         interval: what low and high are.
         percent: whether errors are shares, written in percent.
@@ -54,7 +52,7 @@ def draw_front(
         Picture; its numbers are the columns named above with ``front`` and ``number`` (null: not on it).
 
     Raises:
-        InputError: the frame is not as asked.
+        InputError: the frame is not as described.
     """
     sizes = style_named(style)
     frame = tidy(
@@ -74,7 +72,7 @@ def draw_front(
         percent_axis(axes.yaxis)
     _points(axes, sizes, known)
     _steps(axes, sizes, chosen)
-    legend_below(figure, sizes, [_nothing() for _ in names], names)
+    legend_below(figure, sizes, [_empty_handle() for _ in names], names)
     _numbers_at_points(figure, axes, sizes, named, known)
     runs = run_counts(frame)
     lost = numbers.height - known.height
@@ -89,7 +87,7 @@ def draw_front(
 
 
 def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points no other beats: at least as good in both, better in one. Equal points stand or fall together."""
+    """Which points no other dominates (is at least as good in both, and better in one); equal points are alike."""
     order = np.lexsort((error, time))
     best, best_time = np.inf, -np.inf
     front = np.zeros(time.size, dtype=bool)
@@ -144,7 +142,7 @@ def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
         )  # fmt: skip
 
 
-def _nothing() -> Any:
+def _empty_handle() -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], ls="")
@@ -153,7 +151,7 @@ def _nothing() -> Any:
 def _numbers_at_points(
     figure: Any, axes: Any, style: Style, named: pl.DataFrame, known: pl.DataFrame
 ) -> None:
-    """Write each number beside its point, where it hides the least of points, bars and other numbers."""
+    """Write each number near its point, where it hides the fewest points and other numbers."""
     figure.draw_without_rendering()
     to_pt = 72 / figure.dpi
     marks = axes.transData.transform(known.select("time", "error").to_numpy()) * to_pt

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 
 import polars as pl
 
-from vibroswarm.csv_text import csv_bytes
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.files import whole_file
-from vibroswarm.plots.palette import NAMES
-from vibroswarm.plots.style import STYLES, settings, style_named
+from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
-from vibroswarm.files import whole_file
 from vibroswarm.motion.pose import pose
-from vibroswarm.observation.model import vibrating_at
-from vibroswarm.plots.palette import FAINT, INK, LINE, OUTCOMES, PAPER
-from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.observation.observe import vibrating_at
+from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, OUTCOMES, PAPER
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:

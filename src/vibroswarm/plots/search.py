@@ -5,12 +5,11 @@ from __future__ import annotations
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.canvas import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.error_bars import series_handle
-from vibroswarm.plots.frames import check_once, tidy, with_series
-from vibroswarm.plots.palette import LINE, SERIES, look
+from vibroswarm.plots.inputs import check_once, tidy, with_series
+from vibroswarm.plots.layout import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import style_named
+from vibroswarm.plots.style import LINE, SERIES, look, style_named
 
 
 @drawn

@@ -1,1 +1,1 @@
-"""The posterior of a floor where readings depend on several tiles and on factors they share: by sampling."""
+"""The posterior of a floor whose readings depend on several tiles and on shared factors, by MCMC."""

@@ -1,5 +1,5 @@
-"""The robot's program, written once: scalars in, scalars out; it knows nothing but sensors, clock and radio.
+"""The robot's program: scalars in, scalars out; it knows only sensors, clock and radio.
 
-The simulators step it, and a small Python on a microcontroller could run it: it uses only ``math``. Chance
-comes in as uniform numbers.
+The simulators step it, and MicroPython on a microcontroller could run it: it uses only ``math``. Uniform random
+numbers are passed in.
 """

@@ -9,7 +9,7 @@
 | command | - | % of full | 2.5 e + 0.15 integral, clipped to +-100 |
 | timer | t - t_s | ms | counts towards tau |
 
-The clock counts whole control periods ("ticks"). A step is called once a tick and says what the robot does
+The clock counts whole control periods ("ticks"). A step is called once per tick and determines what the robot does
 until the next one; a tick on which ``sampled`` is true is the one at which the sample is taken, and the
 robot still stands.
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from vibroswarm.compiled import inlined, kernel
+from vibroswarm.core.jit import inlined, kernel
 
 DRIVE: Final = 0
 TURN: Final = 1
@@ -35,7 +35,7 @@ TIMERS: Final = ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoida
 
 
 class WalkProgram(NamedTuple):
-    """The parameters of the walk; units in the names."""
+    """Parameters of the walk; units in the names."""
 
     tick_ms: int
     location_ms: float
@@ -54,12 +54,12 @@ class WalkProgram(NamedTuple):
 
 
 class WalkState(NamedTuple):
-    """All that the walk remembers from one tick to the next."""
+    """What the walk remembers from one tick to the next."""
 
     mode: int
-    """What it does until the next tick: DRIVE, TURN, AVOID or STOP."""
+    """Activity until the next tick: DRIVE, TURN, AVOID or STOP."""
     resume: int
-    """What it goes on with after a stop."""
+    """Activity after a stop."""
     sampled: bool
     """Whether the sample is taken at this tick."""
     leg_ms: float
@@ -69,15 +69,15 @@ class WalkState(NamedTuple):
     error_deg: float
     integral_deg_s: float
     legs: int
-    """Legs begun: the index of the next leg's numbers."""
+    """Legs begun: index of the next leg's random numbers."""
     avoidances: int
     samples: int
     next_leg_ms: float
-    """Length of the leg after the turn under way, as steered; nan: it is drawn."""
+    """Length of the leg after the current turn, if steered; nan: drawn."""
 
 
 class Dice(NamedTuple):
-    """The uniform numbers that the next leg, the turn at this leg's end and the next avoidance would use."""
+    """Uniform numbers for the next leg, the turn at the end of this leg and the next avoidance."""
 
     leg: float
     turn: float
@@ -86,27 +86,27 @@ class Dice(NamedTuple):
 
 @inlined
 def leg_duration_ms(program: WalkProgram, u: float) -> float:
-    """T_r ~ Cauchy(gamma_0, gamma) clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
+    """Return T_r ~ Cauchy(gamma_0, gamma), clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
     leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))
     return min(max(leg_ms, program.leg_min_ms), program.leg_max_ms)
 
 
 @inlined
 def turn_angle_deg(program: WalkProgram, u: float) -> float:
-    """phi ~ U(-turn_max, turn_max), deg, anticlockwise positive."""
+    """Return phi ~ U(-turn_max, turn_max), deg, anticlockwise positive."""
     return program.turn_max_deg * (2.0 * u - 1.0)
 
 
 @kernel
 def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
-    """The state at tick 0, at which the robot stands; it walks from tick 1."""
+    """Return the state at tick 0, at which the robot stands; it walks from tick 1."""
     leg_ms = leg_duration_ms(program, dice.leg)
     return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0, math.nan)
 
 
 @inlined
 def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
-    """The state of a robot that stands after a sample, and is to go on otherwise than by its own chance.
+    """Return the state of a robot that stands after a sample and is steered from there.
 
     * ``turn_deg``: it gives up what the stop interrupted (the rest of a leg, of a turn, of an avoidance), turns by so
       much, anticlockwise positive, and then drives a new leg: of ``drive_ms``, or with nan as long as drawn. That turn
@@ -135,7 +135,7 @@ def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
 
 @inlined
 def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
-    """Whether the step at this tick reads the rays: only when the robot is about to drive."""
+    """Return whether the step at this tick reads the rays: only when the robot is about to drive."""
     mode = state.mode
     if mode == STOP:
         if not state.sampled:
@@ -150,7 +150,7 @@ def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
 def walk_step(
     state: WalkState, program: WalkProgram, gyro_deg: float, nearest_mm: float, dice: Dice
 ) -> WalkState:
-    """What the robot does from this tick to the next.
+    """Return the state for the next control period: what the robot does from this tick to the next.
 
     Args:
         gyro_deg: turned since the last tick. nearest_mm: the shortest ray (read only when ``looks``).
@@ -204,7 +204,7 @@ def walk_step(
 
 @inlined
 def counts(mode: int, timer: int) -> bool:
-    """Whether the sample timer runs in this mode."""
+    """Return whether the sample timer runs in this mode."""
     if mode == DRIVE:
         return True
     if mode == AVOID:
@@ -214,14 +214,14 @@ def counts(mode: int, timer: int) -> bool:
 
 @inlined
 def turn_command_percent(state: WalkState, program: WalkProgram) -> float:
-    """Wheel command of a turn in place, % of full, anticlockwise positive: 2.5 e + 0.15 integral, clipped."""
+    """Return the wheel command of a turn in place, % of full, anticlockwise positive."""
     command = program.gain * state.error_deg + program.integral_gain * state.integral_deg_s
     return min(max(command, -100.0), 100.0)
 
 
 @inlined
 def wheel_commands_percent(state: WalkState, program: WalkProgram) -> tuple[float, float]:
-    """Left and right wheel, % of full speed, until the next tick."""
+    """Return the commands of the left and right wheel until the next tick, % of full speed."""
     if state.mode == DRIVE:
         return 100.0, 100.0
     if state.mode == STOP:

@@ -1,8 +1,8 @@
-"""What a robot says and when it decides; one strategy a file (``base`` says what one is made of)."""
+"""Strategies: what a robot says and when it decides; one file each (``base`` defines the protocol)."""
 
 from __future__ import annotations
 
-from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these make themselves known)
+from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
 from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
 from vibroswarm.strategies.world import belief_below, u
 

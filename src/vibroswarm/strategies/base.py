@@ -1,17 +1,17 @@
-"""What a strategy is: what a robot remembers, says, and does when it hears, samples, or a time has come.
+"""The protocol of strategies: what a robot remembers, and does when it hears, samples, or its timer is due.
 
 A strategy is one file: a few classes that declare fields, a few plain functions, and one ``Strategy`` that names them.
 The functions change rows in place and are compiled by Numba; they allocate nothing, and all chance comes from ``u``.
 
-    class Params:                          # [strategy.NAME] of a scenario, one field a line, with bounds
+    class Params:                          # [strategy.NAME] of a scenario, one field per line, with bounds
         patience: Annotated[int, Field(ge=1)] = 3
     class State:                           # what a robot remembers: int, float, bool
         opinion: int
-    class Message:                         # what it sends; without: one ``bit``
+    class Message:                         # what it sends; if omitted: one ``bit``
         bit: int
 
     def begin(s, a, d, p, w): ...                     # the state at time 0; it is all zeros before
-    def on_counts(s, ones, zeros, p, w): ...          # so many messages of one bit were heard
+    def on_counts(s, ones, zeros, p, w): ...          # numbers of one-bit messages heard
     def on_message(s, a, m, sender, t_s, d, p, w): ...  # one message was heard
     def on_sample(s, a, x, out, d, p, w): ...         # an own sample: True sends ``out``
     def on_timer(s, a, t_s, out, d, p, w): ...        # optional, due at s.next_s: True sends ``out``
@@ -20,7 +20,7 @@ The functions change rows in place and are compiled by Numba; they allocate noth
     def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: turn_deg, drive_ms
 
 ``s`` is the robot's State, ``a`` its arrays, ``m`` and ``out`` Messages, ``p`` the Params, ``w`` a ``World``, ``x`` a
-``Reading``; ``u(d, k)`` is the k-th uniform number of this call. ``decision`` is asked after each own sample and timer.
+``Reading``; ``u(d, k)`` is the k-th uniform number of this call. ``decision`` is called after each sample and timer.
 """
 
 from __future__ import annotations
@@ -28,78 +28,101 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cache
 from types import FunctionType
 from typing import Any, Final, Literal, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, create_model, field_validator
+from pydantic import BaseModel, create_model
 
+from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
-from vibroswarm.registry import Registry
+from vibroswarm.strategies.static_checks import check_function
 from vibroswarm.strategies.world import Reading, World
-from vibroswarm.strategies.written import check_function
 
 Hook = Callable[..., Any]
 
-MOST_BYTES: Final = 144
-"""Bytes that the robots' radio carries in one message."""
+MAX_BYTES: Final = 144
+"""Capacity of a message of the robots' radio, bytes."""
 NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
-class StrategyParams(BaseModel):
-    """Parameters of a strategy: frozen and strict, as all fields of a scenario are."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-    @field_validator("*")
-    @classmethod
-    def _one_zero(cls, value: object) -> object:
-        """-0.0 is 0.0: what is equal is written alike and has one hash."""
-        return value + 0.0 if isinstance(value, float) else value
-
-
 class NoParams:
-    """A strategy without parameters."""
+    """Parameters of a strategy that has none."""
 
 
 class NoArrays:
-    """A strategy whose state is scalars alone."""
+    """Arrays of a strategy whose state is scalars alone."""
 
 
-def _deaf(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
-    """For a strategy that does not listen."""
+def _ignore_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
+    """Ignore a message: for strategies that do not listen."""
 
 
 class Bit:
-    """A message of one bit."""
+    """A one-bit message."""
 
     bit: int
 
 
 @dataclass(frozen=True)
-class Strategy:
-    """A strategy, see the head of this module.
+class Plugin:
+    """What strategies, networks and tasks have in common.
 
     Args:
-        name: as scenarios call it: small letters, digits and underscores. about: one line.
-        state, message, params, arrays: classes of fields. begin to steer: the functions.
-        decides: "once", or "opinion": it may change, and the swarm has decided when all have agreed for
-            ``decision.hold_s``.
-        bytes_on_air: of one message, at most 144.
-        revises: a decision may change later where ``decision.revise`` says so.
-        boundary_half: it asks which of two kinds is more: its boundary of readings must be 1/2.
+        name: as scenarios call it: lower-case letters, digits and underscores. params: class of annotated fields.
+        about: one line.
     """
 
     name: str
+    _: KW_ONLY
+    params: type = NoParams
+    about: str = ""
+    source: str = field(default="", compare=False)
+    """Text of its file, if that is not part of this package."""
+    code: str = field(default="", compare=False)
+    """Name of that file, its name in it, and hash."""
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name):
+            raise InputError(
+                f"{shown(self.name)} is not a valid name; use lower-case letters, digits and underscores",
+                field="name",
+            )
+        object.__setattr__(self, "params", as_params(self.params, self.name))
+
+    @property
+    def params_type(self) -> np.dtype[np.void]:
+        """Row type of the parameters."""
+        return row_type(self.params, "params")
+
+    def params_row(self, values: object) -> tuple[Any, ...]:
+        """Return the parameters as a row of ``params_type``."""
+        names: tuple[str, ...] = self.params_type.names or ()
+        return tuple(getattr(values, name, 0) for name in names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strategy(Plugin):
+    """A strategy, see the module's docstring.
+
+    Args:
+        state, message, arrays: classes of fields. begin to steer: the functions.
+        decides: "once", or "opinion": opinions may change, and the swarm has decided when all have agreed for
+            ``decision.hold_s``.
+        bytes_on_air: of one message, at most 144.
+        revises: decisions may change if ``decision.revise`` is set.
+        boundary_half: it works only for a boundary of readings of 1/2.
+    """
+
     state: type
     begin: Hook
     on_sample: Hook
     decision: Hook
     message: type = Bit
     belief: Hook | None = None
-    params: type = NoParams
     arrays: type = NoArrays
     on_counts: Hook | None = None
     on_message: Hook | None = None
@@ -109,20 +132,11 @@ class Strategy:
     bytes_on_air: int = 1
     revises: bool = False
     boundary_half: bool = False
-    about: str = ""
-    source: str = field(default="", compare=False)
-    """The text of the file it comes from, where that is not of this package."""
-    code: str = field(default="", compare=False)
-    """That file's name, this one's name in it, and its hash."""
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"{shown(self.name)} is no name; small letters, digits and underscores", field="name"
-            )
-        if not 0 <= self.bytes_on_air <= MOST_BYTES:
-            raise InputError(f"{self.bytes_on_air} is wrong; 0 to {MOST_BYTES}", field="bytes_on_air")
-        object.__setattr__(self, "params", as_params(self.params, self.name))
+        super().__post_init__()
+        if not 0 <= self.bytes_on_air <= MAX_BYTES:
+            raise InputError(f"{self.bytes_on_air} is wrong; 0 to {MAX_BYTES}", field="bytes_on_air")
         rows = {
             "s": self.state_type.names,
             "out": self.message_type.names,
@@ -140,38 +154,28 @@ class Strategy:
                 "has on_timer, but its State has no next_s: float", field=f"strategy '{self.name}'"
             )
         if self.on_counts is None and self.on_message is None:
-            object.__setattr__(self, "on_message", _deaf)
+            object.__setattr__(self, "on_message", _ignore_message)
 
     @property
     def state_type(self) -> np.dtype[np.void]:
-        """The row of a robot's state."""
+        """Row type of a robot's state."""
         return row_type(self.state, "state")
 
     @property
     def message_type(self) -> np.dtype[np.void]:
-        """The row of a message."""
+        """Row type of a message."""
         return row_type(self.message, "message")
-
-    @property
-    def params_type(self) -> np.dtype[np.void]:
-        """The row of the parameters: as of the fields' defaults and bounds."""
-        return row_type(self.params, "params")
-
-    def params_row(self, values: BaseModel) -> tuple[Any, ...]:
-        """The parameters as a row of ``params_type``."""
-        names: tuple[str, ...] = self.params_type.names or ()
-        return tuple(getattr(values, name, 0) for name in names)
 
 
 @dataclass(frozen=True)
 class Array:
-    """An array of a robot's state: ``array("float32", "robots*tiles")``."""
+    """An array in a robot's state: ``array("float32", "robots*tiles")``."""
 
     kind: str
     of: str
 
     def size(self, sizes: Mapping[str, int]) -> int:
-        """How many numbers it holds.
+        """Return the array's number of elements.
 
         Args:
             sizes: robots, rows, columns, tiles.
@@ -181,7 +185,7 @@ class Array:
             word = factor.strip()
             if not word.isdigit() and word not in sizes:
                 raise InputError(
-                    f"{shown(word)} is no size; a number or one of {', '.join(sizes)}", field="arrays"
+                    f"{shown(word)} is not a size; a number or one of {', '.join(sizes)}", field="arrays"
                 )
             found *= int(word) if word.isdigit() else sizes[word]
         return found
@@ -191,20 +195,20 @@ ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
 
 
 def array(kind: str, of: str) -> Array:
-    """An array in a robot's state.
+    """Declare an array in a robot's state.
 
     Args:
         kind: of its numbers, one of ``ARRAY_KINDS``. of: its size, a product such as "robots*tiles".
     """
     if kind not in ARRAY_KINDS:
         raise InputError(
-            f"{shown(kind)} is no kind of number (there are {', '.join(ARRAY_KINDS)})", field="arrays"
+            f"{shown(kind)} is not a number type (there are {', '.join(ARRAY_KINDS)})", field="arrays"
         )
     return Array(kind, of)
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
-    """The arrays of a class whose attributes are ``array(...)``."""
+    """Return the arrays of a class whose attributes are ``array(...)``."""
     return {name: one for name, one in vars(declared).items() if isinstance(one, Array)}
 
 
@@ -215,7 +219,7 @@ CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "A
 
 
 def strategy_in(module: str, name: str, **more: Any) -> Strategy:
-    """The strategy that a module's classes and functions make, by the names in the head of this module.
+    """Build the strategy of a module from its classes and functions, named as in this module's docstring.
 
     Args:
         module: ``__name__``. name, more: as of ``Strategy``.
@@ -240,7 +244,7 @@ KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool
 
 
 def fields_of(declared: type) -> dict[str, type]:
-    """Fields of a class of annotations, by name: int, float or bool.
+    """Return the fields of an annotated class, by name: int, float or bool.
 
     Raises:
         InputError: another type.
@@ -250,13 +254,13 @@ def fields_of(declared: type) -> dict[str, type]:
         hints = {name: hint for name, hint in hints.items() if name in declared.model_fields}
     for name, kind in hints.items():
         if kind not in KINDS:
-            raise InputError(f"{shown(kind)} is no type of a field; int, float or bool", field=name)
+            raise InputError(f"{shown(kind)} is not a field type; use int, float or bool", field=name)
     return hints
 
 
 @cache
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
-    """The row of a class's fields.
+    """Return the row type of a class's fields.
 
     Raises:
         InputError: a field of another type than int, float or bool.
@@ -265,18 +269,18 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
         found = fields_of(declared)
     except (NameError, TypeError) as error:
         raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
-    # A row without a field has no place: a strategy that says or remembers nothing keeps one that is not used.
+    # NumPy rows need a field: one that is not used if the class declares none.
     return np.dtype([(name, KINDS[kind]) for name, kind in found.items()] or [("unused", np.int64)])
 
 
 def as_params(declared: type, name: str) -> type[BaseModel]:
-    """A class of annotated fields as a frozen, strict model."""
+    """Turn a class of annotated fields into a frozen, strict model."""
     if issubclass(declared, BaseModel):
         return declared
     hints = get_type_hints(declared, include_extras=True)
     given: dict[str, Any] = {one: (hint, getattr(declared, one, ...)) for one, hint in hints.items()}
     return create_model(
-        f"{name.title()}Params", __base__=StrategyParams, __doc__=declared.__doc__, **given
+        f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **given
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What none, positive and soft share: a posterior of the fill ratio, a bit, and a decision (Algorithm 1).
+"""The common part of none, positive and soft: posterior of the fill ratio, and decision (Algorithm 1).
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from vibroswarm.compiled import inlined
+from vibroswarm.core.jit import inlined
 from vibroswarm.strategies.world import Draws, World, belief_below
 
 Row = Any
-"""A row of a structured array: its fields are attributes, and are changed in place."""
+"""A row of a structured array: its fields are attributes, changed in place."""
 
 GATE_TOTAL: Final = 0
 GATE_RECEIVED: Final = 1
@@ -33,30 +33,30 @@ class State:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """The prior, undecided."""
+    """Set the prior, undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
 def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
-    """Bits from other robots: into the posterior like own ones (Eq. 8)."""
+    """Add bits from other robots to the posterior, like own readings (Eq. 8)."""
     s.alpha += ones
     s.beta += zeros
 
 
 def decision(s: Row, a: Row, p: Row, w: World) -> int:
-    """d_f."""
+    """Return d_f."""
     found: int = s.decision
     return found
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """P(f < boundary) of the posterior (Eq. 9)."""
+    """Return P(f < boundary) of the posterior (Eq. 9)."""
     return belief_below(s.alpha, s.beta, w)
 
 
 @inlined
 def observe(s: Row, observation: int) -> None:
-    """An own reading: into the posterior (Eq. 7)."""
+    """Add an own reading to the posterior (Eq. 7)."""
     s.alpha += observation
     s.beta += 1 - observation
     s.own += 1
@@ -64,7 +64,7 @@ def observe(s: Row, observation: int) -> None:
 
 @inlined
 def is_enough(s: Row, w: World) -> bool:
-    """Whether more than O_c observations are counted, when the current own sample is already in ``s``."""
+    """Return whether more than O_c observations are counted; ``s`` already includes the current sample."""
     own = s.own if w.gate_counts_current else s.own - 1
     if w.gate == GATE_OWN:
         return bool(own > w.min_observations)
@@ -76,7 +76,7 @@ def is_enough(s: Row, w: World) -> bool:
 
 @inlined
 def decided(p_below: float, before: int, w: World) -> int:
-    """d_f by Eq. 10, strictly; what was decided before stays where the belief decides nothing."""
+    """Return d_f by Eq. 10, with strict inequalities; ``before`` if the belief decides nothing."""
     if p_below > w.credible_threshold:
         return 0
     if 1.0 - p_below > w.credible_threshold:
@@ -86,6 +86,6 @@ def decided(p_below: float, before: int, w: World) -> int:
 
 @inlined
 def decide_once(s: Row, w: World) -> None:
-    """Decide, if undecided and if there is enough to go by."""
+    """Decide, if undecided and if there are enough observations."""
     if s.decision == -1 and is_enough(s, w):
         s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)

@@ -1,23 +1,14 @@
-"""No feedback, u-: a robot says what it has just read (Algorithm 3)."""
+"""No feedback, u-: a robot sends what it has just read (Algorithm 3)."""
 
 from __future__ import annotations
 
 from vibroswarm.strategies.base import Strategy, register
-from vibroswarm.strategies.bayes import (
-    Row,
-    State,
-    begin,
-    belief,
-    decide_once,
-    decision,
-    observe,
-    on_counts,
-)
+from vibroswarm.strategies.bayes import Row, State, begin, belief, decide_once, decision, observe, on_counts
 from vibroswarm.strategies.world import Draws, Reading, World
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Observe, test, and say m = O."""
+    """Observe, decide, and send m = O."""
     observe(s, x.reading)
     decide_once(s, w)
     out.bit = x.reading
@@ -33,6 +24,6 @@ none = register(
         on_sample=on_sample,
         decision=decision,
         belief=belief,
-        about="no feedback: a robot says its reading",
+        about="no feedback: a robot sends its reading",
     )
 )

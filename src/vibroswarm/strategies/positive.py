@@ -1,23 +1,14 @@
-"""Positive feedback, u+: a robot says its decision, before it has one its reading (Algorithm 3)."""
+"""Positive feedback, u+: a robot sends its decision or, before it has one, its reading (Algorithm 3)."""
 
 from __future__ import annotations
 
 from vibroswarm.strategies.base import Strategy, register
-from vibroswarm.strategies.bayes import (
-    Row,
-    State,
-    begin,
-    belief,
-    decide_once,
-    decision,
-    observe,
-    on_counts,
-)
+from vibroswarm.strategies.bayes import Row, State, begin, belief, decide_once, decision, observe, on_counts
 from vibroswarm.strategies.world import Draws, Reading, World
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Observe, test, and say m = d_f if that is not -1, else O."""
+    """Observe, decide, and send m = d_f if that is not -1, else O."""
     observe(s, x.reading)
     decide_once(s, w)
     out.bit = s.decision if s.decision != -1 else x.reading
@@ -33,6 +24,6 @@ positive = register(
         on_sample=on_sample,
         decision=decision,
         belief=belief,
-        about="positive feedback: a robot says its decision once it has one",
+        about="positive feedback: a robot sends its decision once it has one",
     )
 )

@@ -1,11 +1,11 @@
-"""Soft feedback, u^s: a robot says a random bit between reading and belief (Algorithm 3).
+"""Soft feedback, u^s: a robot sends a random bit between reading and belief (Algorithm 3).
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | weight | delta | - | exp(-eta Gamma) abs(1/2 - p)^kappa, in [0, 0.5^kappa] (Eq. 13) |
 | probability | - | - | delta (1 - p) + (1 - delta) O (Eq. 11) |
 
-With delta = 0 it says O, as no feedback does.
+With delta = 0 it sends O, as without feedback.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from vibroswarm.compiled import inner
-from vibroswarm.robot.believe import variance
+from vibroswarm.core.jit import inner
+from vibroswarm.robot.belief import variance
 from vibroswarm.strategies.base import Strategy, register
 from vibroswarm.strategies.bayes import (
     Row,
@@ -32,11 +32,11 @@ from vibroswarm.strategies.bayes import (
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
 
 ROUNDING: Final = 1e-12
-"""Far above what rounding does to a probability."""
+"""Far above the rounding error of a probability."""
 
 
 class Params:
-    """How a robot weighs its belief against its reading."""
+    """Weights of belief and reading."""
 
     eta: Annotated[
         float, Field(ge=0, le=1e12, description="How fast the weight grows as the posterior narrows.")
@@ -47,7 +47,7 @@ class Params:
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Observe, test, and say a bit drawn from the posterior with the own sample in it."""
+    """Observe, decide, and send a bit drawn from the posterior, which includes the own sample."""
     observe(s, x.reading)
     below = belief_below(s.alpha, s.beta, w)
     if (s.decision == -1 or w.revise) and is_enough(s, w):
@@ -58,14 +58,14 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inner
 def weight(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
-    """delta (Eq. 13)."""
+    """Return delta (Eq. 13)."""
     delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa
     return delta
 
 
 @inner
 def probability(observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
-    """Probability that the message is 1 (Eq. 11)."""
+    """Return the probability that the message is 1 (Eq. 11)."""
     delta = weight(alpha, beta, belief, eta, kappa)
     return delta * (1.0 - belief) + (1.0 - delta) * observation
 
@@ -74,8 +74,8 @@ def probability(observation: int, alpha: int, beta: int, belief: float, eta: flo
 def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
-    """m ~ Bernoulli(probability): 1 where the uniform number lies below it."""
-    # Most numbers tell without exponential and power: delta is at most |1/2 - p|^2, |1/2 - p| or 1.
+    """Draw m ~ Bernoulli(probability): 1 if the uniform number lies below it."""
+    # Most draws need neither exponential nor power: delta is at most |1/2 - p|^2, |1/2 - p| or 1.
     distance = abs(0.5 - belief)
     most = distance * distance if kappa >= 2.0 else (distance if kappa >= 1.0 else 1.0)
     doubt = belief if observation == 1 else 1.0 - belief
@@ -96,6 +96,6 @@ soft = register(
         belief=belief,
         revises=True,
         boundary_half=True,
-        about="soft feedback: a robot says a bit drawn between its reading and its belief",
+        about="soft feedback: a robot sends a bit drawn between its reading and its belief",
     )
 )

@@ -1,19 +1,19 @@
-"""What a strategy's functions are given: the world as a robot knows it, a reading, and chance.
+"""Arguments of a strategy's functions: the world as a robot knows it, a reading, and random numbers.
 
-Names are those of the scenario's fields; see ``base`` for who is given what.
+Names are those of the scenario's fields; see ``base`` for the functions.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from vibroswarm.compiled import inlined
-from vibroswarm.draws import uniform
-from vibroswarm.strategies.belief_table import Beliefs, belief_of
+from vibroswarm.core.jit import inlined
+from vibroswarm.core.rng import uniform
+from vibroswarm.strategies.belief_cache import Beliefs, belief_of
 
 
 class World(NamedTuple):
-    """What robot ``robot`` knows of its task; lengths in m, times in s."""
+    """What robot ``robot`` knows about its task; lengths in m, times in s."""
 
     robot: int
     """Its own number, from 0."""
@@ -24,7 +24,7 @@ class World(NamedTuple):
     width_m: float
     height_m: float
     rows: int
-    """Of the grid of tiles."""
+    """Rows of the grid of tiles."""
     columns: int
     tile_width_m: float
     tile_height_m: float
@@ -33,20 +33,20 @@ class World(NamedTuple):
     decision_boundary: float
     """The question: does more than this share of the tiles vibrate?"""
     boundary: float
-    """The share of ones to hold readings against (``decision.boundary_of``)."""
+    """Share of ones that readings are tested against (``decision.boundary_of``)."""
     credible_threshold: float
     min_observations: int
     gate: int
-    """What is counted against ``min_observations``: ``GATE_TOTAL``, ``GATE_RECEIVED``, ``GATE_OWN``."""
+    """Which observations count towards ``min_observations``: ``GATE_TOTAL``, ``GATE_RECEIVED``, ``GATE_OWN``."""
     gate_counts_current: bool
     revise: bool
     prior_alpha: int
     prior_beta: int
     false_positive: float
-    """Share of samples at still places that robots expect to read 1; of readings taken at their word: 0."""
+    """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value."""
     false_negative: float
     hold_s: float
-    """For how long opinions have to agree."""
+    """How long opinions have to agree."""
     beliefs: Beliefs
 
 
@@ -57,17 +57,17 @@ class Reading(NamedTuple):
     """0 or 1."""
     t_s: float
     number: int
-    """Of the robot's samples, from 0."""
+    """Index among the robot's samples, from 0."""
     x_m: float
-    """Where the robot believes that it is. Without a stage of localisation that is where it is."""
+    """Where the robot believes it is; its true position if localisation is not simulated."""
     y_m: float
     heading_rad: float
     spread_m: float
-    """Standard deviation of the place, m."""
+    """Standard deviation of the position, m."""
 
 
 class Draws(NamedTuple):
-    """The address of the numbers of one call; see ``u``."""
+    """Address of the random numbers of one call; see ``u``."""
 
     seed: int
     run: int
@@ -77,12 +77,12 @@ class Draws(NamedTuple):
     peer: int
     shift: int
     first: float
-    """The number 0 where it is known already, else below 0."""
+    """Number 0 if already known, else negative."""
 
 
 @inlined
 def u(d: Draws, k: int) -> float:
-    """The k-th uniform number of this call, inside (0, 1); k from 0 to 65,535."""
+    """Return the k-th uniform number of this call, inside (0, 1); k from 0 to 65,535."""
     if k == 0 and d.first > 0.0:
         return d.first
     return uniform(d.seed, d.run, d.robot, d.purpose, d.address, d.peer + (k << d.shift))
@@ -90,5 +90,5 @@ def u(d: Draws, k: int) -> float:
 
 @inlined
 def belief_below(alpha: int, beta: int, w: World) -> float:
-    """P(share of ones < ``w.boundary``) for a share that is Beta(alpha, beta); whole alpha, beta >= 1."""
+    """Return P(share of ones < ``w.boundary``) for a Beta(alpha, beta) share; integers alpha, beta >= 1."""
     return belief_of(w.beliefs, alpha, beta)

@@ -1,1 +1,1 @@
-"""Many runs: what is varied, the plan, the work, the store, executors, and the result of a study."""
+"""Studies: many runs of scenarios that differ in some fields; planning, running, storing and reporting them."""

@@ -1,7 +1,7 @@
-"""Who does the work: threads, processes, a Dask cluster, or any executor of ``concurrent.futures``.
+"""Run batches on threads, processes, a Dask cluster, or any executor of ``concurrent.futures``.
 
-Threads are the default: the kernels hold no lock. A process that dies takes no other with it: each worker is a pool of
-one process, which is replaced. What a worker does is ``work.do``; no result depends on who does it.
+Threads are the default, since the kernels release the GIL. Each worker process is a pool of its own, so that one that
+dies is replaced and stops no other. A worker runs ``batch.do_batch``; no result depends on the executor.
 """
 
 from __future__ import annotations
@@ -13,69 +13,81 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from vibroswarm.errors import InputError, RunError, nearest
 from vibroswarm.simulation import versions
-from vibroswarm.study.work import Cancelled, Done, Work, do
+from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 NAMES: Final = ("threads", "processes")
 CONNECT_S: Final = 10.0
-"""How long a scheduler may take to answer."""
+"""Time limit for a scheduler to answer."""
 CLOSE_S: Final = 5.0
 WITHOUT_WORKERS_S: Final = 30.0
-"""How long a cluster may be without any worker."""
+"""Time limit for a cluster to have no worker."""
 ASK_EVERY_S: Final = 5.0
-"""How often a cluster is asked for workers that came or went."""
-GO_ON: Final = "what is done is kept; say the same again to go on from here"
+"""Interval at which the number of a cluster's workers is updated."""
+GO_ON: Final = "finished work is saved; run the same command again to continue"
 
 
 class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
-    """The process that did a batch is gone: out of memory, killed, or crashed."""
+    """The process that ran a batch died: out of memory, killed, or crashed."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor with what the runner must know of it: how many batches it does at a time, and how it is stopped."""
+    """An executor, how many batches it runs at a time, and how it is stopped."""
 
     executor: Executor
     count: int
     name: str
     cancel: Any = None
-    """An event that stops batches under way."""
+    """An event that stops running batches."""
 
-    def submit(self, work: Work) -> Future[Done]:
-        """Have a batch done."""
+    def submit(self, work: Batch) -> Future[BatchResult]:
+        """Submit a batch."""
         if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
-            return self.executor.submit(do, work, self.cancel.is_set)
-        return self.executor.submit(do, work)
+            return self.executor.submit(do_batch, work, self.cancel.is_set)
+        return self.executor.submit(do_batch, work)
 
     @property
     def width(self) -> int:
-        """Batches that are done at a time, now."""
+        """Number of batches that run at a time now."""
         return self.count
 
     def check(self) -> None:
-        """Raise RunError where nobody is left who could do a batch; asked when none came back for a while."""
+        """Raise RunError if no worker is left; called when no batch has finished for a while."""
 
 
 @contextmanager
 def workers_for(
     executor: str | Executor = "threads", count: int | None = None, mixed: bool = False
 ) -> Iterator[Workers]:
-    """Workers by name, or an executor of the caller's, which is left as it is.
+    """Start workers by name, or use an executor of the caller, which is not shut down.
 
     Args:
         executor: ``threads``, ``processes``, ``dask://HOST:PORT``, a Dask scheduler file, or an ``Executor``.
-        count: threads or processes; all processors without. mixed: workers may have other versions.
+        count: threads or processes; all processors by default. mixed: workers may have other versions.
     Raises:
-        InputError: no such executor, no such file, or nobody answers there.
+        InputError: no such executor or file, or no scheduler answers.
     """
     if count is not None and count < 1:
         raise InputError(f"{count} is too few; at least 1", field="workers")
@@ -95,8 +107,58 @@ def workers_for(
         )
 
 
+def do_all(
+    workers: Workers,
+    tasks: list[T],
+    submit: Callable[[T], Future[R]],
+    take: Callable[[Future[R], T], list[T]],
+    *,
+    ahead: Callable[[], int],
+    progress: Callable[[], None],
+    rescue: Callable[[Future[R]], None] = lambda future: None,
+) -> None:
+    """Submit tasks, the last of the list first, and take each result as it comes.
+
+    Args:
+        take: handles a finished future; returns the tasks to submit again. ahead: how many tasks to have submitted.
+        rescue: called with each future that is done but not yet taken when an exception ends the work.
+    Raises:
+        RunError: the executor is closed, or no worker is left.
+    """
+    pending: dict[Future[R], T] = {}
+    try:
+        while tasks or pending:
+            while tasks and len(pending) < ahead():
+                task = tasks.pop()
+                try:
+                    pending[submit(task)] = task
+                except Exception as error:  # an executor that is closed or cut off may raise anything
+                    raise workers_gone(error) from error
+            finished = wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done
+            if not finished:
+                workers.check()
+            for future in finished:
+                try:
+                    tasks += take(future, pending.pop(future))
+                except (BrokenExecutor, CancelledError) as error:
+                    raise workers_gone(error) from error
+            progress()
+    except BaseException:
+        for future in pending:
+            if not future.cancel() and future.done():
+                with suppress(Exception):
+                    rescue(future)
+        raise
+
+
+def workers_gone(error: BaseException) -> RunError:
+    """Explain that an executor broke or was closed."""
+    why = f"{type(error).__name__}: {error}".rstrip(": ")
+    return RunError(f"the workers are gone ({why}); {GO_ON}")
+
+
 def processors() -> int:
-    """Processors that this process may use; a batch system gives fewer than the machine has."""
+    """Return the number of processors that this process may use; a batch system may grant fewer than there are."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -113,8 +175,8 @@ def _threads(count: int) -> Iterator[Workers]:
         pool.shutdown(cancel_futures=True)
 
 
-class OneEach(Executor):
-    """Processes, each a pool of its own: one that dies is replaced, and only its own batch is lost."""
+class SingleProcessPools(Executor):
+    """Worker processes, each a pool of its own: one that dies is replaced, and only its batch is lost."""
 
     def __init__(self, count: int) -> None:
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
@@ -125,11 +187,11 @@ class OneEach(Executor):
         self._lock = threading.Lock()
 
     def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        """As ``Executor.submit``; raises ``WorkerDied`` in the future where the process died."""
+        """Submit a call; its future raises ``WorkerDied`` if the process dies."""
         return self._threads.submit(self._in_process, function, arguments, named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes after what they are doing."""
+        """Stop the processes when they have finished their calls."""
         self.cancel.set()
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         with self._lock:
@@ -148,11 +210,11 @@ class OneEach(Executor):
         except BrokenProcessPool:
             self._own.pool = None
             pool.shutdown(wait=False)
-            raise WorkerDied("the process that did it died (out of memory, killed, or crashed)") from None
+            raise WorkerDied("the worker process died (out of memory, killed, or crashed)") from None
 
 
 def _hold_off_ctrl_c() -> None:
-    """In a thread that starts processes: these take over what is held off, and are not hit while they begin."""
+    """Block Ctrl-C in a thread that starts processes: they inherit the block while they start."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
@@ -161,7 +223,7 @@ _cancel: Any = None
 
 
 def _begin_process(cancel: Any) -> None:
-    """In a new process: Ctrl-C is for the one that started it; and when that is gone, so is this."""
+    """Initialise a worker process: it ignores Ctrl-C and ends when its parent ends."""
     global _cancel
     _cancel = cancel
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -175,18 +237,18 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _do_in_process(work: Work) -> Done:
-    return do(work, _cancel.is_set)
+def _do_in_process(work: Batch) -> BatchResult:
+    return do_batch(work, _cancel.is_set)
 
 
 @dataclass(frozen=True)
 class _ProcessWorkers(Workers):
-    def submit(self, work: Work) -> Future[Done]:
+    def submit(self, work: Batch) -> Future[BatchResult]:
         return self.executor.submit(_do_in_process, work)
 
 
 def _processes(count: int) -> Iterator[Workers]:
-    pool = OneEach(count)
+    pool = SingleProcessPools(count)
     try:
         yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
     finally:
@@ -194,7 +256,7 @@ def _processes(count: int) -> Iterator[Workers]:
 
 
 class _Seen:
-    """What was last seen of a cluster."""
+    """Last known state of a cluster."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
@@ -203,7 +265,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _DaskWorkers(Workers):
-    """Workers of a cluster may come and go; when none is left for a while, the study stops."""
+    """Workers of a cluster, which may join and leave; the study stops if there is none for a while."""
 
     client: Any = None
     seen: _Seen = field(default_factory=lambda: _Seen(1))
@@ -227,19 +289,19 @@ class _DaskWorkers(Workers):
 
 
 def _dask(address: str, mixed: bool) -> Iterator[Workers]:
-    """The workers of a Dask cluster that is there; they need the same version of vibroswarm."""
+    """Connect to the workers of a running Dask cluster, which need the same version of vibroswarm."""
     try:
         import distributed
     except ImportError:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
     for name in ("distributed.client", "distributed.core", "distributed.comm"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what they tell is told by us, once
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # we report their failures ourselves, once
     client = _connected(distributed.Client, address)
     try:
         threads = client.nthreads()
         if not threads:
             raise RunError(
-                f"the Dask scheduler at '{address}' has no workers; start some, and say the same again"
+                f"the Dask scheduler at '{address}' has no workers; start some, and run the same command again"
             )
         _check_dask_versions(client, mixed)
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
@@ -249,7 +311,7 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
 
 
 def _connected(connect: Any, address: str) -> Any:
-    """A client of the scheduler at an address, or named by a file."""
+    """Connect to the scheduler at an address, or the one that a file names."""
     if address.endswith(".json") and not Path(address).is_file():
         raise InputError(f"there is no scheduler file '{address}'", field="executor")
     where = (
@@ -261,12 +323,12 @@ def _connected(connect: Any, address: str) -> Any:
         return connect(**where, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # an address or a file may be wrong in many ways
         told = str(error).splitlines()[0] if str(error) else type(error).__name__
-    gc.collect()  # of the client that came to nothing; later, while another begins, Dask would wait for itself
+    gc.collect()  # of the failed client; if it ran later, while another client starts, Dask would deadlock
     raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor")
 
 
 def _check_dask_versions(client: Any, mixed: bool) -> None:
-    """Refuse workers that have no vibroswarm or another; those that come later are found by their batches."""
+    """Refuse workers without vibroswarm or with another version; those that join later are checked by their batches."""
     for worker, found in client.run(versions, on_error="return").items():
         if isinstance(found, Exception):
             raise InputError(
@@ -276,16 +338,32 @@ def _check_dask_versions(client: Any, mixed: bool) -> None:
         check_worker(found, mixed, worker)
 
 
-def check_worker(theirs: dict[str, str], mixed: bool, worker: str = "a worker") -> None:
-    """Refuse a worker of other versions, unless they may be mixed."""
-    mine = versions()
-    if mixed or theirs == mine:
-        return
-    different = [f"{k} {theirs.get(k)}" for k in mine if theirs.get(k) != mine[k]]
-    raise InputError(
-        f"{worker} has other versions than this process ({', '.join(different)}); install the same, or say --mixed",
-        field="executor",
-    )
+def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker") -> None:
+    """Refuse a worker with other versions, unless they may be mixed."""
+    if not mixed and (different := _different_versions(theirs)):
+        raise InputError(
+            f"{worker} has other versions than this process ({different}); install the same, or add --mixed",
+            field="executor",
+        )
 
 
-__all__ = ["Cancelled", "OneEach", "WorkerDied", "Workers", "workers_for"]
+def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
+    """Refuse to continue what other versions began, since the whole could not be repeated.
+
+    Raises:
+        InputError: it names the versions that differ.
+    """
+    if different := _different_versions(theirs):
+        raise InputError(
+            f"was begun by other versions ({different}); continue with those, choose a new folder, or add --mixed "
+            "to continue anyway",
+            field=str(folder),
+        )
+
+
+def _different_versions(theirs: Mapping[str, str]) -> str:
+    here = versions()
+    return "; ".join(f"{k} {theirs.get(k)} there, {here[k]} here" for k in here if theirs.get(k) != here[k])
+
+
+__all__ = ["Cancelled", "SingleProcessPools", "WorkerDied", "Workers", "workers_for"]

@@ -1,74 +1,69 @@
-"""The pictures of a study: which of them say something about it, drawn from its outcome.
+"""Choose and draw the pictures that fit a study.
 
-Those of where and when robots sampled are drawn from some runs made again from the seed, and say of how many.
+Pictures of samples come from some runs that are simulated again from the seed; their captions say from how many.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 import polars as pl
+from scipy.special import betainc
 
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.observation.boundary import readings_boundary
-from vibroswarm.plots.belief import draw_belief
-from vibroswarm.plots.boxes import draw_boxes
-from vibroswarm.plots.density import draw_density
-from vibroswarm.plots.detection import draw_detection
+from vibroswarm.observation.decision_boundary import readings_boundary
+from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
+from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
+from vibroswarm.plots.distributions import draw_boxes, draw_violins
 from vibroswarm.plots.error_bars import draw_error_bars
-from vibroswarm.plots.forest import draw_forest
 from vibroswarm.plots.front import draw_front
-from vibroswarm.plots.heat import draw_heat
-from vibroswarm.plots.incidence import draw_incidence
-from vibroswarm.plots.outcomes import draw_outcomes
+from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
-from vibroswarm.plots.violins import draw_violins
-from vibroswarm.study.axes import Layout, label_of, layout_of, number_of, plane_of
-from vibroswarm.study.compare import Compared
-from vibroswarm.study.outcome import CellOutcome, Outcome
+from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.picture_axes import Layout, label_of, layout_of, number_of, plane_of
 from vibroswarm.study.spec import SOURCE
+from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_ROWS: Final = 48
-"""Cells that a picture with a row for each still shows."""
+"""Most cells in a picture with one row for each."""
 MOST_SERIES: Final = 8
 MOST_PANELS: Final = 6
-AGAIN: Final = 100
-"""Runs made again from the seed for pictures of samples."""
+SIMULATED_RUNS: Final = 100
+"""Runs simulated again for pictures of samples."""
 TIMES: Final = 121
 
 
 @dataclass(frozen=True)
-class Named:
-    """A picture with the name of its files, its title, and what draws it."""
+class NamedPicture:
+    """A picture's file name, its title, and the function that draws it."""
 
     name: str
     title: str
-    draw: Callable[[str], Picture]
-    """From a style to the picture."""
+    draw: Callable[..., Picture]
+    """Takes the style by keyword."""
 
 
-def pictures_of(outcome: Outcome) -> Iterator[Named]:
-    """All pictures that fit the study, the most telling first."""
+def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
+    """Yield all pictures that fit the study, the most informative first."""
     cells, layout = outcome.cells, layout_of([one.cell for one in outcome.cells])
     if len(cells) <= MOST_ROWS:
-        yield Named("outcomes", "What became of the swarms", lambda s: _outcomes(cells, s))
+        yield NamedPicture("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
     for figure, title, label, percent in _FIGURES:
         if layout.x is not None or len(cells) <= MOST_ROWS:
-            yield Named(figure, title, _bars(cells, layout, figure, label, percent))
+            yield NamedPicture(figure, title, _bars(cells, layout, figure, label, percent))
     yield from _planes(cells)
     yield from _incidences(outcome, layout)
     if len(cells) <= MOST_ROWS // 2:
-        yield Named(
-            "consensus-box", "Time of consensus, run by run", lambda s: _spread(outcome, s, draw_boxes)
-        )
-        yield Named("consensus-violin", "The same, as violins", lambda s: _spread(outcome, s, draw_violins))
+        yield NamedPicture("consensus-box", "Time of consensus, run by run", _spread(outcome, draw_boxes))
+        yield NamedPicture("consensus-violin", "The same, as violins", _spread(outcome, draw_violins))
     yield from _fronts(cells)
     yield from _forests(outcome.comparisons)
     if layout.field == SOURCE and any(one.summary.swarm_right.n for one in cells):
-        yield Named("detection", "Which fill ratios are told", _detection(cells, layout))
+        yield NamedPicture("detection", "Which fill ratios are judged correctly", _detection(cells, layout))
     yield from _samples(outcome)
 
 
@@ -80,23 +75,19 @@ _FIGURES: Final = (
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
-    kinds = ("right", "wrong", "split", "incomplete", "agreed")
+    kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
     rows = []
     for one in cells:
         shares = {kind: getattr(one.summary, f"swarm_{kind}") for kind in kinds}
-        counts = {kind: _count(share.estimate, share.n) for kind, share in shares.items()}
+        counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
         rows.append({"cell": one.cell.name, **counts, **limits})
     return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
 
 
-def _count(share: float, n: int) -> int:
-    return 0 if share != share else round(share * n)
-
-
 def _bars(
     cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
-) -> Callable[[str], Picture]:
+) -> Callable[..., Picture]:
     rows = []
     for one in cells:
         found, number = getattr(one.summary, figure), one.cell.number
@@ -104,29 +95,24 @@ def _bars(
         series = {} if layout.x is None else {"series": layout.series[number]}
         interval = {"estimate": found.estimate, "low": found.low, "high": found.high}
         rows.append({"x": x, **series, **interval, "runs": one.summary.runs})
-    frame = _frame(rows).with_columns(_finite("estimate"), _finite("low"), _finite("high"))
+    frame = _frame(rows)
     many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
     if many:  # too many lines: one row a cell
         frame = frame.select(
             pl.Series("x", [one.cell.name for one in cells]), pl.all().exclude("x", "series")
         )
         frame = frame.head(MOST_ROWS)
-    how = "95 % interval over runs"
-
-    def draw(style: str) -> Picture:
-        return draw_error_bars(
-            frame,
-            x_label="" if many else layout.label,
-            label=label,
-            interval=how,
-            percent=percent,
-            style=style,
-        )
-
-    return draw
+    return partial(
+        draw_error_bars,
+        frame,
+        x_label="" if many else layout.label,
+        label=label,
+        interval="95 % interval over runs",
+        percent=percent,
+    )
 
 
-def _planes(cells: Sequence[CellOutcome]) -> Iterator[Named]:
+def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
     plane = plane_of([one.cell for one in cells])
     if plane is None:
         return
@@ -143,12 +129,12 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[Named]:
             title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
                 f": {rest}" if rest else ""
             )
-            yield Named(name, title, _heat(part, plane, figure, label, best))
+            yield NamedPicture(name, title, _heat(part, plane, figure, label, best))
 
 
 def _heat(
     cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
-) -> Callable[[str], Picture]:
+) -> Callable[..., Picture]:
     rows = [
         {
             "x": number_of(one.cell, plane[0]),
@@ -158,15 +144,12 @@ def _heat(
         }
         for one in cells
     ]
-    frame = _frame(rows).with_columns(_finite("value"))
     x_label, y_label = label_of(plane[0]), label_of(plane[1])
-    return lambda style: draw_heat(
-        frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
-    )
+    return partial(draw_heat, _frame(rows), x_label=x_label, y_label=y_label, label=label, best=best)
 
 
-def _incidences(outcome: Outcome, layout: Layout) -> Iterator[Named]:
-    """Decisions over time: the cells of one picture differ in the series, or in all if they are few."""
+def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
+    """Draw decisions over time: one picture for each x, or a single one if there are few cells."""
     cells = [one for one in outcome.cells if one.summary.swarm_right.n]  # where a decision can be right
     if 0 < len(cells) <= MOST_SERIES // 2:
         panels = {"": cells}
@@ -181,12 +164,12 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[Named]:
         for unit in ("robot", "swarm"):
             name = f"incidence-{unit}s" + (f"-{number + 1}" if len(shown) > 1 else "")
             title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
-            yield Named(name, title, _incidence(outcome, part, layout if words else None, unit))
+            yield NamedPicture(name, title, _incidence(outcome, part, layout if words else None, unit))
 
 
 def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
-) -> Callable[[str], Picture]:
+) -> Callable[..., Picture]:
     frames = []
     for one in cells:
         robots, runs = outcome.result.tables(one.cell.number)
@@ -198,36 +181,29 @@ def _incidence(
     count, t_end_s = min(one.summary.runs for one in cells), max(one.summary.t_end_s for one in cells)
     size = min(one.cell.scenario.swarm.robots for one in cells)
 
-    def draw(style: str) -> Picture:
-        return draw_incidence(
-            pl.concat(frames),
-            runs=count * size if unit == "robot" else count,
-            unit="robot" if unit == "robot" else "run",
-            interval=f"95 % interval over {count} runs",
-            t_end=t_end_s,
-            style=style,
-        )
-
-    return draw
-
-
-def _spread(outcome: Outcome, style: str, draw: Callable[..., Picture]) -> Picture:
-    frames = []
-    for one in outcome.cells:
-        runs = outcome.result.tables(one.cell.number)[1]
-        frames.append(runs.select(cell=pl.lit(one.cell.name), value="consensus_time_s"))
-    t_end_s = max(one.summary.t_end_s for one in outcome.cells)
-    return draw(
+    return partial(
+        draw_incidence,
         pl.concat(frames),
-        label="time of consensus (s)",
+        runs=count * size if unit == "robot" else count,
+        unit="robot" if unit == "robot" else "run",
+        interval=f"95 % interval over {count} runs",
         t_end=t_end_s,
-        missing="without consensus",
-        style=style,
     )
 
 
-def _fronts(cells: Sequence[CellOutcome]) -> Iterator[Named]:
-    """One for each floor: floors are no choice."""
+def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
+    frames = [
+        outcome.result.tables(one.cell.number)[1].select(cell=pl.lit(one.cell.name), value="consensus_time_s")
+        for one in outcome.cells
+    ]
+    t_end_s = max(one.summary.t_end_s for one in outcome.cells)
+    return partial(
+        draw, pl.concat(frames), label="time of consensus (s)", t_end=t_end_s, missing="without consensus"
+    )
+
+
+def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
+    """Draw one front for each floor, since nobody chooses the floor."""
     floors: dict[str, list[CellOutcome]] = {}
     for one in cells:
         floors.setdefault(str(one.cell.point.get(SOURCE, "")), []).append(one)
@@ -235,7 +211,7 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[Named]:
         if len(part) > 1:
             name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
             title = "Time against error" + (f": {floor}" if floor else "")
-            yield Named(name, title, lambda style, part=part: _front(part, style))  # type: ignore[misc]
+            yield NamedPicture(name, title, partial(_front, part))
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -254,12 +230,10 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
                 "runs": one.summary.runs,
             }
         )
-    numbers = ("time", "time_low", "time_high", "error", "error_low", "error_high")
-    frame = _frame(rows).with_columns(*(_finite(name) for name in numbers))
-    return draw_front(frame, error_label="share of swarms not right", percent=True, style=style)
+    return draw_front(_frame(rows), error_label="share of swarms not right", percent=True, style=style)
 
 
-def _forests(compared: Sequence[Compared]) -> Iterator[Named]:
+def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
     for figure, title, label, better in (
         ("decision_time_s", "Decision time, run by run", "difference of decision time (s)", "low"),
         ("right_share", "Robots right, run by run", "difference of the share of robots right", "high"),
@@ -279,17 +253,11 @@ def _forests(compared: Sequence[Compared]) -> Iterator[Named]:
             if one.first.figure == figure
         ][:MOST_ROWS]
         if rows:
-            frame = _frame(rows).with_columns(_finite("difference"), _finite("low"), _finite("high"))
-            yield Named(
-                f"compared-{figure.replace('_', '-')}",
-                title,
-                lambda style, frame=frame, label=label, better=better: draw_forest(  # type: ignore[misc]
-                    frame, label=label, better=better, style=style
-                ),
-            )
+            draw = partial(draw_forest, _frame(rows), label=label, better=better)
+            yield NamedPicture(f"compared-{figure.replace('_', '-')}", title, draw)
 
 
-def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[[str], Picture]:
+def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
     assert layout.x is not None
     rows = []
     for one in cells:
@@ -304,13 +272,12 @@ def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[[str], 
                 "runs": one.summary.runs,
             }
         )
-    frame = _frame(rows).with_columns(*(_finite(name) for name in ("missed", "low", "high")))
     boundary = cells[0].cell.scenario.decision.decision_boundary
-    return lambda style: draw_detection(frame.head(400), boundary=boundary, style=style)
+    return partial(draw_detection, _frame(rows).head(400), boundary=boundary)
 
 
-def _samples(outcome: Outcome) -> Iterator[Named]:
-    """Where and when, from some runs made again: density by motion, belief by cell."""
+def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
+    """Draw where robots sampled for each motion, and beliefs over time for each cell."""
     groups = outcome.result.plan.groups
     if len(groups) <= MOST_PANELS:
         for group in groups:
@@ -318,35 +285,32 @@ def _samples(outcome: Outcome) -> Iterator[Named]:
             if mine:
                 name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
                 words = f": {mine[0].cell.name}" if len(groups) > 1 else ""
-                yield Named(name, f"Where robots sampled{words}", _density(outcome, mine[0]))
+                yield NamedPicture(name, f"Where robots sampled{words}", partial(_density, outcome, mine[0]))
     if len(outcome.cells) <= MOST_SERIES:
-        yield Named("belief", "Belief over time", lambda style: _belief(outcome, style))
+        yield NamedPicture("belief", "Belief over time", partial(_belief, outcome))
 
 
-def _density(outcome: Outcome, one: CellOutcome) -> Callable[[str], Picture]:
-    def draw(style: str) -> Picture:
-        chosen = outcome.result.runs_there(one.cell.number, AGAIN)
-        result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
-        arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
-        fixed = not one.cell.scenario.floor.drawn_by_run
-        return draw_density(
-            result.motion.select("x_m", "y_m"),
-            width_m=arena.width_m,
-            height_m=arena.height_m,
-            tiles=floor.tiles if fixed else None,
-            tile_size_m=(floor.tile_width_m, floor.tile_height_m) if fixed else None,
-            corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),
-            title=f"{runs} of {one.summary.runs} runs" if runs < one.summary.runs else "",
-            style=style,
-        )
-
-    return draw
+def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
+    chosen = outcome.result.runs_there(one.cell.number, SIMULATED_RUNS)
+    result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
+    arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
+    fixed = not one.cell.scenario.floor.drawn_by_run
+    return draw_density(
+        result.motion.select("x_m", "y_m"),
+        width_m=arena.width_m,
+        height_m=arena.height_m,
+        tiles=floor.tiles if fixed else None,
+        tile_size_m=(floor.tile_width_m, floor.tile_height_m) if fixed else None,
+        corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),
+        title=f"{runs} of {one.summary.runs} runs" if runs < one.summary.runs else "",
+        style=style,
+    )
 
 
 def _belief(outcome: Outcome, style: str) -> Picture:
-    frames, shown = [], AGAIN
+    frames, shown = [], SIMULATED_RUNS
     for one in outcome.cells:
-        shown = min(one.summary.runs, AGAIN)
+        shown = min(one.summary.runs, SIMULATED_RUNS)
         result = outcome.result.result(one.cell.number, outcome.result.runs_there(one.cell.number, shown))
         robots = one.cell.scenario.swarm.robots
         frames.append(
@@ -365,7 +329,7 @@ def _belief(outcome: Outcome, style: str) -> Picture:
 
 
 def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.DataFrame:
-    """Quantiles over robots of the belief held at each time, from the last sample before it."""
+    """Compute quantiles over robots of the belief at each time, which is that of the last sample before it."""
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)
     start = one.cell.scenario.decision
     runs = samples["run"].n_unique()
@@ -373,23 +337,16 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     keyed = samples.sort("run", "robot", "time_s").group_by("run", "robot", maintain_order=True)
     for row, (_, of_robot) in enumerate(keyed):
         index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
-        beliefs = of_robot["belief"].to_numpy()
+        beliefs = of_robot["belief_below"].to_numpy()
         held[row] = np.where(index >= 0, beliefs[np.maximum(index, 0)], np.nan)
-    prior = _prior_belief(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
-    held[np.isnan(held)] = prior
+    prior = betainc(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
+    held[np.isnan(held)] = float(prior)
     columns = {f"q{q:02d}": np.quantile(held, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
     return pl.DataFrame({"time_s": times, "series": [one.cell.name] * TIMES, **columns})
 
 
-def _prior_belief(alpha: int, beta: int, boundary: float) -> float:
-    from scipy.special import betainc
-
-    return float(betainc(alpha, beta, boundary))
-
-
 def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:
-    return pl.DataFrame(list(rows), infer_schema_length=None)
-
-
-def _finite(name: str) -> pl.Expr:
-    return pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name)
+    """Make a table in which numbers that are not finite are null."""
+    frame = pl.DataFrame(list(rows), infer_schema_length=None)
+    floats = (pl.col(name) for name, kind in frame.schema.items() if kind == pl.Float64)
+    return frame.with_columns(pl.when(one.is_finite()).then(one) for one in floats)

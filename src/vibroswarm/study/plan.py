@@ -1,13 +1,15 @@
-"""What must be done for a study: which cells share motion, which share observations, and in which batches.
+"""Plan a study: which cells share motion, which share observations, and in which batches they run.
 
-Cells whose motion is the same (see ``simulation.OF_MOTION``) make a group; its motion runs once, is observed once for
-each floor and sensor, and replayed for each strategy. Of cells that differ in ``run.t_end_s`` only, the longest motion
-runs, and the others see its beginning. Runs that end when all have decided have a motion of their own, and so have
-cells whose strategy, network or task is of a file of the user's, which may fail.
+Cells with the same motion (see ``simulation.OF_MOTION``) make a group; its motion runs once, is observed once for each
+floor and sensor, and replayed for each strategy. Of cells that differ only in ``run.t_end_s``, the longest motion runs,
+and the others use its beginning. Motion is not shared by runs that end when all robots have decided, nor by cells whose
+strategy, network or task is user code, which may fail.
 
-The runs of a group are cut into blocks whose bounds do not depend on how many runs are asked for: small ones first, so
-that a short study keeps all workers busy, larger ones further on, so that a long one has not too many files. A batch is
-one block, or what is missing of it.
+The runs of a group are divided into blocks whose bounds do not depend on the number of runs: small ones first, so that
+a short study keeps all workers busy, then larger ones, so that a long study has few files. A batch is a block, or what
+is missing of it.
+
+Workers get scenarios as text; parsed scenarios are cached, so that text written here is not parsed again.
 """
 
 from __future__ import annotations
@@ -18,10 +20,36 @@ from functools import cached_property
 from typing import Final
 
 from vibroswarm import strategies
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.study.spec import Cell, Study
-from vibroswarm.study.texts import text_of
+
+MOST: Final = 4096
+"""Size of the cache of scenarios."""
+_known: dict[str, Scenario] = {}
+
+
+def text_of(scenario: Scenario) -> str:
+    """Write a scenario as TOML."""
+    text = scenario.to_toml()
+    _remember(text, scenario)
+    return text
+
+
+def scenario_of(text: str) -> Scenario:
+    """Parse a scenario from its TOML."""
+    found = _known.get(text)
+    if found is None:
+        found = Scenario.from_toml(text)
+        _remember(text, found)
+    return found
+
+
+def _remember(text: str, scenario: Scenario) -> None:
+    if len(_known) >= MOST:
+        _known.clear()
+    _known[text] = scenario
+
 
 Texts = tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
 
@@ -32,18 +60,18 @@ OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
 MANY_CELLS: Final = 20
 CELL_S: Final = 0.02
-"""Of the first blocks of a group of more cells than that, s a cell: each costs some 0.1 ms a block, beside its runs."""
+"""Duration of the first blocks of a larger group, s a cell: a block costs about 0.1 ms a cell besides its runs."""
 LARGEST_BLOCK_S: Final = 10.0
 MOST_ROWS: Final = 100_000
-"""Rows of a block; a worker holds some 1 kB a row while it makes them."""
+"""Most rows of a block; a worker needs about 1 kB a row."""
 BLOCKS_OF_A_SIZE: Final = 32
 
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that share motion: for each floor, sensor and end, for each way to decide, the cells (equal ones together).
+    """Cells that share motion: for each floor, sensor and end, for each decision rule, the cells (equal ones together).
 
-    Those that last longest come first.
+    The longest runs come first.
     """
 
     number: int
@@ -56,17 +84,17 @@ class Group:
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """All cells, by number."""
+        """All cells in the order of their numbers."""
         return tuple(sorted((c for o in self.observed for i in o for c in i), key=lambda c: c.number))
 
     @property
     def inferences(self) -> int:
-        """How often a strategy is replayed for one run."""
+        """Number of replays for one run."""
         return sum(len(observed) for observed in self.observed)
 
     @cached_property
     def texts(self) -> Texts:
-        """``observed`` in plain values: each scenario as TOML, and the numbers of its cells."""
+        """``observed`` as plain values: each scenario as TOML, and the numbers of its cells."""
         return tuple(
             tuple((text_of(same[0].scenario), tuple(cell.number for cell in same)) for same in inferences)
             for inferences in self.observed
@@ -84,19 +112,19 @@ class Group:
 
     @property
     def rows(self) -> int:
-        """Rows that a run leaves in the store."""
+        """Rows of a run in the store."""
         return len(self.cells) * self.first.swarm.robots
 
     @property
     def run_s(self) -> float:
-        """Time that a run roughly takes on one core, s; only the size of batches depends on it."""
+        """Rough time of a run on one core, s; only the size of batches depends on it."""
         robots, share = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
         motion = 0.15e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
         each = robots * (1e-5 * len(self.observed) + 3e-6 * self.inferences)
         return 5e-4 + 4e-5 * self.inferences + share * (motion + each)
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
-        """The blocks that lie in or reach into runs ``low`` to ``high``, cut off there: number, first, past last."""
+        """Yield blocks that overlap runs ``low`` to ``high``, cut off there: number, first run, one past the last."""
         first, size, count = 0, self.block, 0
         while first < high:
             if first + size > low:
@@ -116,17 +144,17 @@ class Plan:
 
     @property
     def observations(self) -> int:
-        """Observations of one run, over all groups."""
+        """Number of observations of one run, over all groups."""
         return sum(len(group.observed) for group in self.groups)
 
     @property
     def inferences(self) -> int:
-        """Replays of one run, over all groups."""
+        """Number of replays of one run, over all groups."""
         return sum(group.inferences for group in self.groups)
 
 
 def plan_of(study: Study) -> Plan:
-    """Which cells of a study share what; worked out once for a study."""
+    """Plan a study; the plan is cached with it."""
     known: Plan | None = vars(study).get("_plan")
     if known is not None:
         return known
@@ -151,7 +179,7 @@ def plan_of(study: Study) -> Plan:
 
 
 def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
-    """What is wanted and not there, in order."""
+    """List the parts of a range that no existing range covers, in order."""
     gaps, low = [], wanted[0]
     for first, last in sorted(there):
         if first > low:
@@ -163,13 +191,13 @@ def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
 
 
 def steers(scenario: Scenario) -> bool:
-    """Whether a scenario's strategy has a say in how robots move."""
+    """Tell whether a scenario's strategy steers."""
     known = strategies.known().get(scenario.strategy.name)
     return known is not None and known.steer is not None
 
 
 def _moving(scenario: Scenario) -> str:
-    """Equal for scenarios that move alike for as long as they last."""
+    """Make a key that is equal for scenarios whose robots move alike until the earlier end."""
     others = _key(scenario, [section for section in OF_MOTION if section != "run"])
     return f"{others}\n{scenario.run.model_dump_json(exclude={'t_end_s'})}"
 

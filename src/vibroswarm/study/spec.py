@@ -1,4 +1,4 @@
-"""A study: a scenario, what is varied, how many runs a cell, and a seed. Frozen, checked, TOML in and out.
+"""Define a study: a scenario, varied fields, the number of runs of each cell, and a seed; read and write it as TOML.
 
     runs = 1000
     [scenario]
@@ -16,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -25,24 +24,35 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
-from vibroswarm import code_files
-from vibroswarm.draws import SEED_LIMIT
-from vibroswarm.errors import InputError, nearest, older, shown, whole_number_of
+from vibroswarm.core.rng import SEED_LIMIT
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
+from vibroswarm.errors import InputError, check_choice, check_format, nearest, whole_number_of
 from vibroswarm.floors.patterns import family
 from vibroswarm.floors.source import is_random, resolve
-from vibroswarm.motion.contract import source
-from vibroswarm.observation.boundary import readings_boundary
-from vibroswarm.plain_files import read_text
-from vibroswarm.scenario import Scenario
-from vibroswarm.study.names import in_digits, names_of, told, words_of_points
+from vibroswarm.motion.source import source
+from vibroswarm.observation.decision_boundary import readings_boundary
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.factors import (
+    BLOCKS,
+    LABEL,
+    PRESET,
+    Point,
+    fields_in_words,
+    flat,
+    names_of,
+    points_of,
+    value_in_words,
+    with_whole,
+    words_of_points,
+)
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.varied import BLOCKS, LABEL, PRESET, Point, flat, points_of, with_whole
 
 if TYPE_CHECKING:
-    from vibroswarm.study.result import StudyResult
+    from vibroswarm.study.study_result import StudyResult
 
 FORMAT: Final = 2
-"""Version of the study's file and folder."""
+"""Version of the study's file; that of its folder is in ``store``."""
 
 KEYS: Final = (
     "format",
@@ -65,9 +75,9 @@ MOST_RUNS: Final = 100_000_000
 
 @dataclass(frozen=True)
 class Cell:
-    """One scenario of a study: its number, what is varied in it, and the scenario.
+    """One scenario of a study: its number, its values of the varied fields, and the scenario.
 
-    ``words`` has each varied value as it is told, with as many digits as tell it from the others of the study.
+    ``words`` has each varied value as text, with enough digits to distinguish it from the others of the study.
     """
 
     number: int
@@ -75,11 +85,11 @@ class Cell:
     scenario: Scenario
     words: Mapping[str, str] = field(default_factory=dict, compare=False)
     name: str = ""
-    """What tells it from all other cells, in words; the scenario's strategy where nothing is varied."""
+    """A name that no other cell has; the scenario's strategy if nothing is varied."""
 
     def words_of(self, fields: Iterable[str]) -> str:
-        """Some of the varied values in words: ``random:0.44, soft, eta 1250``."""
-        return told({name: self.words[name] for name in fields if name in self.words})
+        """Write some of the varied values: ``random:0.44, soft, eta 1250``."""
+        return fields_in_words({name: self.words[name] for name in fields if name in self.words})
 
 
 @dataclass(frozen=True)
@@ -88,14 +98,14 @@ class Study:
 
     Args:
         base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
-        vary: blocks of varied fields, see ``varied``; empty: one cell.
+        vary: blocks of varied fields, see ``factors``; empty: one cell.
         runs: runs a cell; ``None`` with ``until``.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
         seed: of all cells. motion: source of motion, by name.
-        keep: "samples": the store keeps a table of samples too.
-        floors: floors by name, rows of 0 and 1 from the top, which ``floor.source`` may name.
+        keep: "samples": the store also saves a table of samples.
+        floors: floors by name, rows of 0 and 1 from the top; ``floor.source`` may name them.
         name: a title.
-        folder: where files of floors that are named lie.
+        folder: the folder of floor files that are named.
     Raises:
         InputError: naming what is wrong, and what would be right.
     """
@@ -117,32 +127,25 @@ class Study:
         if not isinstance(self.base, Mapping):
             raise InputError("is a scenario, or its sections by name", field="base")
         if (self.runs is None) == (self.until is None):
-            raise InputError("say how many runs, or until which precision: one of the two", field="runs")
-        for name, value, low, high in (
-            ("runs", self.runs, 1, MOST_RUNS),
-            ("seed", self.seed, 0, SEED_LIMIT - 1),
-        ):
-            if value is None:
-                continue
-            object.__setattr__(self, name, whole_number_of(value, name, low, high))
+            raise InputError("give either a number of runs or a precision", field="runs")
+        if self.runs is not None:
+            object.__setattr__(self, "runs", whole_number_of(self.runs, "runs", 1, MOST_RUNS))
+        object.__setattr__(self, "seed", whole_number_of(self.seed, "seed", 0, SEED_LIMIT - 1))
         object.__setattr__(self, "floors", _floors(self.floors))
         object.__setattr__(
-            self, "vary", {k: with_whole(code_files.resolved_in(v)) for k, v in self.vary.items()}
+            self, "vary", {k: with_whole(plugins.resolve_codes(v)) for k, v in self.vary.items()}
         )
-        if code_files.is_code(self.motion):
-            object.__setattr__(self, "motion", code_files.resolved("motion", self.motion))
+        if plugins.is_code(self.motion):
+            object.__setattr__(self, "motion", plugins.resolve_code("motion", self.motion))
         else:
             source(self.motion)
         for table in self.keep:
-            if table not in KEEP:
-                raise InputError(
-                    f"there is no table {shown(table)} to keep{nearest(table, KEEP)}", field="keep"
-                )
+            check_choice(table, "keep", KEEP)
         if any(PRESET in point for point in self._points) and set(Scenario.model_fields) <= set(
             self._sections
         ):
             raise InputError(
-                "a whole scenario leaves a preset nothing to say; give only what shall be the same in all cells",
+                "a complete scenario overrides every preset; give only the fields that are the same in all cells",
                 field=PRESET,
             )
         for cell in self.cells:
@@ -150,7 +153,7 @@ class Study:
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
-        """A study of a scenario.
+        """Make a study of a scenario.
 
         Args:
             scenario: what does not vary. runs: of each cell. seed: of all cells.
@@ -163,52 +166,42 @@ class Study:
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "study", folder: str | Path | None = None) -> Study:
-        """A study from TOML text.
+        """Read a study from TOML text.
 
         Args:
             text: TOML. name: what errors call it. folder: where files of floors that it names lie.
         Raises:
             InputError: not TOML, or naming what is wrong in it.
         """
-        try:
-            values = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"is not TOML: {error}", field=name) from None
-        return cls.from_values(values, name=name, folder=folder)
+        return cls.from_values(parsed_toml(text, name), name=name, folder=folder)
 
     @classmethod
     def from_values(
         cls, values: Mapping[str, Any], *, name: str = "study", folder: str | Path | None = None
     ) -> Study:
-        """A study from what its TOML says.
+        """Make a study from the values of its TOML.
 
         Args:
             values: the tables and keys. name: what errors call it. folder: where files of floors that it names lie.
         Raises:
             InputError: naming what is wrong, and what would be right.
         """
-        with code_files.beside(folder):
+        with plugins.search_beside(folder):
             return cls._from_values(values, name, folder)
 
     @classmethod
     def _from_values(cls, values: Mapping[str, Any], name: str, folder: str | Path | None) -> Study:
-        code_files.tell(values)
-        blocks = {key: code_files.resolved_in(values[key]) for key in values if key in BLOCKS}
+        plugins.remember_code_names(values)
+        blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
         for key in values:
             if key not in KEYS:
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
-        version = values.get("format", FORMAT)
-        if isinstance(version, int) and version < FORMAT:
-            raise InputError(older(version), field=name)
-        if not isinstance(version, int) or version > FORMAT:
-            raise InputError(
-                f"is of format {version!r}; this version reads up to {FORMAT}: update vibroswarm", field=name
-            )
+        check_format(values.get("format", FORMAT), FORMAT, name)
         base = values.get("scenario", {})
         if isinstance(base, str):
             base = Scenario.read(Path(folder or ".") / base).model_dump(exclude_none=True)
         elif isinstance(base, Mapping):
-            base = code_files.resolved_in(base)  # before its parameters are looked for among what is varied
+            base = plugins.resolve_codes(base)  # before its parameters are looked for among what is varied
         else:
             raise InputError(
                 "is a table, as in a scenario file, or the name of such a file", field="scenario"
@@ -219,13 +212,9 @@ class Study:
             precision = Precision.from_words(until, values.get("figure"), values.get("max_runs"))
         elif both := [key for key in ("figure", "max_runs") if key in values]:
             raise InputError("goes with 'until'", field=both[0])
-        for key, kind, words in (
-            ("name", str, "a text"),
-            ("motion", str, "a text"),
-            ("keep", list, "a list"),
-        ):
+        for key, kind, words in (("name", str, "text"), ("motion", str, "text"), ("keep", list, "list")):
             if key in values and not isinstance(values[key], kind):
-                raise InputError(f"{values[key]!r} is no {words[2:]}", field=key)
+                raise InputError(f"{values[key]!r} is no {words}", field=key)
         return cls(
             base=base,
             vary=blocks,
@@ -241,7 +230,7 @@ class Study:
 
     @classmethod
     def read(cls, path: str | Path) -> Study:
-        """A study from the TOML file ``path``; floors that it names by file lie beside it.
+        """Read a study from the TOML file ``path``; floor files that it names are beside it.
 
         Raises:
             InputError: it cannot be read, or something in it is wrong.
@@ -250,9 +239,9 @@ class Study:
         return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
 
     def to_toml(self) -> str:
-        """The study as TOML; ``from_toml`` gives back one with the same cells, runs and seed.
+        """Write the study as TOML; ``from_toml`` reads one with the same cells, runs and seed.
 
-        The text stands alone: floors from files are written out, and all fields of the scenario.
+        The text is self-contained: it includes floors from files and all fields of the scenario.
         """
         return self._toml
 
@@ -268,7 +257,7 @@ class Study:
         return as_toml(values | dict(self.vary))
 
     def _with_tables(self, base: dict[str, Any]) -> dict[str, Any]:
-        """A base with the parameters of all code that cells name, so that cells are the same where it is not loaded."""
+        """Add the parameters of all user code that cells name, so that cells are the same if it is not loaded."""
         found = copy_of(base)
         for cell in self.cells:
             for part in cell.scenario.choices:
@@ -277,7 +266,7 @@ class Study:
         return found
 
     def with_runs(self, runs: int) -> Study:
-        """The same cells with another number of runs."""
+        """Return the same cells with another number of runs."""
         return replace(self, runs=runs, until=None)
 
     @cached_property
@@ -291,15 +280,15 @@ class Study:
         )
 
     def run(self, folder: str | Path | None = None, **how: Any) -> StudyResult:
-        """Run the study, or go on with it.
+        """Run the study, or continue it.
 
         Args:
-            folder: what is done is kept here; without, as long as the result lasts.
-            how: ``executor``, ``workers``, ``share``, ``mixed``, ``tell``, see ``study.result.run``.
+            folder: where it is saved; by default in a temporary folder that is removed with the result.
+            how: ``executor``, ``workers``, ``job``, ``mixed``, ``progress``, see ``study_result.run``.
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """
-        from vibroswarm.study.result import run
+        from vibroswarm.study.study_result import run
 
         return run(self, folder, **how)
 
@@ -310,12 +299,12 @@ class Study:
 
     @cached_property
     def codes(self) -> tuple[str, ...]:
-        """Files of the user's that its cells or its motion need, as ``code_files`` names them."""
+        """User code that its cells or its motion need, as ``plugins`` names it."""
         return tuple(sorted({self.motion, *(code for cell in self.cells for code in cell.scenario.codes)}))
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits of the cells, the seed and what is kept; not of the number of runs."""
+        """16 hexadecimal digits that depend on cells, seed and saved tables, but not on the number of runs."""
         data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
         points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
         if len({cell.scenario.run.t_end_s for cell in self.cells}) > 1:
@@ -324,7 +313,7 @@ class Study:
 
     @cached_property
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
-        """The floors that the study names and that are no pattern: its own, and those of files."""
+        """Floors that the study names and that are no patterns: its own, and those from files."""
         found = {name: tuple(rows) for name, rows in self.floors.items()}
         of_base = self._sections.get("floor", {})
         of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
@@ -344,7 +333,7 @@ class Study:
 
     @cached_property
     def _whole_base(self) -> dict[str, Any]:
-        """All fields of the scenario, so that a later version with other defaults reads the same."""
+        """All fields of the scenario, so that a version with other defaults reads the same study."""
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):  # a base may be wrong alone and right in each cell
                 return self._scenario({}).model_dump(exclude_none=True)
@@ -369,12 +358,12 @@ class Study:
         except InputError as error:
             if not point:
                 raise
-            words = ", ".join(f"{k} = {in_digits(v)}" for k, v in point.items())
+            words = ", ".join(f"{k} = {value_in_words(v)}" for k, v in point.items())
             raise InputError(f"{error} (in the cell with {words})") from None
 
 
 def as_toml(values: Mapping[str, Any]) -> str:
-    """A study's values as TOML. Blocks and their fields stay in their order, which is the order of the cells."""
+    """Write a study's values as TOML; blocks and fields keep their order, which is that of the cells."""
     import tomli_w
 
     parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
@@ -388,7 +377,7 @@ def as_toml(values: Mapping[str, Any]) -> str:
 
 
 def _inline(value: Any) -> str:
-    """A value as TOML; a range in one line, since a table would move behind the fields that follow it."""
+    """Write a value as TOML; a range on one line, since a table would move after the fields that follow it."""
     import tomli_w
 
     if type(value) is int:
@@ -401,12 +390,12 @@ def _inline(value: Any) -> str:
 
 
 def plain_value(value: Any) -> Any:
-    """A number of numpy's as one of Python's."""
+    """Convert a NumPy number to a Python number."""
     return value.item() if hasattr(value, "item") and hasattr(value, "dtype") else value
 
 
 def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy whose sections can be changed."""
+    """Copy a base so that its sections can be changed."""
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
 
 

@@ -1,13 +1,13 @@
-"""The store of a study: a folder to which batches are added, and nothing else.
+"""Store a study in a folder to which batches are only ever added.
 
-    study.toml          the study, standing alone
+    study.toml          the study, self-contained
     study.json          format, hash, versions
-    shards/NAME.parquet the rows of a batch; NAME is made from its content
-    shards/NAME.json    which batch it is: written last, so that a shard without it does not count
-    failures/*.json     batches that failed twice, until they are done
+    shards/NAME.parquet the rows of a batch; NAME is a hash of its content
+    shards/NAME.json    describes the batch; written last, so that a shard without it is ignored
+    failures/*.json     batches that failed twice, until they succeed
 
-A batch is written whole, under a name made from its content, and there is no index. So writers need not know of each
-other, on any file system that renames whole files; and a batch that is done twice is the same file.
+Each file is written atomically under a name made from its content, and there is no index. So several writers need no
+coordination on any file system with atomic renames, and a batch that runs twice gives the same file.
 """
 
 from __future__ import annotations
@@ -23,20 +23,22 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.errors import InputError, RunError, older, shown
-from vibroswarm.files import whole_file
-from vibroswarm.forked import check_threads
-from vibroswarm.leftovers import remove_leftovers
-from vibroswarm.plain_files import entry, read_json, read_text, texts
+from vibroswarm.core.atomic_io import remove_leftovers, write_file, write_files
+from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.untrusted_files import entry, read_json, read_text, texts
+from vibroswarm.errors import InputError, RunError, check_format, shown
 from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
+from vibroswarm.study.batch import Batch, BatchResult, check_shard
+from vibroswarm.study.executors import check_begun_by
 from vibroswarm.study.plan import Group, Range, missing, plan_of
-from vibroswarm.study.shard_checks import check_shard
-from vibroswarm.study.spec import FORMAT, MOST_RUNS, Study, as_toml
-from vibroswarm.study.work import Done, Work
+from vibroswarm.study.spec import MOST_RUNS, Study, as_toml
+
+FORMAT: Final = 3
+"""Version of the folder; that of the study's file is in ``spec``."""
 
 FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
-"""Entries of a failure, with their types."""
+"""Keys of a failure and their types."""
 MARKER: Final = "study.toml"
 HEAD: Final = "study.json"
 SHARDS: Final = "shards"
@@ -45,7 +47,7 @@ FAILURES: Final = "failures"
 
 @dataclass(frozen=True)
 class Shard:
-    """A batch that is in the store: its group and runs, and its files by table."""
+    """A stored batch: its group and runs, and its files by table."""
 
     name: str
     group: int
@@ -64,23 +66,23 @@ class Store:
     study: Study
     shards: list[Shard] = field(default_factory=list)
     hash: str = ""
-    """By which the shards know their study: that of the version which made the folder."""
+    """Hash of the study in its shards, as computed by the version that made the folder."""
     broken: dict[str, str] = field(default_factory=dict)
-    """Shards that are there but cannot be used, and why."""
+    """Shards that cannot be used, and why."""
     left_over: int = 0
-    """Files of writers that were killed."""
+    """Number of files that killed writers left behind."""
 
     def __post_init__(self) -> None:
         self.hash = self.hash or self.study.hash
 
     @property
     def damaged(self) -> list[str]:
-        """Shards that are there but cannot be used, in words."""
+        """Shards that cannot be used, with the reason, one line each."""
         return [f"{name}.json: {why}" for name, why in self.broken.items()]
 
     @classmethod
     def existing(cls, folder: str | Path, study: Study) -> Store | None:
-        """The store of this study that is there, or None where a new one can be made; nothing is written.
+        """Open the store of this study if it exists; return None if a new one can be made. Writes nothing.
 
         Raises:
             InputError: something else is there, or another study, or one of a newer format.
@@ -93,18 +95,20 @@ class Store:
                     raise InputError(_differences(store.study, study), field=str(folder))
                 store.study = study
                 return store
-            # A writer that was killed at its beginning, or one that begins just now, is no obstacle.
+            # A writer that was killed at its start, or is starting just now, is no obstacle.
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
                 if (folder / HEAD).exists():  # it was written a moment ago
                     return cls.existing(folder, study)
-                raise InputError("is there and no study; give the name of a new folder", field=str(folder))
+                raise InputError(
+                    "exists but is not a study; give the name of a new folder", field=str(folder)
+                )
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}", field=str(folder)) from None
         return None
 
     @classmethod
     def open_or_create(cls, folder: str | Path, study: Study) -> Store:
-        """The store of this study: a new one, or the one that is there.
+        """Open the store of this study, or make it.
 
         Raises:
             InputError: something else is there, or another study, or one of a newer format.
@@ -125,10 +129,10 @@ class Store:
 
     @classmethod
     def open(cls, folder: str | Path) -> Store:
-        """The store that is there, its shards checked.
+        """Open a store and check its shards.
 
         Raises:
-            InputError: no study there, or one of a newer format, or its head is damaged.
+            InputError: the folder holds no study, or one of a newer format, or a damaged one.
         """
         folder = Path(folder)
         head = folder / HEAD
@@ -137,20 +141,14 @@ class Store:
         about = read_json(head, "the head of a study")
         version, told = entry(about, "format", int, head), entry(about, "hash", str, head)
         made_by = texts(entry(about, "versions", dict, head), "versions", head)
-        if version < FORMAT:
-            raise InputError(older(version), field=str(folder))
-        if version > FORMAT:
-            raise InputError(
-                f"is of format {version}; this version reads up to {FORMAT}: update vibroswarm",
-                field=str(folder),
-            )
+        check_format(version, FORMAT, str(folder))
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         # A later version may know more fields and so give the same study another hash; its text is the same.
         same_code = made_by.get("code") == versions()["code"]
         if study.hash != told and (same_code or _fingerprint(text) != about.get("text")):
             raise InputError(
-                f"{MARKER} is not the study that the folder was made for (hash {told}); put it back",
+                f"{MARKER} is not the study for which the folder was made (hash {told}); restore it",
                 field=str(folder),
             )
         store = cls(folder, study, hash=told)
@@ -158,7 +156,7 @@ class Store:
         return store
 
     def refresh(self) -> None:
-        """Look at what is there."""
+        """Read the folder again."""
         self.shards, self.broken, self.left_over = [], {}, 0
         described = set()
         for path in sorted((self.folder / SHARDS).glob("*")):
@@ -174,15 +172,16 @@ class Store:
                 else:
                     self.shards.append(shard)
                     described |= set(shard.files.values())
-        # A shard without its description was being written when its writer was killed.
+        # The writer of a shard without description was killed.
         there = set((self.folder / SHARDS).glob("[!.]*.parquet"))
-        self.left_over += len([p for p in there - described if not p.with_name(_stem(p) + ".json").is_file()])
+        heads = [p.with_name(f"{p.name.partition('.')[0]}.json") for p in there - described]
+        self.left_over += sum(not head.is_file() for head in heads)
 
-    def add(self, done: Done) -> None:
-        """Keep a batch: its files first, its description last.
+    def add(self, done: BatchResult) -> None:
+        """Save a batch: its files first, its description last.
 
         Raises:
-            RunError: the disk is full or failed; nothing is half-written.
+            RunError: the disk is full or failed; no file is incomplete.
         """
         name = hashlib.sha256(done.files["robots"]).hexdigest()[:24]
         paths = {
@@ -204,12 +203,9 @@ class Store:
             "versions": done.versions,
         }
         shards = self.folder / SHARDS
+        contents = {paths[table]: data for table, data in done.files.items()}
         try:
-            for table, data in done.files.items():
-                with whole_file(shards / paths[table]) as part:
-                    part.write_bytes(data)
-            with whole_file(shards / f"{name}.json") as part:
-                part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+            write_files(shards, contents | {f"{name}.json": _json(about)})
         except InputError as error:  # the folder could be written a moment ago
             raise RunError(str(error)) from error
         self.broken.pop(name, None)
@@ -218,22 +214,19 @@ class Store:
         self.shards.append(Shard(name, work.group, work.first, work.last, done.rows, files, done.versions))
         self._failure(work).unlink(missing_ok=True)
 
-    def add_failure(self, work: Work, why: str) -> None:
-        """Note that a batch failed."""
+    def add_failure(self, work: Batch, why: str) -> None:
+        """Record that a batch failed."""
         path = self._failure(work)
         path.parent.mkdir(exist_ok=True)
         about = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
-        with whole_file(path) as part:
-            part.write_text(
-                json.dumps({**about, "seed": work.seed, "why": why}, indent=1) + "\n", encoding="utf-8"
-            )
+        write_file(path, _json({**about, "seed": work.seed, "why": why}))
 
     @property
     def failures(self) -> list[dict[str, Any]]:
-        """Batches that failed and have not been done since, whole or in other pieces."""
+        """Batches that failed and have not succeeded since, whole or in other parts."""
         found = []
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
-            with suppress(InputError):  # of no matter: the batch is missing, and is told so
+            with suppress(InputError):  # harmless: the batch is reported as missing
                 one = read_json(path, "a failure")
                 for key, kind in FAILURE.items():
                     entry(one, key, kind, path)
@@ -242,21 +235,21 @@ class Store:
         return found
 
     def ranges(self, group: int) -> list[Range]:
-        """Runs of a group that are there; ranges may overlap."""
+        """List the stored runs of a group as ranges, which may overlap."""
         return [(s.first, s.last) for s in self.shards if s.group == group]
 
     def missing(self, group: Group, runs: int) -> list[tuple[int, int, int]]:
-        """What of the group's blocks is not there yet: number of the block, first run, one past the last."""
+        """List the missing parts of the group's blocks: number of the block, first run, one past the last."""
         gaps = missing((0, runs), self.ranges(group.number))
         return [block for low, high in gaps for block in group.blocks(low, high)]
 
     def runs(self, group: int) -> int:
-        """Runs of a group that are there without a gap, from run 0."""
+        """Count the stored runs of a group from run 0 to the first gap."""
         gaps = missing((0, 2**32), self.ranges(group))
         return gaps[0][0] if gaps else 2**32
 
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
-        """The rows of the first ``runs`` runs of a group, each once; None where there are none."""
+        """Scan the rows of the first ``runs`` runs of a group, each once; None if there are none."""
         check_threads()
         frames, low = [], 0
         for shard in sorted(
@@ -268,7 +261,7 @@ class Store:
                 if (shard.first, shard.last) != (
                     max(low, shard.first),
                     high,
-                ):  # several writers did more than once
+                ):  # several writers ran some of them
                     frame = frame.filter(pl.col("run").is_between(max(low, shard.first), high, closed="left"))
                 frames.append(frame)
                 low = high
@@ -276,30 +269,21 @@ class Store:
 
     @property
     def made_by(self) -> list[dict[str, str]]:
-        """The different versions that made the shards."""
+        """The distinct versions that made the shards."""
         different = {json.dumps(dict(s.made_by), sort_keys=True) for s in self.shards}
         return [json.loads(text) for text in sorted(different)]
 
     def check_versions(self) -> None:
-        """Refuse to go on with other versions: the whole would not be repeatable.
+        """Refuse to continue with other versions, since the whole could not be repeated.
 
         Raises:
             InputError: naming what differs.
         """
-        mine = versions()
         for theirs in self.made_by:
-            different = [
-                f"{k} {theirs.get(k)} there, {mine[k]} here" for k in mine if theirs.get(k) != mine[k]
-            ]
-            if different:
-                raise InputError(
-                    f"was begun by other versions ({'; '.join(different)}); go on with those, take a new folder, or "
-                    "say --mixed to go on all the same",
-                    field=str(self.folder),
-                )
+            check_begun_by(theirs, self.folder)
 
     def check_alike(self) -> None:
-        """Refuse shards of different versions.
+        """Refuse shards that were made by different versions.
 
         Raises:
             InputError: naming what differs.
@@ -312,12 +296,9 @@ class Store:
             )
 
     def _read(self, path: Path) -> Shard:
-        """A shard by its description, its files checked."""
+        """Read a shard's description and check its files."""
         about = read_json(path, "the description of a shard")
-        if entry(about, "format", int, path) < FORMAT:
-            raise ValueError(older(about["format"]))
-        if about["format"] > FORMAT:
-            raise ValueError(f"is of format {about['format']}; update vibroswarm")
+        check_format(entry(about, "format", int, path), FORMAT)
         if about.get("study") != self.hash or about.get("seed") != self.study.seed:
             raise ValueError("is of another study")
         group, first, last, rows = (
@@ -337,61 +318,55 @@ class Store:
         made_by = texts(entry(about, "versions", dict, path), "versions", path)
         return Shard(path.stem, group, first, last, rows, files, made_by)
 
-    def _failure(self, work: Work) -> Path:
+    def _failure(self, work: Batch) -> Path:
         return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
 
     def write_head(self) -> None:
-        """``study.toml``, written again where the number of runs changed; then ``study.json``, written once."""
+        """Write ``study.toml``, again if the number of runs changed, and then ``study.json``, once."""
         text = self.study.to_toml()
         if self.hash != self.study.hash:
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
         marker, head = self.folder / MARKER, self.folder / HEAD
         try:
             if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
-                with whole_file(marker) as part:
-                    part.write_text(text, encoding="utf-8")
+                write_file(marker, text)
             if not head.is_file():
                 self._check_written(text)
-                about = {
-                    "format": FORMAT,
-                    "hash": self.hash,
-                    "text": _fingerprint(text),
-                    "versions": versions(),
-                }
-                with whole_file(head) as part:
-                    part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+                text_hash, made_by = _fingerprint(text), versions()
+                write_file(
+                    head,
+                    _json({"format": FORMAT, "hash": self.hash, "text": text_hash, "versions": made_by}),
+                )
             write_code(self.folder, (cell.scenario for cell in self.study.cells), self.study.motion)
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
 
     def _check_written(self, text: str) -> None:
-        """What is read back must be the study that is run, or its shards would be taken for those of another."""
+        """Check that the text reads back as this study; otherwise its shards would seem to belong to another."""
         if Study.from_toml(text, name=MARKER).hash != self.study.hash:
-            raise RunError(
-                f"{MARKER} would be read as another study; say what differs with --set in its scenario"
-            )
+            raise RunError(f"{MARKER} would be read as another study; set the differing fields with --set")
 
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs")
-"""Keys of a study that may change while its folder stays."""
+"""Keys of a study that may change without a new folder."""
 
 
 def _fingerprint(text: str) -> str:
-    """A hash of what a study's text says of its cells and seed; it does not depend on how a version reads it."""
+    """Hash the parts of a study's text that determine cells and seed, independent of how a version reads it."""
     values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 
 
 def _with_runs_of(old: str, new: str) -> str:
-    """The study of ``old`` with the name and the number of runs of ``new``."""
+    """Return the text of ``old`` with the name and the number of runs of ``new``."""
     kept = {k: v for k, v in tomllib.loads(old).items() if k == "format" or k not in NOT_OF_THE_CELLS}
     changed = {k: v for k, v in tomllib.loads(new).items() if k in NOT_OF_THE_CELLS and k != "format"}
     return as_toml(kept | changed)
 
 
 def _is_of(path: Path, study: Study) -> bool:
-    """Whether this belongs to a store of the study of which no batch is done yet; a user's study.toml does not."""
+    """Tell whether a file belongs to a store of this study that has no batch yet; a user's study.toml does not."""
     if path.name == MARKER:
         try:
             return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
@@ -400,12 +375,12 @@ def _is_of(path: Path, study: Study) -> bool:
     return (path.name == SHARDS and path.is_dir()) or path.name.startswith((f".{MARKER}.", f".{HEAD}."))
 
 
-def _stem(path: Path) -> str:
-    return path.name.partition(".")[0]
+def _json(values: Mapping[str, Any]) -> str:
+    return json.dumps(values, indent=1) + "\n"
 
 
 def _check(path: Path, size: int, sha256: str) -> None:
-    """Compare a file with its description."""
+    """Check that a file matches its description."""
     if not path.is_file():
         raise ValueError(f"its file {path.name} is missing or no plain file")
     if path.stat().st_size != size:
@@ -416,7 +391,7 @@ def _check(path: Path, size: int, sha256: str) -> None:
 
 
 def _differences(there: Study, given: Study) -> str:
-    """What tells two studies apart, in words."""
+    """Say in which respects two studies differ."""
     told = []
     for name in ("seed", "motion", "keep"):
         mine, theirs = getattr(given, name), getattr(there, name)
@@ -426,9 +401,7 @@ def _differences(there: Study, given: Study) -> str:
         told.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
     else:
         told += _of_cells(there, given)
-    return (
-        f"holds another study: {'; '.join(told[:3]) or 'its cells are named otherwise'}; take another folder"
-    )
+    return f"holds another study: {'; '.join(told[:3]) or 'its cells have other names'}; take another folder"
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:

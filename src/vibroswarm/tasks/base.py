@@ -1,8 +1,8 @@
-"""What a task is: a question about a floor to which the answer is yes (1) or no (0), and what is true.
+"""The protocol of tasks: a yes (1) or no (0) question about a floor, and its true answer.
 
 A task is one file: parameters, and one plain function, called once for each floor.
 
-    class Params:                             # [task.NAME] of a scenario, one field a line, with bounds
+    class Params:                             # [task.NAME] of a scenario, one field per line, with bounds
         least: Annotated[int, Field(ge=1)] = 4
 
     def truth(floor, asked, p): ...           # 1: yes, 0: no, None: neither decision is right
@@ -15,21 +15,21 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 
+from vibroswarm.core.registry import Registry
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.floor import Floor
-from vibroswarm.registry import Registry
-from vibroswarm.strategies.base import NAME, NoParams, as_params
-from vibroswarm.strategies.written import where
+from vibroswarm.strategies.base import Plugin
+from vibroswarm.strategies.static_checks import where
 
 
 class Asked(NamedTuple):
-    """What a task may need beside the floor: the arena, m; the share of its tiles that vibrate; the boundary."""
+    """What a task may need beside the floor: size of the arena, m; fill ratio inside it; decision boundary."""
 
     width_m: float
     height_m: float
@@ -37,43 +37,32 @@ class Asked(NamedTuple):
     decision_boundary: float
 
 
-@dataclass(frozen=True)
-class Task:
-    """A task, see the head of this module.
+@dataclass(frozen=True, kw_only=True)
+class Task(Plugin):
+    """A task, see the module's docstring.
 
     Args:
-        name: as scenarios call it. truth: the function. params: class of annotated fields. about: the question.
-        answers: what the decisions 0 and 1 say; ``{boundary}`` stands for the decision boundary in percent.
+        truth: the function. about: the question. answers: what the decisions 0 and 1 mean; ``{boundary}`` is
+            replaced by the decision boundary in percent.
     """
 
-    name: str
     truth: Callable[[Floor, Asked, Any], int | None]
-    params: type = NoParams
-    about: str = ""
     answers: tuple[str, str] = ("no", "yes")
-    source: str = field(default="", compare=False)
-    """The text of the file it comes from, where that is not of this package."""
-    code: str = field(default="", compare=False)
-    """That file's name, this one's name in it, and its hash."""
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"{shown(self.name)} is no name; small letters, digits and underscores", field="name"
-            )
+        super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
-        object.__setattr__(self, "params", as_params(self.params, self.name))
 
     def answer(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
-        """The right decision on a floor: 1, 0, or None where neither is.
+        """Return the right decision on a floor: 1, 0, or None if neither is.
 
         Raises:
-            CodeError: the function raised, or gave something else.
+            CodeError: the function raised, or returned something else.
         """
         try:
             found = self.truth(floor, asked, params)
-        except Exception as error:  # whatever a function of the user's raises
+        except Exception as error:  # a user's function may raise anything
             if not self.code:
                 raise
             file = self.truth.__code__.co_filename
@@ -82,7 +71,7 @@ class Task:
         if found is not None and not (
             isinstance(found, int | np.integer | np.bool_) and int(found) in (0, 1)
         ):
-            raise CodeError(f"{where(self.truth)}: gives {shown(found)}; 0, 1 or None")
+            raise CodeError(f"{where(self.truth)}: returned {shown(found)}; return 0, 1 or None")
         return None if found is None else int(found)
 
 

@@ -14,11 +14,11 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.tasks.base import Asked, Task, register
 
 ON_THE_BOUNDARY: Final = 1e-12
-"""A fill ratio that is nearer than this lies on the boundary."""
+"""Fill ratios nearer than this to the boundary count as equal to it."""
 
 
 def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
-    """1 where the fill ratio lies above the boundary, 0 below, None on it."""
+    """Return 1 if the fill ratio lies above the boundary, 0 if below, None if on it."""
     if abs(asked.fill_ratio - asked.decision_boundary) < ON_THE_BOUNDARY:
         return None
     return int(asked.fill_ratio > asked.decision_boundary)

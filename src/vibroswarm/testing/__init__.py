@@ -1,11 +1,11 @@
-"""What code of one's own must hold to, as functions that a test can call; ``vibroswarm check`` runs them."""
+"""Checks of users' code, as functions that a test can call; ``vibroswarm check`` runs them."""
 
 from __future__ import annotations
 
 from vibroswarm.testing.findings import Finding
 from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
-from vibroswarm.testing.plain import PlainRun, plain_run
+from vibroswarm.testing.plain_reference import PlainRun, plain_run
 from vibroswarm.testing.strategy import check_strategy
 from vibroswarm.testing.task import check_task
 

@@ -1,26 +1,27 @@
-"""What a check finds, in words, whatever comes of it."""
+"""Findings of checks, in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from vibroswarm.errors import InputError, RunError
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found: whether it holds, and what is wrong."""
+    """The finding of one check: whether it holds, and if not, why."""
 
     what: str
     holds: bool
     why: str = ""
-    only_told: bool = False
-    """It is worth knowing, and not wrong."""
+    is_warning: bool = False
+    """Failure is worth knowing, but not an error."""
 
 
-def hold(condition: object, words: str) -> None:
-    """Stop a check unless something is so; as ``assert``, but under ``python -O`` too.
+def require(condition: object, words: str) -> None:
+    """Stop a check if a condition is false; as ``assert``, but under ``python -O`` too.
 
     Raises:
         AssertionError: it is not so; ``words`` say what is wrong.
@@ -29,11 +30,18 @@ def hold(condition: object, words: str) -> None:
         raise AssertionError(words)
 
 
-def tried(what: str, check: Callable[[], Iterator[str] | None], only_told: bool = False) -> Finding:
-    """What comes of a check that gives what is wrong in words, or raises it.
+def run_checks(
+    checks: Mapping[str, Callable[[str], Iterator[str]]], name: str, warnings: Container[str] = ()
+) -> list[Finding]:
+    """Run checks of the object called ``name``; failures of ``warnings`` are no errors."""
+    return [run_check(what, partial(check, name), what in warnings) for what, check in checks.items()]
+
+
+def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: bool = False) -> Finding:
+    """Run a check that yields what is wrong in words, or raises it.
 
     Args:
-        what: what is checked. only_told: a failure is no error.
+        what: what is checked. is_warning: a failure is no error.
     """
     why = ""
     try:
@@ -42,9 +50,7 @@ def tried(what: str, check: Callable[[], Iterator[str] | None], only_told: bool 
     except (InputError, RunError) as error:
         why = str(error)
     except AssertionError as error:
-        why = str(error) or "it is not so; the check says no more"
-    except (
-        Exception
-    ) as error:  # tables, or code of the user's, can be wrong in ways that nobody has thought of
+        why = str(error) or "the check failed without a message"
+    except Exception as error:  # users' tables and code can be wrong in any way
         why = f"it cannot be checked: {type(error).__name__}: {error}"
-    return Finding(what, not why, why, only_told)
+    return Finding(what, not why, why, is_warning)

@@ -1,4 +1,4 @@
-"""What every source of motion must hold to."""
+"""Checks of every motion source."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ from collections.abc import Iterator
 from typing import Final
 
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.motion.contract import Source
-from vibroswarm.motion.contract import source as source_of
-from vibroswarm.testing.findings import Finding, tried
+from vibroswarm.motion.source import Source
+from vibroswarm.motion.source import source as source_of
+from vibroswarm.testing.findings import Finding, run_check
 from vibroswarm.testing.motion_cases import SHORT_CASE, Check, motion_of
-from vibroswarm.testing.motion_segment_checks import MOVE_CHECKS, SEGMENT_CHECKS
-from vibroswarm.testing.motion_table_checks import TABLE_CHECKS, check_runs_differ
+from vibroswarm.testing.motion_segments import MOVE_CHECKS, SEGMENT_CHECKS
+from vibroswarm.testing.motion_tables import TABLE_CHECKS, check_runs_differ
 
-TOLD: Final = (check_runs_differ,)
+WARNINGS_ONLY: Final = (check_runs_differ,)
 """Checks whose failure is no error: a recording is the same in every run."""
 
 
 def check_motion(name: str) -> list[Finding]:
-    """All checks of a source of motion that is known; those of segments and moves only where it gives them.
+    """Run all checks of a registered motion source; those of segments and moves only if it gives them.
 
     Args:
         name: by which it is known.
     Raises:
         InputError: there is no such source.
     """
-    source = source_of(name)  # once: tables are kept by source
+    source = source_of(name)  # once, as tables are cached by source
     return [
-        tried(words_of(check), lambda check=check: check(source), check in TOLD)  # type: ignore[misc]
+        run_check(words_of(check), lambda check=check: check(source), check in WARNINGS_ONLY)  # type: ignore[misc]
         for check in _that_apply(source)
     ]
 
 
 def words_of(check: Check) -> str:
-    """What a check holds, from the first line of its docstring."""
+    """Return what a check checks: the first line of its docstring."""
     return (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
 
 
@@ -42,7 +42,7 @@ def _that_apply(source: Source) -> Iterator[Check]:
     yield from TABLE_CHECKS
     try:
         motion = motion_of(source, SHORT_CASE)
-    except (InputError, RunError):  # the first check says so
+    except (InputError, RunError):  # the first check reports it
         return
     if motion.segments is not None:
         yield from SEGMENT_CHECKS

@@ -1,4 +1,4 @@
-"""Scenarios in which sources of motion are checked, and what the checks share."""
+"""Scenarios in which motion sources are checked, and functions that the checks share."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.motion.contract import Motion, Source
-from vibroswarm.scenario import Scenario
-from vibroswarm.testing.findings import hold
+from vibroswarm.motion.source import Motion, Source
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.testing.findings import require
 
 Check = Callable[[Source], None]
 
@@ -111,19 +111,19 @@ CASES: Final = (
         },
     ),
 )
-"""Few and short; together they hold every mode, crowds, corridors, and arenas little larger than a robot."""
+"""Few and short; together they cover every mode, crowds, corridors, and arenas little larger than a robot."""
 SHORT_CASE: Final = CASES[2]
-"""For checks of which one case is enough; much happens in it."""
+"""For checks that need only one case; it is eventful."""
 
 
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
-    """The case's runs, with segments and moves where the source gives them; made once for all checks."""
+    """Return the case's runs, with segments and moves if the source gives them; computed once for all checks."""
     return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Hold that every table is equal, bit by bit.
+    """Require that all tables are equal, bit by bit.
 
     Args:
         words: where this is.
@@ -131,11 +131,11 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
     at = f"{words}: " if words else ""
     for name in ("samples", "ends", "segments", "moves"):
         mine, theirs = getattr(one, name), getattr(other, name)
-        hold((mine is None) == (theirs is None), f"{at}one time there are {name}, another time none")
+        require((mine is None) == (theirs is None), f"{at}{name} exist in only one of the two")
         if mine is None:
             continue
-        hold(mine.schema == theirs.schema, f"{at}columns of the {name} are of other kinds")
-        hold(
+        require(mine.schema == theirs.schema, f"{at}columns of the {name} have different types")
+        require(
             mine.height == theirs.height,
             f"{at}{mine.height} rows of {name}, and {theirs.height} of the same run",
         )
@@ -150,20 +150,20 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
 
 
 def part_of(motion: Motion, run: int) -> Motion:
-    """One run of a motion."""
+    """Return one run of a motion."""
     here = pl.col("run") == run
     tables = (motion.samples, motion.ends, motion.segments, motion.moves)
     return Motion(*(table.filter(here) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
-    """Times in s as whole control periods, of the same shape.
+    """Convert times in s to integer control periods, of the same shape.
 
     Raises:
         AssertionError: they are not whole.
     """
     ticks = values.to_numpy().astype(float) / scenario.tick_s
     whole = np.rint(ticks)
-    # Columns of 32 bits hold 24: a millionth of a long time is still far from half a period.
-    hold(np.abs(ticks - whole).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
+    # 32-bit floats have 24 bits: their error on a long time is still far below half a period.
+    require(np.abs(ticks - whole).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
     return whole.astype(np.int64)

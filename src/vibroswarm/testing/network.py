@@ -1,4 +1,4 @@
-"""What every network must hold to."""
+"""Checks of every network."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.presets import preset
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.testing.findings import Finding, tried
-from vibroswarm.testing.plain import plain_run
+from vibroswarm.testing.findings import Finding, run_checks
+from vibroswarm.testing.plain_reference import plain_run
 from vibroswarm.testing.runs import SEED, SHORT, equals_plain, in_pieces, same_again
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
@@ -21,19 +20,16 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     for words, robots in (("one robot", 1), ("five robots", 5), ("twelve", 12))
 }
 OF_OURS: Final[dict[str, dict[str, Any]]] = {"loss": {"network.loss.share": 0.3}}
-"""Parameters of networks that do nothing by those they begin with."""
+"""Parameters of our networks whose defaults have no effect."""
 
 
 def check_network(name: str) -> list[Finding]:
-    """All checks of a network that is known.
+    """Run all checks of a registered network.
 
     Args:
         name: as scenarios call it.
     """
-    return [
-        tried(what, lambda check=check: check(name))  # type: ignore[misc]
-        for what, check in CHECKS.items()
-    ]
+    return run_checks(CHECKS, name)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
@@ -54,10 +50,10 @@ def _received_was_sent(name: str) -> Iterator[str]:
         robots = simulate(scenario, SEED, 2).robots
         of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")
         for row in robots.with_columns(others=of_others).iter_rows(named=True):
-            if row["received"] > row["others"]:
+            if row["messages_received"] > row["others"]:
                 yield (
-                    f"{words}: robot {row['robot']} of run {row['run']} has received {row['received']} messages, and "
-                    f"the others have sent {row['others']}"
+                    f"{words}: robot {row['robot']} of run {row['run']} has received "
+                    f"{row['messages_received']} messages, and the others have sent {row['others']}"
                 )
 
 
@@ -74,9 +70,9 @@ def _none_too_early(name: str) -> Iterator[str]:
 
 
 def _heard_before(result: Result) -> Iterator[str]:
-    """Samples before whose stop a robot had received more than the others had sent; strategies send at each sample."""
+    """Yield samples before which a robot had received more than was sent; strategies send at each sample."""
     rows = result.motion.select("robot", "time_s", "stop_start_s")
-    received = result.inference["received"].to_list()
+    received = result.inference["messages_received"].to_list()
     for (robot, _, stop_s), count in zip(rows.iter_rows(), received, strict=True):
         sent = rows.filter((pl.col("robot") != robot) & (pl.col("time_s") < stop_s)).height
         if count > sent:

@@ -1,4 +1,4 @@
-"""What every run must hold to, whatever its strategy and its network are."""
+"""Checks of every run, whatever its strategy and network."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
-from vibroswarm.inference.tracks import move_rows
-from vibroswarm.observation.ground import grounds_of
+from vibroswarm.inference.sender_positions import move_rows
+from vibroswarm.observation.sensed_floor import sensed_floors
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.testing.plain import PlainRun, plain_run
+from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 Scenarios = Iterable[tuple[str, Scenario]]
-"""Scenarios, and each in words."""
+"""Scenarios with their descriptions."""
 
 SEED: Final = 7
 SHORT: Final[dict[str, Any]] = {
@@ -27,39 +27,39 @@ SHORT: Final[dict[str, Any]] = {
     "walk.walk_duration_location_ms": 3000.0,
     "sample.sample_interval_ms": 1500.0,
 }
-"""A minute in which much happens."""
+"""An eventful minute."""
 
 
 def same_again(scenarios: Scenarios) -> Iterator[str]:
-    """Where runs come out otherwise when they are done again, or beside others."""
+    """Yield runs that differ when they are repeated, or simulated together with others."""
     for words, scenario in scenarios:
         if not simulate(scenario, SEED, [0, 1]).same_tables(simulate(scenario, SEED, [0, 1])):
-            yield f"{words}: the same run came out otherwise when it was done again"
+            yield f"{words}: the same run differs when repeated"
         alone = simulate(scenario, SEED, [1])
         both = simulate(scenario, SEED, [0, 1])
         if not both.inference.filter(both.inference["run"] == 1).equals(alone.inference):
-            yield f"{words}: a run comes out otherwise beside another"
+            yield f"{words}: a run differs when simulated together with another"
 
 
 def equals_plain(scenarios: Scenarios) -> Iterator[str]:
-    """Where a run and its plain form differ."""
+    """Yield differences between a run and the plain Python reference."""
     for words, scenario in scenarios:
         result = simulate(scenario, SEED, 1, moves=True)
         plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
         for why in differences(result, plain):
-            yield f"{words}: compiled and as plain Python it does not do the same: {why}"
+            yield f"{words}: compiled and plain Python results differ: {why}"
 
 
 def differences(result: Result, plain: PlainRun) -> Iterator[str]:
-    """Where the tables of a run and its plain form differ."""
+    """Yield the tables in which a run differs from the plain Python reference."""
     inference = result.inference
-    for name in ("robot", "sample", "received", "decision"):
+    for name in ("robot", "sample", "messages_received", "decision"):
         mine, theirs = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
         if mine.size != theirs.size or (mine != theirs).any():
             yield f"column {name}"
-    belief = inference["belief"].fill_null(float("nan")).to_numpy()
+    belief = inference["belief_below"].fill_null(float("nan")).to_numpy()
     if not np.array_equal(
-        belief, np.array([row["belief"] for row in plain.rows], dtype=float), equal_nan=True
+        belief, np.array([row["belief_below"] for row in plain.rows], dtype=float), equal_nan=True
     ):
         yield "column belief"
     for name in ("alpha", "beta"):
@@ -78,7 +78,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
 
 def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
     robots = result.robots
-    for name in ("decision", "sent", "samples", "received"):
+    for name in ("decision", "sent", "samples", "messages_received"):
         if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:
             yield f"{name} of the robots"
     for name in ("alpha", "beta"):
@@ -93,11 +93,11 @@ def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
 
 
 def in_pieces(scenarios: Scenarios) -> Iterator[str]:
-    """Where a run that is followed as it moves differs from one that is worked out at once."""
+    """Yield differences between a closed-loop run and one replayed at once."""
     for words, scenario in scenarios:
         result = simulate(scenario, SEED, 1, moves=True)
         floors = {0: result.floor(0)}
-        (ground,) = grounds_of(scenario, SEED, [0], floors)
+        (ground,) = sensed_floors(scenario, SEED, [0], floors)
         rows = sample_rows(result.motion, scenario.run.control_period_ms)
         found = []
         for piece_s in (scenario.run.t_end_s, 7.0):
@@ -108,9 +108,9 @@ def in_pieces(scenarios: Scenarios) -> Iterator[str]:
         if any(
             (one != other).any() for one, other in zip(*found, strict=True) if one.dtype.names
         ) and not all(_alike(one, other) for one, other in zip(*found, strict=True)):
-            yield f"{words}: in pieces it comes out otherwise than in one"
+            yield f"{words}: results differ between pieces and a whole run"
         if found[0][0]["decision"].tolist() != result.robots["decision"].to_list():
-            yield f"{words}: followed as it moves, a run decides otherwise than by its tables"
+            yield f"{words}: decisions differ between closed loop and tables"
 
 
 def _alike(one: Any, other: Any) -> bool:
@@ -118,17 +118,17 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
-    """Let a loop live through the samples of a run's tables, a piece of this length at a time."""
+    """Feed the samples of a run's tables to a loop, in pieces of this length."""
     tick_ms = loop.tick_ms
-    if loop.asks_places:
-        loop.take_moves(move_rows(result.moves, tick_ms))
+    if loop.reads_positions:
+        loop.add_moves(move_rows(result.moves, tick_ms))
     end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
     last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     step = max(round(piece_s * 1000.0 / tick_ms), 1)
     for until in [*range(step, end, step), end]:
         low = int(loop.bounds[1])
         high = int(np.searchsorted(rows["tick"], until))
-        loop.take(rows[low:high])
+        loop.add_samples(rows[low:high])
         standing = np.full(last.size, -1)
         for i in range(last.size):
             later = rows[(rows["robot"] == i) & (rows["tick"] >= until)]

@@ -1,17 +1,16 @@
-"""What every strategy must hold to."""
+"""Checks of every strategy."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from vibroswarm.inference import replayers
-from vibroswarm.presets import preset
+from vibroswarm.inference import replayer
 from vibroswarm.result import Result
-from vibroswarm.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
-from vibroswarm.testing.findings import Finding, tried
+from vibroswarm.testing.findings import Finding, run_checks
 from vibroswarm.testing.runs import SEED, SHORT, equals_plain, in_pieces, same_again
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
@@ -24,15 +23,12 @@ LONG: Final[dict[str, Any]] = {"run.t_end_s": 1200.0, "floor.source": "random:0.
 
 
 def check_strategy(name: str) -> list[Finding]:
-    """All checks of a strategy that is known.
+    """Run all checks of a registered strategy.
 
     Args:
         name: as scenarios call it.
     """
-    return [
-        tried(what, lambda check=check: check(name), what in TOLD)  # type: ignore[misc]
-        for what, check in CHECKS.items()
-    ]
+    return run_checks(CHECKS, name, WARNINGS_ONLY)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
@@ -50,23 +46,23 @@ def _runs(name: str) -> Iterator[str]:
 
 
 def _beliefs_are_shares(result: Result) -> bool:
-    belief = result.inference["belief"].drop_nulls().drop_nans()
+    belief = result.inference["belief_below"].drop_nulls().drop_nans()
     return bool(((belief >= 0.0) & (belief <= 1.0)).all())
 
 
 def _counts_equal_messages(name: str) -> Iterator[str]:
     if strategy_of(name).on_counts is None:
         return
-    faster = replayers.counts_only
+    faster = replayer.counts_only
     for words, scenario in _scenarios(name):
         one = simulate(scenario, SEED, 2)
         try:
-            replayers.counts_only = lambda strategy, network: False
+            replayer.counts_only = lambda strategy: False
             other = simulate(scenario, SEED, 2)
         finally:
-            replayers.counts_only = faster
+            replayer.counts_only = faster
         if not one.same_tables(other):
-            yield f"{words}: on_counts of so many is not as many on_message"
+            yield f"{words}: on_counts differs from repeated on_message"
 
 
 def _decides(name: str) -> Iterator[str]:
@@ -83,5 +79,5 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "counts as messages one by one": _counts_equal_messages,
     "it decides": _decides,
 }
-TOLD: Final = ("it decides",)
+WARNINGS_ONLY: Final = ("it decides",)
 """Checks whose failure is no error."""

@@ -1,4 +1,4 @@
-"""What every task must hold to."""
+"""Checks of every task."""
 
 from __future__ import annotations
 
@@ -11,29 +11,26 @@ from vibroswarm.errors import shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patterns import NAMES, pattern
 from vibroswarm.inference.outcomes import truth_on
-from vibroswarm.scenario import Scenario
-from vibroswarm.testing.findings import Finding, tried
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.testing.findings import Finding, run_checks
 
 SIZES: Final = ((1, 1), (5, 5), (10, 10), (3, 7))
-"""Rows and columns of drawn floors."""
+"""Rows and columns of random floors."""
 SHARES: Final = (0.2, 0.45, 0.55, 0.8)
-"""Of tiles that vibrate."""
+"""Shares of tiles that vibrate."""
 
 
 def check_task(name: str) -> list[Finding]:
-    """All checks of a task that is known.
+    """Run all checks of a registered task.
 
     Args:
         name: as scenarios call it.
     """
-    return [
-        tried(what, lambda check=check: check(name), what in TOLD)  # type: ignore[misc]
-        for what, check in CHECKS.items()
-    ]
+    return run_checks(CHECKS, name, WARNINGS_ONLY)
 
 
 def floors(scenario: Scenario) -> dict[str, Floor]:
-    """Floors over the whole arena, made anew, by what they are: patterns, random ones, all still, all vibrating."""
+    """Return new floors over the whole arena, by description: patterns, random ones, all still, all vibrating."""
     tiles = {name: pattern(name) for name in NAMES}
     for rows, columns in SIZES:
         size = f"{rows} x {columns}"
@@ -57,7 +54,7 @@ def _answers(name: str) -> Iterator[str]:
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         found = truth_on(scenario, floor)
-        if found not in (0, 1, None):  # as ``Task.answer`` refuses it, where that is what is asked
+        if found not in (0, 1, None):  # ``Task.answer`` refuses it too
             yield f"on the floor {words} it gives {shown(found)}; 0, 1 or None"
 
 
@@ -66,7 +63,7 @@ def _same_again(name: str) -> Iterator[str]:
     first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
     others = floors(scenario)
     for words in reversed(others):
-        # Another floor that is alike, in another order, and once more.
+        # An equal floor, in another order, twice.
         for _ in range(2):
             again = truth_on(scenario, others[words])
             if again != first[words]:
@@ -95,5 +92,5 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it leaves floors as they are": _leaves_floors,
     "it tells floors apart": _tells_floors_apart,
 }
-TOLD: Final = ("it tells floors apart",)
+WARNINGS_ONLY: Final = ("it tells floors apart",)
 """Checks whose failure is no error."""

@@ -15,8 +15,8 @@ def all_items() -> tuple[Item, ...]:
         calibration,
         difficulty,
         example_run,
+        experiment_accuracy,
         experiments,
-        experiments_beside,
         feedback_grid,
         fill_ratios,
         headline,
@@ -46,13 +46,13 @@ def all_items() -> tuple[Item, ...]:
         sharing,
         search_repeats,
         timer,
-        experiments_beside,
+        experiment_accuracy,
     )
     return tuple(module.ITEM for module in modules)
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:
-    """The items of these names, in the paper's order; all without.
+    """The items of these names in the paper's order; all if None.
 
     Raises:
         InputError: there is no such item.

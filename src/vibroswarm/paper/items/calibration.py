@@ -1,4 +1,7 @@
-"""Item 2: recordings and simulations compared: the six similarities, error rates, battery, and the three figures."""
+"""Item 2: recordings and simulations compared: six similarities, error rates, battery, and three figures.
+
+The similarity of a simulation is that of a set of three simulated sessions to the recordings, over sets of three.
+"""
 
 from __future__ import annotations
 
@@ -8,31 +11,111 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.calibrate.compare import Comparison, compare
-from vibroswarm.calibrate.energy_distance import Known
-from vibroswarm.calibrate.features import WORDS
-from vibroswarm.calibrate.figures import FIGURES, figures_of
-from vibroswarm.page.report import Column
-from vibroswarm.paper.columns import EMPIRICAL
-from vibroswarm.paper.histograms import histograms_of
-from vibroswarm.paper.item import CLAIMS, Item, Settings, Shown, Tables, Work
-from vibroswarm.paper.items.calibration_claims import (
-    SESSIONS,
-    Sets,
-    alike_by_set,
-    authors_rows,
-    column_rows,
-    printed,
-)
+from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
+from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
+from vibroswarm.calibrate.similarity import RealCache, null_similarity, similarity
+from vibroswarm.paper.calibration_histograms import histograms_of
+from vibroswarm.paper.claim_values import Row, exact, frame, mean
+from vibroswarm.paper.columns import EMPIRICAL, published
+from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work
 from vibroswarm.paper.items.calibration_pictures import pictures
-from vibroswarm.paper.measure import frame
-from vibroswarm.paper.real_floor import real_floor
-from vibroswarm.paper.recordings import AUTHORS, REAL, hash_of, missing, recorded
+from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
+from vibroswarm.report.html import Column
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 
+SESSIONS: Final = 3
+"""Number of recorded sessions, and of sessions in a set."""
+THEIR_SETS: Final = 1
+"""Sets of three sessions behind each printed similarity."""
+NAMES: Final = {
+    "avoidance": "state_times",
+    "vibrating": "energy_vibrating",
+    "still": "energy_non_vibrating",
+    "places": "sample_positions",
+    "distances": "distance_over_time",
+    "steps": "distance_and_angle",
+}
+"""Names of the features in the paper."""
+Sets = dict[str, list[tuple[float, float]]]
+
+
+def similarity_by_set(real: Result, simulated: Result) -> Sets:
+    """Similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
+    there, here = sessions_of(real), sessions_of(simulated)
+    found: Sets = {}
+    for feature in FEATURES:
+        all_real = np.concatenate(there.values(feature))
+        even: dict[int, float] = {}
+        values = here.values(feature)
+        for first in range(0, len(values), SESSIONS):
+            some = np.concatenate(values[first : first + SESSIONS])
+            count = min(len(all_real), len(some))
+            if count not in even:
+                even[count] = null_similarity(feature, all_real, count)
+            found.setdefault(feature, []).append((similarity(feature, all_real, some), even[count]))
+    return found
+
+
+def printed(feature: str) -> float:
+    """Printed similarity of a feature."""
+    return float(published(f"calibration.cosine_similarity.{NAMES[feature]}"))
+
+
+def authors_rows(found: Comparison) -> list[Row]:
+    """Rows for the authors' own simulator against the recordings, minus the printed similarity."""
+    return [
+        exact("calibration-printed", "paper", WORDS[one.feature], one.as_published - printed(one.feature))
+        for one in found.similarities
+    ]
+
+
+def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
+    """Rows of all claims about a preset; ``sets`` are those of its simulation."""
+    rows = []
+    for feature, pairs in sets.items():
+        alike, even = np.array(pairs).T
+        there = printed(feature)
+        rows.append(mean("calibration-ours", column, WORDS[feature], alike, there, published_runs=THEIR_SETS))
+        rows.append(mean("calibration-tells", column, WORDS[feature], alike - even))
+    return rows + error_rows(settings, column) + battery_rows(settings, column)
+
+
+def error_rows(settings: Settings, column: str) -> list[Row]:
+    """Rows of the error rates of each run on the real floor, at the column's own threshold; needs no recordings."""
+    scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
+    result = simulate(scenario, settings.seed, min(settings.runs, 100), energies=False)
+    kinds = np.array([int(tile) for row in real_floor()["floor.tiles"] for tile in row])
+    tile, read = (result.observations[name].to_numpy() for name in ("tile", "observation"))
+    run, kind = result.observations["run"].to_numpy(), kinds[tile]
+    shares = [np.bincount(run[kind == k], read[kind == k] != k) / np.bincount(run[kind == k]) for k in (0, 1)]
+    names = ("false_positive", "false_negative")
+    return [
+        mean(
+            "calibration-errors",
+            column,
+            name,
+            share,
+            less=float(published(f"calibration.{name}_share")),
+            published_runs=SESSIONS,
+        )
+        for name, share in zip(names, shares, strict=True)
+    ]
+
+
+def battery_rows(settings: Settings, column: str) -> list[Row]:
+    """Rows of the battery factor at both ends of a run, minus the printed one."""
+    scenario = settings.scenario(column)
+    ends = zip((0.0, scenario.run.t_end_s), published("calibration.battery_first_last"), strict=True)
+    return [
+        exact("battery", column, f"at {t_s:g} s", 1.0 - t_s / scenario.robot.battery_life_s - printed)
+        for t_s, printed in ends
+    ]
+
+
 SETS: Final = 10
-"""Sets of three simulated sessions, for an interval."""
+"""Sets of three simulated sessions behind an interval."""
 ROBOTS, SIMULATOR = "real robots", "authors' simulator"
 SHOWN_FIGURES: Final = (
     "start_speed_m_s", "drop", "between_m_s", "within_m_s", "spacing_s", "distance_m", "avoid_s", "density_corners",
@@ -42,7 +125,7 @@ SHOWN_FIGURES: Final = (
 
 def _simulated(settings: Settings, column: str) -> Result:
     sets = min(SETS, max(2, settings.runs // SESSIONS))
-    scenario = settings.scenario(column, real_floor(), with_=EMPIRICAL)
+    scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
     return simulate(scenario, settings.seed, sets * SESSIONS, segments=True)
 
 
@@ -51,19 +134,19 @@ def _first_set(result: Result) -> Result:
 
 
 def compute(work: Work) -> Tables:
-    """All comparisons with the recordings, and claims."""
+    """Compute all comparisons with the recordings, and claims."""
     settings = work.settings
     assert settings.recordings is not None
-    real, authors = (recorded(settings.recordings, names) for names in (REAL, AUTHORS))
-    work.tell(0.2)
+    real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
+    work.progress(0.2)
     many = {column: _simulated(settings, column) for column in settings.columns}
     sources: dict[str, Result] = {SIMULATOR: authors} | {c: _first_set(one) for c, one in many.items()}
     found: dict[str, Comparison] = {}
-    known: Known = {}
+    known: RealCache = {}
     for place, (name, one) in enumerate(sources.items()):
         found[name] = compare(real, one, known)
-        work.tell(0.2 + 0.6 * (place + 1) / len(sources))
-    sets = {column: alike_by_set(real, one) for column, one in many.items()}
+        work.progress(0.2 + 0.6 * (place + 1) / len(sources))
+    sets = {column: similarity_by_set(real, one) for column, one in many.items()}
     measured = authors_rows(found[SIMULATOR])
     for column in settings.columns:
         measured += column_rows(settings, column, sets[column])
@@ -79,6 +162,7 @@ def compute(work: Work) -> Tables:
 
 
 def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.DataFrame:
+    """Similarities of each source and feature with their references."""
     rows = []
     for source, one in found.items():
         for alike in one.similarities:
@@ -101,11 +185,12 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
 
 
 def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
+    """Energy distances and classifier accuracy of each source."""
     rows = []
     for source, one in found.items():
         named = [(WORDS[each.feature], each.effect, each.real) for each in one.distances]
         named.append(
-            ("share of stretches told apart", one.told_apart.simulated_by_robot, one.told_apart.real)
+            ("share of stretches told apart", one.classifier.simulated_by_robot, one.classifier.real)
         )
         for feature, effect, real in named:
             row: dict[str, Any] = {"source": source, "feature": feature}
@@ -118,7 +203,7 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
 
 
 def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
-    """Error rates at the threshold of preset paper, and how robots drive, source by source."""
+    """Error rates at the threshold of preset ``paper``, and statistics of driving, by source."""
     threshold = settings.scenario("paper").sensor.rms_threshold
     rows = []
     for source, result in sources.items():
@@ -132,7 +217,7 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
 
 
 def _states(source: str, result: Result) -> pl.DataFrame:
-    """Share of time in each state, a row a session."""
+    """Share of time in each state, one row a session."""
     ends = result.ends.group_by("run", maintain_order=True).agg(pl.col("end_s").sum())
     spent = result.motion.group_by("run", maintain_order=True).agg(
         pl.col("avoid_s", "stop_s").cast(pl.Float64).sum()
@@ -149,31 +234,28 @@ def _states(source: str, result: Result) -> pl.DataFrame:
 
 
 _SHOWN: Final = (
-    Shown(
+    TableView(
         "similarities",
-        "Cosine similarity to the recordings: printed, all samples together, over sets of three simulated "
-        "sessions, and "
-        "where it stands between even scatter and a perfect simulation; by session, and real against real.",
+        "Cosine similarity to the recordings: printed, for all samples pooled, and over sets of three simulated "
+        "sessions, with that of uniform values and of a perfect simulation; by session, and real against real.",
         {
             "source": Column("source"), "feature": Column("feature"), "printed": Column("printed"),
-            "as published": Column("together"), "sets": Column("over sets"), "sets_low": Column("from"),
-            "sets_high": Column("to"), "null": Column("even scatter"), "at equal counts": Column("equal counts"),
+            "as published": Column("pooled"), "sets": Column("over sets"), "sets_low": Column("from"),
+            "sets_high": Column("to"), "null": Column("uniform"), "at equal counts": Column("equal counts"),
             "ceiling": Column("perfect"), "session": Column("by session"), "real session": Column("real by session"),
         },
     ),
-    Shown(
+    TableView(
         "distances",
-        "Measures that discriminate: effect size of the energy distance, and the share of stretches that a "
-        "classifier tells "
-        "from real ones of other robots (0.5: not at all); beside it real against real. 95 % intervals over "
-        "sessions.",
+        "Sharper measures: effect size of the energy distance, and accuracy of a classifier between these and real "
+        "stretches of other robots (0.5: chance); the same for real against real. 95 % intervals over sessions.",
         {
             "source": Column("source"), "feature": Column("feature"), "effect": Column("effect"),
             "low": Column("from"), "high": Column("to"), "real": Column("real by real"),
             "real_low": Column("from"), "real_high": Column("to"),
         },
     ),
-    Shown(
+    TableView(
         "figures",
         "Error rates at preset `paper`'s threshold, and how robots drive; 95 % intervals over "
         "sessions.",
@@ -189,10 +271,8 @@ ITEM: Final = Item(
     title="Calibration",
     about=(
         "Three recorded sessions of five robots with P0 on one floor, the logs of the authors' simulator, "
-        "and our presets with "
-        "P0 on that floor. What the text calls state times is avoidance time per sample; the real state "
-        "times are drawn "
-        "beside it. A cosine similarity says little by itself: even scatter may score as high.",
+        "and our presets with P0 on that floor. What the text calls state times is avoidance time per sample; the "
+        "real state times are drawn too. A cosine similarity alone says little: uniform values may score as high.",
     ),
     compute=compute,
     pictures=pictures,

@@ -1,4 +1,4 @@
-"""Pictures of the calibration: the paper's three, and the similarities."""
+"""Pictures of the calibration: the paper's three figures, and the similarities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.features import WORDS
-from vibroswarm.paper.histograms import draw_maps, draw_shares
+from vibroswarm.paper.calibration_histograms import draw_maps, draw_shares
 from vibroswarm.paper.item import Drawn, Picture, Settings, Tables
 from vibroswarm.plots import draw_error_bars
 
@@ -22,7 +22,7 @@ LABELS: Final = {
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """The paper's three: states and energies, places, steps; real robots beside each source."""
+    """States and energies, positions, steps: real robots next to each source; then the similarities."""
     yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
     histograms = tables["histograms"]
     for feature in ("avoidance", "vibrating", "still"):
@@ -33,10 +33,14 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         part = histograms.filter(pl.col("feature") == feature)
         maps = partial(draw_maps, part.select("x", "y", "share", panel="source"), feature)
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), maps)
-    alike = tables["similarities"]
-    yield Picture(
-        "calibration-similarities", "Similarities between null and ceiling", partial(_draw_alike, alike)
-    )
+    # The mark is the similarity, the bar goes from null to ceiling.
+    spans = tables["similarities"].select(
+        x="feature", series="source", estimate="at equal counts",
+        low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
+    )  # fmt: skip
+    span = "span from uniform values to a perfect simulation"
+    draw = partial(draw_error_bars, spans, label="cosine similarity", interval=span)
+    yield Picture("calibration-similarities", "Similarities between null and ceiling", draw)
 
 
 def _draw_states(states: pl.DataFrame) -> Drawn:
@@ -47,14 +51,3 @@ def _draw_states(states: pl.DataFrame) -> Drawn:
     ]
     made = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
     return draw_error_bars(made, label="share of time", percent=True, interval="95 % interval over sessions")
-
-
-def _draw_alike(alike: pl.DataFrame) -> Drawn:
-    """The mark is the similarity, the bar goes from null to ceiling."""
-    made = alike.select(
-        x="feature", series="source", estimate="at equal counts",
-        low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
-    )  # fmt: skip
-    return draw_error_bars(
-        made, label="cosine similarity", interval="span from even scatter to a perfect simulation"
-    )

@@ -6,11 +6,11 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.floors.paper_table import paper_table
-from vibroswarm.page.report import Column
-from vibroswarm.paper.item import CLAIMS, Item, Shown, Tables, Work
-from vibroswarm.paper.measure import exact, frame
-from vibroswarm.paper.published import published
+from vibroswarm.floors.difficulty import paper_table
+from vibroswarm.paper.claim_values import exact, frame
+from vibroswarm.paper.columns import published
+from vibroswarm.paper.item import CLAIMS, Item, Tables, TableView, Work
+from vibroswarm.report.html import Column
 
 PATTERNS: Final = {
     "diagonal": "diagonal",
@@ -19,25 +19,29 @@ PATTERNS: Final = {
     "alternating": "alternating",
     "random": "random-fixed",
 }
-"""The paper's five by its names, and by ours."""
+"""The paper's five patterns and our names for them."""
 FILLS: Final = ("0.48", "0.46")
 
 
 def _table() -> pl.DataFrame:
+    """Printed, reproduced and correct values of each pattern and measure."""
     theirs = {ours: name for name, ours in PATTERNS.items()}
     rows = []
     for entry in paper_table():
         kind, _, fill = entry.pattern.partition(":")
         key = "moran" if entry.measure == "Moran index" else "entropy"
         printed = float(published("patterns_10x10")[f"{key}_{fill}"][theirs[kind]])
-        as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)  # logarithms round
+        as_paper, right = (
+            round(entry.as_the_paper, 12),
+            round(entry.right, 12),
+        )  # rounding errors of logarithms
         rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))
     names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
 def compute(work: Work) -> Tables:
-    """The 20 numbers, exactly."""
+    """Compute the 20 numbers exactly."""
     table = _table()
     measured = [
         exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
@@ -51,13 +55,13 @@ ITEM: Final = Item(
     name="difficulty",
     title="Difficulty of the five patterns",
     about=(
-        "The paper's table of Moran indices and entropies. Printed, as the paper came by it (48 vibrating "
-        "tiles in all entropies, and an alternating floor of 48 in the place of 46), and right for the fill "
+        "The paper's table of Moran indices and entropies: printed, as the paper computed it (48 vibrating "
+        "tiles in all entropies, and an alternating floor of 48 instead of 46), and correct for the fill "
         "ratio named.",
     ),
     compute=compute,
     shown=(
-        Shown(
+        TableView(
             "difficulty",
             "Printed and computed; nothing here is uncertain.",
             {
@@ -65,8 +69,8 @@ ITEM: Final = Item(
                 "measure": Column("measure"),
                 "printed": Column("printed"),
                 "as the paper computed": Column("as the paper computed"),
-                "right": Column("right"),
-                "printed less right": Column("printed less right", digits=2),
+                "right": Column("correct"),
+                "printed less right": Column("printed - correct", digits=2),
             },
         ),
     ),

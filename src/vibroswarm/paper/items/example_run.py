@@ -1,4 +1,4 @@
-"""Item 9: an example run of seven robots, and how near such swarms come to the fill ratio."""
+"""Item 9: an example run of seven robots, and how close such swarms come to the fill ratio."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.page.report import Column
-from vibroswarm.paper.cells import Cell
+from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import frame, mean
+from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots.picture import Picture as Plotted
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import settings as drawn_with
+from vibroswarm.report.html import Column
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
 ROBOTS: Final = 7
@@ -35,24 +35,19 @@ def cells(settings: Settings) -> Cells:
     }
 
 
-def _cell(settings: Settings) -> Cell:
-    return settings.cell(settings.columns[0], {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS})
-
-
 @cache
-def _example(text: str, seed: int) -> Result:
-    from vibroswarm.scenario import Scenario
-
-    return simulate(Scenario.from_toml(text), seed, 1, segments=True)
+def _simulated(scenario: Scenario, seed: int) -> Result:
+    return simulate(scenario, seed, 1, segments=True)
 
 
 def example(settings: Settings) -> Result:
     """Run 0 of the first column, with its paths."""
-    return _example(_cell(settings).scenario.to_toml(), settings.seed)
+    values = {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS}
+    return _simulated(settings.scenario(settings.columns[0], values), settings.seed)
 
 
 def compute(work: Work) -> Tables:
-    """The run's samples and paths; estimates; claims."""
+    """Samples and paths of the run; estimates of many runs; claims."""
     result = example(work.settings)
     assert result.segments is not None
     samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
@@ -66,7 +61,7 @@ def compute(work: Work) -> Tables:
             error = abs(estimate - FILL)
             measured.append(mean("estimate", column, strategy, error, less=TILE))
             figures = (float(estimate.mean()), float(error.mean()), float(estimate.std()))
-            command = cell.command(work.came.runs, work.came.seed)
+            command = cell.command(work.results.runs, work.results.seed)
             rows.append((column, strategy, error.size, *figures, command))
     names = ["column", "strategy", "runs", "estimate", "error", "spread", "command"]
     return {
@@ -99,14 +94,14 @@ ITEM: Final = Item(
     name="example-run",
     title="An example run of seven robots",
     about=(
-        "The paths of seven robots and where they sampled, as the paper shows for a real experiment. Beside "
-        "it, over many such runs, how near the swarm's mean estimate comes to the fill ratio.",
+        "The paths of seven robots and where they sampled, as the paper shows for a real experiment; and, over many "
+        "such runs, how close the swarm's mean estimate comes to the fill ratio.",
     ),
     cells=cells,
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "estimates",
             "The mean over robots of alpha / (alpha + beta) at the end of a run; the fill ratio is 0.48, a "
             "tile is 0.04.",

@@ -1,4 +1,4 @@
-"""Item 8: the published means of the real experiments beside simulations on the real floor."""
+"""Item 8: the published means of the real experiments compared with simulations on the real floor."""
 
 from __future__ import annotations
 
@@ -8,34 +8,48 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.page.report import Column
-from vibroswarm.paper.columns import STRATEGIES, sizes
-from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.items.experiments_cells import (
+from vibroswarm.paper.cell_tables import PROPER_FORM, WALK_FORM
+from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, Row, exact, frame, mean
+from vibroswarm.paper.columns import STRATEGIES, published, sizes
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.items.experiment_times import (
+    AS_TEXT,
     COLUMNS,
-    GATES,
+    FITTED,
     KEYS,
     LOSSES,
+    SETTINGS,
+    SHOWN_FITS,
+    SHOWN_LOSSES,
     TEXTS,
-    THRESHOLDS,
     TIME,
     cells,
+    columns_of,
+    draw_fit,
+    draw_loss,
+    fit_table,
+    gaps,
+    largest_sd,
+    loss_table,
+    points,
+    published_by_size,
     published_points,
 )
-from vibroswarm.paper.items.experiments_fit import FITTED, draw_fit, fit_table
-from vibroswarm.paper.items.experiments_fit import SHOWN as SHOWN_FIT
-from vibroswarm.paper.items.experiments_loss import SHOWN as SHOWN_LOSS
-from vibroswarm.paper.items.experiments_loss import draw_loss, gaps, loss_table
-from vibroswarm.paper.measure import REAL_EXPERIMENTS, Row, exact, frame, mean
-from vibroswarm.paper.published import published
-from vibroswarm.paper.show import PROPER_FORM, WALK_FORM
 from vibroswarm.plots import draw_error_bars
+from vibroswarm.report.html import Column
+
+WALKED: Final = (
+    ("robots-avoidance", "avoid_per_sample_s", "avoidance per sample (s)", "avoidance_s_per_sample_none"),
+    ("robots-distance", "distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
+)
+"""Claim, figure, label, and name in ``published.json``."""
+_AS_TEXT: Final = (pl.col("theta_E") == AS_TEXT[0]) & (pl.col("gate") == AS_TEXT[1])
 
 
 def compute(work: Work) -> Tables:
-    """Cells, bands over thresholds and gates, what loss changes, and claims."""
+    """Compute cells, bands over thresholds and gates, the effect of loss, and claims."""
     table = work.rows(KEYS)
-    columns: list[str] = [column for column in COLUMNS if column in work.settings.columns]
+    columns = columns_of(work.settings)
     measured = [row for column in columns for row in _measured(work, column)]
     if "paper" in work.settings.columns:
         plotted = published("experiments.packet_loss_percent")
@@ -55,21 +69,20 @@ def compute(work: Work) -> Tables:
 
 
 def _bands(table: pl.DataFrame) -> pl.DataFrame:
-    """Published beside the least and the largest of ours, and ours as the text has the robots."""
-    chosen = (pl.col("theta_E") == TEXTS) & (pl.col("gate") == GATES[1])
+    """Published means, the smallest and largest of ours, and ours with the robots as in the text."""
     bands = (
         table.filter(pl.col("packets") == LOSSES[0])
         .group_by("column", "strategy", "robots", maintain_order=True)
         .agg(
             pl.col(TIME).min().alias("least"),
             pl.col(TIME).max().alias("most"),
-            pl.col(TIME).filter(chosen).first().alias("as the text has it"),
+            pl.col(TIME).filter(_AS_TEXT).first().alias("as the text has it"),
         )
     )
     rows = [
-        (strategy, robots, float(value))
+        (strategy, robots, value)
         for strategy in STRATEGIES
-        for robots, value in zip(sizes(), published(f"experiments.decision_time_s.{strategy}"), strict=True)
+        for robots, value in published_by_size(f"experiments.decision_time_s.{strategy}").items()
     ]
     means = pl.DataFrame(
         rows,
@@ -82,68 +95,61 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _widths(bands: pl.DataFrame) -> pl.DataFrame:
-    """How wide the bands are beside the published means they are held against; means over the sizes."""
+    """Mean width of the bands over the swarm sizes, and the published means to compare."""
     return bands.group_by("column", "strategy", maintain_order=True).agg(
         pl.col("published").mean(), pl.col("width").mean(), pl.col("inside").sum()
     )
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
+    """Rows of the claims about times, loss and walking."""
     for robots in sizes():
-        for threshold in THRESHOLDS:
-            for gate in GATES:
-                yield _soft(work, column, threshold, gate, robots)
-    for threshold in THRESHOLDS:
-        for gate in GATES:
-            *_, change = gaps(work, column, threshold, gate, max(sizes()))
-            cannot = work.cannot((column, LOSSES[0], threshold, gate, max(sizes()), "none"))
-            yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot)
-    for place, robots in enumerate(sizes()):
+        for threshold, gate in SETTINGS:
+            yield _soft(work, column, threshold, gate, robots)
+    for threshold, gate in SETTINGS:
+        *_, change = gaps(work, column, threshold, gate, max(sizes()))
+        cannot = work.cannot((column, LOSSES[0], threshold, gate, max(sizes()), "none"))
+        yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot)
+    for robots in sizes():
         for strategy in STRATEGIES:
-            key = (column, LOSSES[0], TEXTS, GATES[1], robots, strategy)
-            there = float(published(f"experiments.decision_time_s.{strategy}")[place])
-            yield mean(
-                "robots-times", column, f"{robots} robots, {strategy}", work.values(key, TIME), less=there,
-                published_runs=REAL_EXPERIMENTS, published_sd=_spread(work, column, robots, strategy, TIME),
-                cannot=work.cannot(key),
-            )  # fmt: skip
-        for claim, name, numbers in (
-            ("robots-avoidance", "avoid_per_sample_s", "avoidance_s_per_sample_none"),
-            ("robots-distance", "distance_m", "distance_between_samples_m_none"),
-        ):
-            values = work.values((column, LOSSES[0], TEXTS, GATES[1], robots, "none"), name)
-            there = float(published(f"experiments.{numbers}")[place])
-            yield mean(
-                claim, column, f"{robots} robots", values, less=there,
-                published_runs=REAL_EXPERIMENTS, published_sd=_spread(work, column, robots, "none", name),
-            )  # fmt: skip
+            label, path = f"{robots} robots, {strategy}", f"decision_time_s.{strategy}"
+            cannot = work.cannot((column, LOSSES[0], *AS_TEXT, robots, strategy))
+            yield _less_published(work, "robots-times", column, label, robots, strategy, TIME, path, cannot)
+        for claim, name, _, path in WALKED:
+            yield _less_published(work, claim, column, f"{robots} robots", robots, "none", name, path)
 
 
-def _spread(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
-    """Standard deviation over runs, the largest of the settings that the experiments may have had."""
-    keys = [
-        (column, LOSSES[0], threshold, gate, robots, strategy) for threshold in THRESHOLDS for gate in GATES
-    ]
-    return max(float(work.values(key, name).std(ddof=1)) for key in keys)
+def _less_published(
+    work: Work, claim: str, column: str, label: str, robots: int, strategy: str, name: str, path: str,
+    cannot: str | None = None,
+) -> Row:  # fmt: skip
+    """Row of a claim about the difference between ours, as the text has the robots, and a published mean."""
+    return mean(
+        claim, column, label, work.values((column, LOSSES[0], *AS_TEXT, robots, strategy), name),
+        less=published_by_size(f"experiments.{path}")[robots], published_runs=REAL_EXPERIMENTS,
+        published_sd=largest_sd(work, column, robots, strategy, name), cannot=cannot,
+    )  # fmt: skip
 
 
 def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> Row:
+    """Row of the difference between soft feedback and the faster of the other strategies."""
     keys = {name: (column, LOSSES[0], threshold, gate, robots, name) for name in STRATEGIES}
     faster = min(STRATEGIES[:2], key=lambda name: float(work.values(keys[name], TIME).mean()))
     words = f"{robots} robots, theta_E {threshold}, gate {gate}"
-    change = work.difference(TIME, keys["soft"], keys[faster])
-    return mean("robots-soft", column, words, change, cannot=work.cannot(keys["soft"]))
+    return work.change("robots-soft", column, words, TIME, keys["soft"], keys[faster])
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Bands beside the published means; what fits them; what loss changes; how the swarms walked."""
+    """Bands and published means; the best fit; the effect of loss; how the swarms walked."""
     for strategy in STRATEGIES:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
-        yield Picture(
-            f"experiments-time-{strategy}", f"Decision time, {strategy}", partial(_draw_bands, part)
-        )
+        ours = points(part, pl.col("column"), "as the text has it", "least", "most")
+        both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), ours])
+        band = f"band over thresholds and gates (mark: theta_E {TEXTS}, the robots' gate)"
+        draw = partial(draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band)
+        yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
     part = tables["fit"].filter(pl.col("column") == tables["fit"]["column"].last())
-    title = f"Ours at {FITTED[0]:.2f}, gate {FITTED[1]}, less the published means: a fit"
+    title = f"Ours at {FITTED[0]:.2f}, gate {FITTED[1]} - the published means: a fit"
     yield Picture("experiments-fit", title, partial(draw_fit, part))
     for column in COLUMNS:
         part = tables["loss"].filter(pl.col("column") == column)
@@ -152,34 +158,15 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             yield Picture(
                 name, f"{column}: does loss make positive feedback overtake?", partial(draw_loss, part)
             )
-    for figure, label, numbers in (
-        ("avoid_per_sample_s", "avoidance per sample (s)", "avoidance_s_per_sample_none"),
-        ("distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
-    ):
-        draw = partial(_draw_walk, tables["cells"], figure, label, numbers)
+    for _, figure, label, numbers in WALKED:
+        chosen = tables["cells"].filter(
+            _AS_TEXT, pl.col("packets") == LOSSES[0], pl.col("strategy") == "none"
+        )
+        ours = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
+        both = pl.concat([published_points(published(f"experiments.{numbers}")), ours])
+        draw = partial(draw_error_bars, both, x_label="robots", label=label)
         title = label.rpartition(" (")[0].capitalize()
         yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", title, draw)
-
-
-def _draw_bands(part: pl.DataFrame) -> Drawn:
-    ours = part.select(
-        pl.col("robots").cast(pl.Float64).alias("x"), pl.col("column").alias("series"),
-        pl.col("as the text has it").alias("estimate"), pl.col("least").alias("low"), pl.col("most").alias("high"),
-    )  # fmt: skip
-    together = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), ours])
-    interval = f"band over thresholds and gates (mark: theta_E {TEXTS}, the robots' gate)"
-    return draw_error_bars(together, x_label="robots", label="decision time (s)", interval=interval)
-
-
-def _draw_walk(table: pl.DataFrame, figure: str, label: str, numbers: str) -> Drawn:
-    chosen = (pl.col("packets") == LOSSES[0]) & (pl.col("strategy") == "none")
-    chosen &= (pl.col("theta_E") == TEXTS) & (pl.col("gate") == GATES[1])
-    ours = table.filter(chosen).select(
-        pl.col("robots").cast(pl.Float64).alias("x"), pl.col("column").alias("series"),
-        pl.col(figure).alias("estimate"), pl.col(f"{figure}_low").alias("low"), pl.col(f"{figure}_high").alias("high"),
-    )  # fmt: skip
-    together = pl.concat([published_points(published(f"experiments.{numbers}")), ours])
-    return draw_error_bars(together, x_label="robots", label=label)
 
 
 _BANDS: Final = {
@@ -195,28 +182,27 @@ ITEM: Final = Item(
     title="Real experiments",
     about=(
         "Swarms of 5 to 10 robots with P* on the floor of the real robots, 1000 s, with the published packet "
-        "loss of each "
-        "size (of the messages addressed to a robot: n / (n - 1) times what is plotted). Which threshold the "
-        "published experiments had is not known (the recordings have 1.33, 1.40 and 1.55), nor what their O_c "
-        "counted; ours are therefore bands over the three, and over O_c counting all observations or a "
+        "loss of each size (of the messages addressed to a robot: n / (n - 1) times the plotted share). The threshold "
+        "of the published experiments is unknown (the recordings have 1.33, 1.40 and 1.55), and so is what their O_c "
+        "counted; our results are therefore bands over the three, and over O_c counting all observations or a "
         "robot's own. Such a band is hundreds of seconds wide: that a published mean lies inside says little.",
-        f"Of all settings preset `calibrated` at {FITTED[0]:.2f} with the gate on the {FITTED[1]} comes nearest to "
-        "the published times without feedback. It was chosen by these very times, so that agreement in them is a fit "
-        "and no test; the other two strategies had no part in the choice.",
-        "Published are means over 15 experiments. Their bars take robots of a run for independent, so claims "
-        "compare with them by the error that 15 of our runs would have, with the largest spread of any setting. "
-        "They ended when all had decided under all strategies, ours go on to 1000 s.",
-        "Is loss what makes positive feedback overtake? The same motion, floor and readings with and without "
-        "the loss: what "
-        "is left of the gap between positive and no feedback when nothing is lost, is not loss.",
+        f"Of all settings, preset `calibrated` at {FITTED[0]:.2f} with the gate on the {FITTED[1]} comes closest to "
+        "the published times without feedback. It was chosen by these times, so agreement with them is a fit, "
+        "not a test; the other two strategies were not used for the choice.",
+        "The published values are means over 15 experiments. Their bars treat the robots of a run as independent, so "
+        "claims use the error that 15 of our runs would have, with the largest variation of any setting. "
+        "The experiments ended when all robots had decided with all strategies; ours continue to 1000 s.",
+        "Does loss explain why positive feedback overtakes? The same motion, floor and readings with and without "
+        "loss: the part of the difference between positive and no feedback that remains without loss is not due "
+        "to loss.",
     ),
     cells=cells,
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "widths",
-            "Width of the bands, mean over the six sizes: so much is left open, and little is said by being inside.",
+            "Width of the bands, mean over the six sizes: the wider, the less it means to lie inside.",
             {
                 "column": Column("column"),
                 "strategy": Column("strategy"),
@@ -225,20 +211,20 @@ ITEM: Final = Item(
                 "inside": Column("published means inside, of 6"),
             },
         ),
-        Shown("bands", "Published means and the band of ours.", _BANDS),
-        Shown(
+        TableView("bands", "Published means and the band of ours.", _BANDS),
+        TableView(
             "fit",
-            f"Published means beside ours with theta_E {FITTED[0]:.2f} and the gate on the {FITTED[1]}, chosen by the "
-            "times without feedback. The error is that of both means; for want of their own, the published ones have "
-            "that of 15 of our runs.",
-            SHOWN_FIT,
+            f"Published means and ours with theta_E {FITTED[0]:.2f} and the gate on the {FITTED[1]}, chosen by the "
+            "times without feedback. The standard error is that of the difference, with the error of 15 of our runs "
+            "for the published mean.",
+            SHOWN_FITS,
         ),
-        Shown(
+        TableView(
             "loss",
-            "Decision time of positive less no feedback; 95 % intervals over runs, paired.",
-            SHOWN_LOSS,
+            "Difference in decision time (positive - none); 95 % intervals over runs, paired.",
+            SHOWN_LOSSES,
         ),
-        Shown(
+        TableView(
             "cells",
             "All cells, with 95 % intervals over runs.",
             {key: Column(key) for key in KEYS} | PROPER_FORM | WALK_FORM,

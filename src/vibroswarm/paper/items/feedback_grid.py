@@ -7,10 +7,10 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean, share
-from vibroswarm.paper.published import published
-from vibroswarm.paper.show import FIGURES, both_forms, two_forms
+from vibroswarm.paper.cell_tables import FIGURES, both_forms, two_forms
+from vibroswarm.paper.claim_values import Row
+from vibroswarm.paper.columns import published
+from vibroswarm.paper.item import Cells, Item, Picture, Settings, Tables, Work, cells_and_claims
 
 FILL: Final = "random:0.48"
 
@@ -38,37 +38,29 @@ def cells(settings: Settings) -> Cells:
     return found
 
 
-def compute(work: Work) -> Tables:
-    """Cells, what each differs from no feedback, and claims."""
-    columns = work.settings.columns
-    measured = [row for column in columns for row in _measured(work, column)]
-    return {"cells": work.rows(("column", "strategy", "eta", "kappa")), CLAIMS: frame(measured)}
-
-
 def _measured(work: Work, column: str) -> Iterator[Row]:
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     none = (column, "none", None, None)
     most = (column, "soft", max(_etas()), max(_kappas()))
-    words, cannot = f"eta {most[2]}, kappa {most[3]}", work.cannot(none)
-    yield mean("grid-approaches-none", column, words, work.difference(time, most, none), cannot=cannot)
+    label = f"eta {most[2]}, kappa {most[3]}"
+    yield work.change("grid-approaches-none", column, label, time, most, none)
     for eta in _etas():
-        words, first, second = f"eta {eta}", (column, "soft", eta, 1), (column, "soft", eta, 2)
-        change = work.difference(time, (column, "soft", eta, 4), none)
-        yield mean("grid-kappa-4", column, words, change, cannot=cannot)
-        yield mean("grid-kappa-1-fast", column, words, work.difference(time, first, second), cannot=cannot)
-        beliefs = work.difference(belief, first, second)
-        yield mean("grid-kappa-1-belief", column, words, beliefs, bounded=True, cannot=cannot)
-        yield share("grid-kappa-1-wrong", column, words, work.difference(wrong, first, second), cannot=cannot)
+        one, two, four = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
+        for claim, name, first, second in (
+            ("grid-kappa-4", time, four, none),
+            ("grid-kappa-1-fast", time, one, two),
+            ("grid-kappa-1-belief", belief, one, two),
+            ("grid-kappa-1-wrong", wrong, one, two),
+        ):
+            yield work.change(claim, column, f"eta {eta}", name, first, second)
     for kappa in _kappas():
         low, high = ((column, "soft", eta, kappa) for eta in (min(_etas()), max(_etas())))
-        words = f"kappa {kappa}, eta {low[2]} less {high[2]}"
-        yield mean("grid-eta-fast", column, words, work.difference(time, low, high), cannot=cannot)
-        beliefs = work.difference(belief, low, high)
-        yield mean("grid-eta-belief", column, words, beliefs, bounded=True, cannot=cannot)
+        for claim, name in (("grid-eta-fast", time), ("grid-eta-belief", belief)):
+            yield work.change(claim, column, f"kappa {kappa}, eta {low[2]} less {high[2]}", name, low, high)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """A line a kappa, and no feedback across, as the paper draws it."""
+    """A line for each kappa, with no feedback and positive feedback across, as in the paper."""
     whole = tables["cells"]
     soft = whole.filter(pl.col("strategy") == "soft").with_columns(
         series=pl.format("kappa {}", pl.col("kappa"))
@@ -91,7 +83,7 @@ ITEM: Final = Item(
         "column share their motion.",
     ),
     cells=cells,
-    compute=compute,
+    compute=cells_and_claims(KEYS, _measured),
     pictures=pictures,
     shown=two_forms("cells", KEYS),
 )

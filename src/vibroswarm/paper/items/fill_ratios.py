@@ -7,14 +7,13 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.paper.columns import STRATEGIES, fills
+from vibroswarm.paper.cell_tables import both_forms, two_forms
+from vibroswarm.paper.claim_values import Row, mean, share_saved
+from vibroswarm.paper.columns import STRATEGIES, fills, published
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean, share, share_saved
-from vibroswarm.paper.published import published
-from vibroswarm.paper.show import both_forms, two_forms
 
 NEAR: Final = ((0.48, 0.44), (0.52, 0.56))
-"""Fill ratios near one half, and the farther one on the same side."""
+"""Fill ratios near one half, each with the farther one on the same side."""
 
 
 def cells(settings: Settings) -> Cells:
@@ -31,8 +30,6 @@ def cells(settings: Settings) -> Cells:
 
 def compute(work: Work) -> Tables:
     """Cells and claims."""
-    measured = [row for column in work.settings.columns for row in _measured(work, column)]
-    table = work.rows(("column", "fill ratio", "strategy"))
     said = published("simulation.claim_speed_up_soft_vs_none")
     printed = pl.DataFrame(
         {
@@ -41,30 +38,27 @@ def compute(work: Work) -> Tables:
             "printed_s": [float(said["none_s"]), float(said["soft_s"])],
         }
     )
-    table = table.join(printed, on=["fill ratio", "strategy"], how="left", maintain_order="left")
-    return {"cells": table, CLAIMS: frame(measured)}
+    keys = ("column", "fill ratio", "strategy")
+    table = work.rows(keys).join(printed, on=keys[1:], how="left", maintain_order="left")
+    return {"cells": table, CLAIMS: work.claims(_measured)}
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     for strategy in STRATEGIES:
         for near, far in NEAR:
-            pair, words = (
-                ((column, near, strategy), (column, far, strategy)),
-                f"{near} less {far}, {strategy}",
-            )
-            cannot = work.cannot(*pair)
-            yield mean("fill-time", column, words, work.difference(time, *pair), cannot=cannot)
-            beliefs = work.difference(belief, *pair)
-            yield mean("fill-belief", column, words, beliefs, bounded=True, cannot=cannot)
+            pair = (column, near, strategy), (column, far, strategy)
+            for claim, name in (("fill-time", time), ("fill-belief", belief)):
+                yield work.change(claim, column, f"{near} less {far}, {strategy}", name, *pair)
     for fill in fills():
         none, positive, soft = ((column, fill, strategy) for strategy in STRATEGIES)
-        words, cannot = f"fill ratio {fill}", work.cannot(none)
-        for claim, other in (("soft-faster-than-none", none), ("soft-faster-than-positive", positive)):
-            yield mean(claim, column, words, work.difference(time, soft, other), cannot=cannot)
-        beliefs = work.difference(belief, soft, none)
-        yield mean("soft-belief", column, words, beliefs, bounded=True, cannot=cannot)
-        yield share("soft-wrong", column, words, work.difference(wrong, soft, none), cannot=cannot)
+        for claim, name, other in (
+            ("soft-faster-than-none", time, none),
+            ("soft-faster-than-positive", time, positive),
+            ("soft-belief", belief, none),
+            ("soft-wrong", wrong, none),
+        ):
+            yield work.change(claim, column, f"fill ratio {fill}", name, soft, other)
     printed = published("simulation.claim_speed_up_soft_vs_none")
     for near, far in NEAR:
         none, _, soft = ((column, near, strategy) for strategy in STRATEGIES)
@@ -85,7 +79,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both forms, column by column."""
+    """Both forms for each column."""
     yield from both_forms(
         "fill-ratios", tables["cells"], settings.columns, "fill ratio", "fill ratio", "strategy"
     )

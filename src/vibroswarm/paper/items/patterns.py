@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.paper.cell_tables import FIGURES, PAPERS_BAR, bars, limits, two_forms
+from vibroswarm.paper.claim_values import Row, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, Work
+from vibroswarm.paper.item import Cells, Drawn, Item, Picture, Settings, Tables, Work, cells_and_claims
 from vibroswarm.paper.items.difficulty import FILLS, PATTERNS
-from vibroswarm.paper.measure import Row, frame, mean
-from vibroswarm.paper.show import FIGURES, PAPERS_BAR, bars, limits, two_forms
 from vibroswarm.plots import draw_error_bars
 
 HARD: Final = ("diagonal", "stripe", "block-diagonal")
@@ -22,7 +22,7 @@ KEYS: Final = ("column", "parameters", "fill ratio", "pattern", "strategy")
 
 
 def floor_of(pattern: str, fill: str) -> str:
-    """The floor that the paper used: its alternating "0.46" holds 48 ones."""
+    """Floor that the paper used: its alternating "0.46" has 48 vibrating tiles."""
     return "alternating:paper-0.46" if (pattern, fill) == ("alternating", "0.46") else f"{pattern}:{fill}"
 
 
@@ -30,7 +30,9 @@ def cells(settings: Settings) -> Cells:
     """column, parameters, fill ratio as named, pattern, strategy."""
     return {
         (column, parameters, fill, pattern, strategy): settings.cell(
-            column, {"floor.source": floor_of(pattern, fill), "strategy.name": strategy}, with_=parameters
+            column,
+            {"floor.source": floor_of(pattern, fill), "strategy.name": strategy},
+            parameter_set=parameters,
         )
         for column in settings.columns
         for parameters in (OPTIMISED, EMPIRICAL)
@@ -40,24 +42,17 @@ def cells(settings: Settings) -> Cells:
     }
 
 
-def compute(work: Work) -> Tables:
-    """Cells and claims."""
-    measured = [row for column in work.settings.columns for row in _measured(work, column)]
-    return {"cells": work.rows(KEYS), CLAIMS: frame(measured)}
-
-
 def _measured(work: Work, column: str) -> Iterator[Row]:
     for fill in FILLS:
         for strategy in STRATEGIES:
             yield from _of_beliefs(work, column, fill, strategy)
         for pattern in PATTERNS.values():
-            soft, none = ((column, OPTIMISED, fill, pattern, name) for name in ("soft", "none"))
-            words = f"{pattern}:{fill}"
-            change = work.difference("decision_time_s", soft, none)
-            yield mean("patterns-soft", column, words, change, cannot=work.cannot(soft, none))
+            pair = ((column, OPTIMISED, fill, pattern, name) for name in ("soft", "none"))
+            yield work.change("patterns-soft", column, f"{pattern}:{fill}", "decision_time_s", *pair)
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
+    """Rows of the claims about beliefs at one fill ratio with one strategy."""
     keys = {
         (parameters, pattern): (column, parameters, fill, pattern, strategy)
         for parameters in (OPTIMISED, EMPIRICAL)
@@ -85,7 +80,7 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """As the paper draws it: a row a pattern, P0 and P* under each strategy, for each fill ratio."""
+    """Pictures as in the paper: by pattern, P0 and P* with each strategy, for each fill ratio."""
     for place, column in enumerate(settings.columns):
         for fill in FILLS:
             chosen = (pl.col("column") == column) & (pl.col("fill ratio") == fill)
@@ -111,13 +106,13 @@ ITEM: Final = Item(
     title="Five patterns, P0 and P*",
     about=(
         "Five robots on 10 x 10 tiles in the five patterns, at the two fill ratios, with the empirical "
-        "parameters P0 and the optimised P*, under the three strategies. Each pattern is one floor, so "
-        "intervals speak for that floor. What the paper calls alternating at 0.46 holds 48 ones, and is run "
-        "as the paper had it. Preset `calibrated` feels vibration some millimetres beyond a tile's edge: on "
-        "floors of so many edges more than half reads as vibrating.",
+        "parameters P0 and the optimised P*, with the three strategies. Each pattern is one floor, so "
+        "intervals hold for that floor only. The paper's alternating pattern at 0.46 has 48 vibrating tiles, and is "
+        "used as in the paper. Preset `calibrated` senses vibration some millimetres beyond a tile's edge: on "
+        "floors with so many edges more than half of the readings are ones.",
     ),
     cells=cells,
-    compute=compute,
+    compute=cells_and_claims(KEYS, _measured),
     pictures=pictures,
     shown=two_forms("cells", KEYS),
 )

@@ -1,4 +1,4 @@
-"""Item 10: what each choice that the text leaves open, or gets wrong, changes."""
+"""Item 10: the effect of each choice that the text leaves open, or states wrongly."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.observation.reading import error_rates
-from vibroswarm.page.report import Column
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import Row, exact, frame, mean
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_forest
+from vibroswarm.report.html import Column
 
 READINGS: Final[dict[str, dict[str, Any]]] = {
     "theta_E 1.55, as in Algorithm 2": {"sensor.rms_threshold": 1.55},
@@ -58,7 +58,7 @@ def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
 
 
 def compute(work: Work) -> Tables:
-    """Cells, differences from the base, claims."""
+    """Compute cells, differences from the base, and claims."""
     rows = []
     pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
     table = work.rows(("reading", "strategy"), pairs)
@@ -83,20 +83,17 @@ def _measured(work: Work) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Time and belief of each reading less those of the base, without feedback."""
+    """Difference in time and belief of each reading from the base, without feedback."""
     part = tables["changes"].filter((pl.col("strategy") == "none") & (pl.col("reading") != BASE))
     for name, label in (
         ("decision_time_s", "change of decision time (s)"),
         ("belief_in_truth", "change of belief in the truth"),
     ):
         title = label.partition(" (")[0].capitalize()
-        yield Picture(f"readings-{name.replace('_', '-')}", title, partial(_draw, part, name, label))
-
-
-def _draw(part: pl.DataFrame, name: str, label: str) -> Drawn:
-    changed = f"{name}_change"
-    made = part.select(comparison="reading", difference=changed, low=f"{changed}_low", high=f"{changed}_high")
-    return draw_forest(made, label=label, interval="95 % interval over runs, paired")
+        low, high = (f"{name}_change{end}" for end in ("_low", "_high"))
+        frame = part.select(comparison="reading", difference=f"{name}_change", low=low, high=high)
+        draw = partial(draw_forest, frame, label=label, interval="95 % interval over runs, paired")
+        yield Picture(f"readings-{name.replace('_', '-')}", title, draw)
 
 
 _CHANGE: Final = {
@@ -120,11 +117,11 @@ ITEM: Final = Item(
     name="readings",
     title="What the text leaves open",
     about=(
-        "Each open or mistaken place of the text, read the other way, one at a time; preset `paper`, five "
-        "robots, P*, fill ratio 0.48. Differences are paired run by run against the simulations as they ran.",
+        "The effect of each open or mistaken point of the text, read the other way, one at a time; preset `paper`, "
+        "five robots, P*, fill ratio 0.48. Differences from the simulations as they ran are paired run by run.",
     ),
     cells=cells,
     compute=compute,
     pictures=pictures,
-    shown=(Shown("changes", "What each reading changes, with 95 % intervals over runs.", _CHANGE),),
+    shown=(TableView("changes", "Effect of each reading, with 95 % intervals over runs.", _CHANGE),),
 )

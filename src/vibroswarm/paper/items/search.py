@@ -1,4 +1,4 @@
-"""Item 3: the particle swarm, its optimum, and what is true of it."""
+"""Item 3: the particle swarm, its optimum, and the validated costs."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.optimize import Found, PsoSettings, Search, Truth, run_search, truth_of
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.report import candidate_table, history_table
+from vibroswarm.optimize.search_report import candidate_table, history_table
 from vibroswarm.optimize.space import PAPER, Space
-from vibroswarm.page.report import Column
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import Row, exact, frame, of_interval
-from vibroswarm.paper.published import parameters, published
+from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
+from vibroswarm.paper.columns import parameters, published
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_parameters, draw_search
-from vibroswarm.presets import preset
+from vibroswarm.report.html import Column
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
 
 COLUMN: Final = "paper"
 ELSEWHERE: Final = "optimised-cost"
-"""A preset that waits longer, found by another search."""
+"""A preset found by another search; it waits longer."""
 RUNS_AN_ITERATION: Final = 20
-"""Of what is asked for: 1000 runs a cell go with the paper's 50 iterations, fewer with fewer, never more."""
+"""Runs a cell for each iteration: 1000 give the paper's 50 iterations, fewer give fewer, more never more."""
 SETTLED_AT: Final = 40
 
 
 def search_of(settings: Settings) -> Search:
-    """The paper's search: 25 particles, 50 iterations, the luckiest wins."""
+    """The paper's search: 25 particles, 50 iterations, the lowest score wins."""
     swarm = published("parameters.pso")
     iterations = min(swarm["iterations"], max(2, settings.runs // RUNS_AN_ITERATION))
     fill = swarm["fill_ratio"]
@@ -53,14 +53,14 @@ def search_of(settings: Settings) -> Search:
 
 
 def compute(work: Work) -> Tables:
-    """Search, then score winner, P0, P* and another on fresh runs."""
+    """Search, then evaluate the winner, P0, P* and another optimum on fresh runs."""
     search, workers = search_of(work.settings), work.settings.workers
     found = run_search(
         search,
         work.folder / search.hash,
         workers=workers,
         mixed=True,
-        tell=lambda told: work.tell(0.8 * told.runs / max(told.wanted, 1)),
+        progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),
     )
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
     truth = truth_of(found, runs=max(work.settings.runs, 2), others=others, workers=workers)
@@ -73,6 +73,7 @@ def compute(work: Work) -> Tables:
 
 
 def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
+    """Validated costs of the winner and the others, with the differences."""
     rows = []
     for k, one in enumerate((truth.winner, *truth.others)):
         name = {"start": "P0"}.get(one.name, one.name)
@@ -91,7 +92,8 @@ def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
 
 
 def _measured(found: Found, truth: Truth) -> Iterator[Row]:
-    from vibroswarm.optimize.truth import paired_score
+    """Rows of the claims about the search."""
+    from vibroswarm.optimize.validation import paired_score
 
     objective = found.search.objectives[0]
     scored = {one.name: one for one in truth.others}
@@ -110,7 +112,7 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
         moved = shares[last][k] - shares[at][k]
         yield exact(
             "search-settles", COLUMN, name.rpartition(".")[2], moved, short
-        )  # of this search, no other
+        )  # a property of this one search
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
@@ -120,7 +122,7 @@ def _ratio(believed: float, true: Interval) -> Interval:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both figures of the paper: scores, and the mean of each parameter between its bounds."""
+    """Both figures of the paper: scores, and the mean of each parameter relative to its bounds."""
     history = tables["history"].filter(pl.col("stage") == "search")
     personal = [name for name in history.columns if name.startswith("personal ")]
     own = history.select("iteration", *personal).unpivot(index="iteration", value_name="score")
@@ -152,23 +154,22 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 ITEM: Final = Item(
     number=3,
     name="search",
-    title="The search, P* and the truth about it",
+    title="The search, P* and its validation",
     about=(
         "The paper's particle swarm as its program ran it: 25 particles, 50 iterations, 10 runs a particle "
-        "and 10 more for the "
-        "best fifth, cost of the authors' program, mean and standard deviation over runs; the luckiest score "
-        "wins and is never "
-        "computed again. Begun from P0, preset `paper`. With fewer runs a cell it takes fewer iterations.",
-        "Then what the paper does not have: the winner, P0, P* and parameters from another search "
-        "(preset `optimised-cost`) scored on the same fresh runs.",
+        "and 10 more for the best fifth, cost of the authors' program, mean and standard deviation over runs; the "
+        "lowest score wins and is never recomputed. It starts from P0 with preset `paper`. With fewer runs a cell it "
+        "takes fewer iterations.",
+        "Then, beyond the paper, the winner, P0, P* and parameters from another search "
+        "(preset `optimised-cost`) are evaluated on the same fresh runs.",
     ),
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "truth",
-            "Costs on fresh runs, lower is better, with 95 % intervals; in the last columns the winner's "
-            "less this one's.",
+            "Costs on fresh runs, lower is better, with 95 % intervals; the last columns have the difference "
+            "(winner - these parameters).",
             {
                 "parameters": Column("parameters"),
                 "walk_duration_location_ms": Column("gamma_0", "ms"),
@@ -178,7 +179,7 @@ ITEM: Final = Item(
                 "min_observations": Column("O_c"),
                 "believed": Column("believed by the search"),
                 "true": Column("true"), "true_low": Column("from"), "true_high": Column("to"),
-                "less": Column("winner less this"), "less_low": Column("from"), "less_high": Column("to"),
+                "less": Column("winner - this"), "less_low": Column("from"), "less_high": Column("to"),
                 "runs": Column("fresh runs"),
             },
         ),

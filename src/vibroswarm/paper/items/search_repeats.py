@@ -1,17 +1,18 @@
-"""Item 14: short searches of the paper's kind, again and again: what one search does by luck, several do not.
+"""Item 14: short searches like the paper's, repeated: what one search does by chance, several do not.
 
 | name | symbol | equation |
 |---|---|---|
-| best of particle i after iteration k | b_ik | the luckiest of its scores so far |
-| gap after iteration k | g_k | mean over i of b_ik, less the least of them |
-| gap that is left | - | g_last / g_first |
-| fall of the mean cost | - | mean over the last fifth of the iterations / mean over the first fifth - 1 |
+| personal best of particle i after iteration k | b_ik | the lowest of its scores so far |
+| gap after iteration k | g_k | mean over i of b_ik - the least of them |
+| remaining gap | - | g_last / g_first |
+| change of the mean cost | - | mean over the last fifth of the iterations / mean over the first fifth - 1 |
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -19,11 +20,11 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.optimize import Found, Search, run_search
-from vibroswarm.page.report import Column
-from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Shown, Tables, Work
+from vibroswarm.paper.claim_values import Row, frame, mean
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.paper.items.search import search_of
-from vibroswarm.paper.measure import Row, frame, mean
 from vibroswarm.plots import draw_error_bars
+from vibroswarm.report.html import Column
 
 COLUMN: Final = "paper"
 PARTICLES: Final = 10
@@ -35,7 +36,7 @@ FIFTH: Final = 0.2
 
 
 def searches_of(settings: Settings) -> list[Search]:
-    """The paper's search with fewer particles and iterations, each with a seed of its own."""
+    """The paper's search with fewer particles and iterations, each with its own seed."""
     whole = search_of(settings)
     iterations = min(ITERATIONS, max(2, settings.runs // RUNS_AN_ITERATION))
     pso = replace(whole.pso, particles=PARTICLES, iterations=iterations)
@@ -46,7 +47,7 @@ def searches_of(settings: Settings) -> list[Search]:
 
 
 def compute(work: Work) -> Tables:
-    """Searches one after the other, what each came to, claims."""
+    """Run the searches one after the other; compute their summaries and claims."""
     histories: list[pl.DataFrame] = []
     rows: list[dict[str, Any]] = []
     searches = searches_of(work.settings)
@@ -56,17 +57,18 @@ def compute(work: Work) -> Tables:
             work.folder / search.hash,
             workers=work.settings.workers,
             mixed=True,
-            tell=lambda told, place=place: work.tell(  # type: ignore[misc]
-                (place + told.runs / max(told.wanted, 1)) / len(searches)
+            progress=lambda now, place=place: work.progress(  # type: ignore[misc]
+                (place + now.runs / max(now.wanted, 1)) / len(searches)
             ),
         )
         histories.append(_history(found, place))
-        rows.append({"search": place, "seed": search.seed, "runs": found.runs, **_came(found)})
+        rows.append({"search": place, "seed": search.seed, "runs": found.runs, **_summary(found)})
     table = pl.DataFrame(rows, infer_schema_length=None)
     return {"history": pl.concat(histories), "searches": table, CLAIMS: frame(list(_measured(table)))}
 
 
-def _came(found: Found) -> dict[str, float]:
+def _summary(found: Found) -> dict[str, float]:
+    """Summary of one search, see the head of this module."""
     best = np.array([one.personal for one in found.history])
     gaps = best.mean(axis=1) - best.min(axis=1)
     costs = np.array([one.mean for one in found.history])
@@ -83,6 +85,7 @@ def _came(found: Found) -> dict[str, float]:
 
 
 def _history(found: Found, place: int) -> pl.DataFrame:
+    """Costs of each iteration of one search."""
     rows = [
         (place, one.number, min(one.personal), float(np.mean(one.personal)), one.mean)
         for one in found.history
@@ -98,8 +101,17 @@ def _measured(table: pl.DataFrame) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Mean cost, personal bests and best of all over the iterations."""
-    yield Picture("search-repeats", "Costs over the iterations of short searches", lambda: _draw(tables))
+    """Mean cost, mean personal best and global best over the iterations."""
+    rows = []
+    for name, label in LINES.items():
+        for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True):
+            rows.append((float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3]))
+    points = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
+    draw = partial(
+        draw_error_bars, points, x_label="iteration", label="cost as the search estimates it (mean + sd)",
+        interval="95 % interval over searches",
+    )  # fmt: skip
+    yield Picture("search-repeats", "Costs over the iterations of short searches", draw)
 
 
 LINES: Final = {
@@ -109,38 +121,24 @@ LINES: Final = {
 }
 
 
-def _draw(tables: Tables) -> Drawn:
-    rows = []
-    for name, words in LINES.items():
-        for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True):
-            found = mean_interval(part[name].to_numpy())
-            rows.append((float(str(iteration)), words, *found[:3], found.n))
-    names = ("x", "series", "estimate", "low", "high", "searches")
-    numbers = pl.DataFrame(rows, schema=list(names), orient="row")
-    label = "cost as the search believes it (mean + sd)"
-    return draw_error_bars(
-        numbers.drop("searches"), x_label="iteration", label=label, interval="95 % interval over searches"
-    )
-
-
 ITEM: Final = Item(
     number=14,
     name="search-repeats",
     title="The search, several times",
     about=(
-        f"What a search does is one value, whatever its particles: the error is over searches. One of the paper's "
-        f"size takes 15,000 runs, so short ones stand for it, alike but for {PARTICLES} particles and {ITERATIONS} "
-        f"iterations (fewer with fewer runs a cell), one for each {RUNS_A_SEARCH} runs a cell: so few seldom tell, and "
-        "`--only search-repeats --runs 10000` has 40. The whole search is item 3.",
-        "Personal bests can only fall, and each is the luckiest of its scores: that they come near to each other "
-        "is in part this rule, not the particles' doing.",
+        f"A search gives one value, whatever its particles: the error is over searches. One of the paper's "
+        f"size takes 15,000 runs, so short ones replace it, with {PARTICLES} particles and {ITERATIONS} "
+        f"iterations (fewer with fewer runs a cell), one for each {RUNS_A_SEARCH} runs a cell. So few are rarely "
+        "conclusive; `--only search-repeats --runs 10000` has 40. The whole search is item 3.",
+        "Personal bests can only fall, and each is the lowest of its noisy scores: that they approach each other "
+        "is partly due to this rule, not to the particles.",
     ),
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "searches",
-            "Each short search; costs are what it believed.",
+            "Each short search, with the costs as it estimated them.",
             {
                 "search": Column("search"), "seed": Column("seed"), "runs": Column("runs"),
                 "best": Column("best of all"),

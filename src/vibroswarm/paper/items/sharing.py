@@ -1,18 +1,19 @@
-"""Item 13: positive feedback where all hear all, and whether the best eta and kappa depend on the task.
+"""Item 13: positive feedback without message loss, and whether the best eta and kappa depend on the task.
 
 | name | symbol | equation |
 |---|---|---|
 | cost of a run | c | mean time of its robots / T_end + 4 x its share of robots wrong |
-| chosen on half of the runs | - | the eta and kappa of least mean cost there |
-| regret of a run | - | its cost with what was chosen elsewhere, less that with what was chosen here |
+| choice on half of the runs | - | the eta and kappa of least mean cost there |
+| regret of a run | - | its cost with what was chosen elsewhere - that with what was chosen here |
 
-What is chosen on one half is judged on the other, and the other way round: the luck of the choice is in neither.
-The paper's search counts a wrong robot as 5 in place of its time, so as 4 to 5 more.
+The choice on one half is evaluated on the other, and vice versa, so that neither profits from a lucky choice. The
+paper's search counts a wrong robot as 5 in place of its time, so as 4 to 5 more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import product
 from typing import Any, Final
 
@@ -21,12 +22,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
-from vibroswarm.page.report import Column
-from vibroswarm.paper.columns import STRATEGIES, fills, sizes
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean
-from vibroswarm.paper.published import published
+from vibroswarm.paper.claim_values import Row, frame, mean
+from vibroswarm.paper.columns import STRATEGIES, fills, published, sizes
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_error_bars
+from vibroswarm.report.html import Column
 
 HERE: Final = "random:0.48"
 EASIER: Final = "random:0.44"
@@ -35,7 +35,7 @@ ETAS: Final = (750.0, 1500.0, 2500.0)
 KAPPAS: Final = (1.0, 2.0, 3.0, 4.0)
 CHOICES: Final = tuple(product(ETAS, KAPPAS))
 CASES: Final = {"as searched": (5, HERE), "ten robots": (10, HERE), "easier floor": (5, EASIER)}
-"""Robots and floor; in the first eta and kappa were chosen."""
+"""Robots and floor; eta and kappa were optimised in the first case."""
 COLUMN: Final = "paper"
 
 
@@ -49,7 +49,7 @@ def cells(settings: Settings) -> Cells:
                 values |= {
                     "swarm.robots": robots,
                     "network.name": "ideal",
-                }  # preset `calibrated` loses some
+                }  # preset `calibrated` has message loss
                 found[column, robots, floor, strategy] = settings.cell(column, values)
     if COLUMN in settings.columns:
         for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):
@@ -61,12 +61,13 @@ def cells(settings: Settings) -> Cells:
 
 
 def _where() -> list[tuple[int, str]]:
+    """Swarm sizes and floors on which positive feedback is compared."""
     few = int(published("simulation.robots"))
     return [(few, f"random:{fill}") for fill in fills()] + [(n, HERE) for n in sizes() if n != few]
 
 
 def compute(work: Work) -> Tables:
-    """Cells with both strategies, their differences, the costs of eta and kappa, claims."""
+    """Compute cells with both strategies, their differences, the costs of eta and kappa, and claims."""
     columns = work.settings.columns
     measured = [row for column in columns for row in _positive(work, column)]
     keys = [(c, robots, floor, s) for c in columns for robots, floor in _where() for s in STRATEGIES[:2]]
@@ -80,6 +81,7 @@ def compute(work: Work) -> Tables:
 
 
 def _positive(work: Work, column: str) -> Iterator[Row]:
+    """Rows of the claims about positive feedback without loss."""
     gaps = {}
     for robots, floor in _where():
         pair = (column, robots, floor, "positive"), (column, robots, floor, "none")
@@ -112,10 +114,10 @@ def _costs(work: Work, case: str) -> NDArray[np.float64]:
 
 
 def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What each run costs more with what was chosen there than with what was chosen here, (runs,).
+    """Cost of each run with what was chosen there, minus that with what was chosen here, (runs,).
 
     Args:
-        there, here: (choices, runs). Odd runs are judged by what even ones chose, and the other way round.
+        there, here: (choices, runs). Odd runs are evaluated with the choice on even ones, and vice versa.
     """
     found = np.empty(here.shape[1])
     for half in (0, 1):
@@ -125,6 +127,7 @@ def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np
 
 
 def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
+    """Mean cost of each case with each eta and kappa."""
     rows = []
     for case, values in costs.items():
         least = int(values.mean(axis=1).argmin())
@@ -141,52 +144,44 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """What positive feedback gains where nothing is lost; costs over kappa."""
-    yield Picture(
-        "sharing-positive", "Time of positive less no feedback, nothing lost", lambda: _draw(tables)
-    )
+    """Gain of positive feedback without loss; costs over kappa."""
+    gaps = tables["gaps"].select("low", "high", estimate="gap_s", x="cell", series="column")
+    draw = partial(draw_error_bars, gaps, label="difference in time, positive - none (s)")
+    yield Picture("sharing-positive", "Difference in time (positive - none) without loss", draw)
     if "costs" in tables:
-        yield Picture("sharing-costs", "Cost over kappa, eta 1500", lambda: _draw_costs(tables["costs"]))
-
-
-def _draw(tables: Tables) -> Drawn:
-    made = tables["gaps"].select("low", "high", estimate="gap_s", x="cell", series="column")
-    return draw_error_bars(made, label="time of positive less none (s)")
-
-
-def _draw_costs(table: pl.DataFrame) -> Drawn:
-    chosen = table.filter(pl.col("eta") == ETAS[1])
-    made = chosen.select("low", "high", estimate="cost", x="kappa", series="case")
-    return draw_error_bars(made, x_label="kappa", label="cost (time / T_end + 4 x share wrong)")
+        chosen = tables["costs"].filter(pl.col("eta") == ETAS[1])
+        costs = chosen.select("low", "high", estimate="cost", x="kappa", series="case")
+        draw = partial(draw_error_bars, costs, x_label="kappa", label="cost (time / T_end + 4 x share wrong)")
+        yield Picture("sharing-costs", "Cost over kappa, eta 1500", draw)
 
 
 ITEM: Final = Item(
     number=13,
     name="sharing",
-    title="What is shared: positive feedback without loss, and the best eta and kappa",
+    title="Positive feedback without loss, and the best eta and kappa",
     about=(
-        "Where all hear all, robots of a swarm believe much the same, so that, the paper says, positive feedback has "
-        "little to push: on random floors at the four fill ratios with five robots, and at 0.48 with 6 to 10.",
+        "Without message loss the robots of a swarm have nearly the same belief so that, according to the paper, "
+        "positive feedback has little effect: tested on random floors at the four fill ratios with five robots, and at "
+        "0.48 with 6 to 10.",
         "Do the best eta and kappa depend on the swarm's size and the floor, as the paper says? Each is chosen on one "
-        f"half of the runs and judged on the other, by time / T_end + {WRONG:g} x share wrong, which is close to the "
-        "cost of the paper's search.",
+        f"half of the runs and evaluated on the other, by time / T_end + {WRONG:g} x share wrong, which is close to "
+        "the cost of the paper's search.",
     ),
     cells=cells,
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "gaps",
-            "Decision time of positive less no feedback; 95 % intervals over runs, paired.",
+            "Difference in decision time (positive - none); 95 % intervals over runs, paired.",
             {
                 "column": Column("column"), "cell": Column("swarm and floor"),
                 "gap_s": Column("difference", "s"), "low": Column("from", "s"), "high": Column("to", "s"),
             },
         ),
-        Shown(
+        TableView(
             "costs",
-            "Costs of eta and kappa, 95 % intervals over runs; the least of each case is marked. Which is least is "
-            "in part luck.",
+            "Costs of eta and kappa, 95 % intervals over runs; the least of each case is marked, partly by chance.",
             {
                 "case": Column("case"), "robots": Column("robots"), "floor": Column("floor"),
                 "eta": Column("eta"), "kappa": Column("kappa"), "cost": Column("cost"), "low": Column("from"),

@@ -11,24 +11,23 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.motion.contract import source
-from vibroswarm.page.report import Column
-from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Shown, Tables, Work
-from vibroswarm.paper.measure import Row, frame, log_spread, mean
-from vibroswarm.paper.published import published
-from vibroswarm.paper.real_floor import REAL_FLOOR, real_floor
-from vibroswarm.paper.show import two_forms
+from vibroswarm.motion.source import source
+from vibroswarm.paper.cell_tables import two_forms
+from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
+from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
-from vibroswarm.scenario import Scenario
+from vibroswarm.report.html import Column
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
-"""Runs whose samples are looked at one by one."""
+"""Most runs whose samples are analysed."""
 BINS: Final = 20
 TILES: Final = 25
 TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
-"""Of the sample timer; the last does not count avoidance."""
+"""Modes of the sample timer; the last does not count avoidance."""
 
 
 def cells(settings: Settings) -> Cells:
@@ -45,14 +44,14 @@ def cells(settings: Settings) -> Cells:
 
 
 def compute(work: Work) -> Tables:
-    """Cells, corner densities, where samples fell, claims."""
+    """Compute cells, corner densities, positions of samples and claims."""
     columns = work.settings.columns
     keys = [(column, timer) for column in columns for timer in TIMERS]
     scenarios = {key: _scenario(work, *key) for key in keys}
-    distinct = list(dict.fromkeys(scenarios.values()))  # the timer may be one of these as it ran
+    distinct = list(dict.fromkeys(scenarios.values()))  # the timer as it ran may equal one of the others
     with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
-        came = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
-    placed = {key: came[scenario] for key, scenario in scenarios.items()}
+        results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
+    placed = {key: results[scenario] for key, scenario in scenarios.items()}
     corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
     rows = [
         {"column": column, "timer": timer, "density": found.estimate, "low": found.low, "high": found.high,
@@ -73,20 +72,20 @@ def compute(work: Work) -> Tables:
 
 
 def _scenario(work: Work, column: str, timer: str) -> Scenario:
-    """P0 with a timer."""
+    """Scenario with P0 and a timer."""
     values = {} if timer == TIMERS[0] else {"sample.timer": timer}
-    return work.settings.scenario(column, values, with_=EMPIRICAL)
+    return work.settings.scenario(column, values, parameter_set=EMPIRICAL)
 
 
 def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
-    """Run and place of all samples of some runs."""
+    """Run and position of all samples of some runs."""
     runs = list(range(min(work.settings.runs, MOST_RUNS)))
     samples = source("event").batch(scenario, work.settings.seed, runs, False).samples
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
 def _corners(x: Any, y: Any, run: Any) -> Any:
-    """Share of a run's samples in the four corner tiles over 4 / 25, (runs,)."""
+    """Density of a run's samples in the four corner tiles relative to a uniform one, (runs,)."""
     rim = [(place < 0.2) | (place >= 0.8) for place in (x, y)]
     corner = rim[0] & rim[1]
     return np.bincount(run, corner) / np.bincount(run) * TILES / 4
@@ -116,41 +115,36 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
                 yield log_spread(claim, column, words, values, none, cannot=cannot)
     for strategy in STRATEGIES:
         pair = (column, REAL_FLOOR, strategy), (column, "random:0.48", strategy)
-        change = work.difference(time, *pair)
-        yield mean("single-floor", column, strategy, change, cannot=work.cannot(*pair))
+        yield work.change("single-floor", column, strategy, time, *pair)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Where samples fell, with the timer as it ran and without avoidance."""
+    """Density of samples, with the timer as it ran and without avoidance."""
     for column in settings.columns:
         for timer in (TIMERS[0], TIMERS[2]):
             chosen = (pl.col("column") == column) & (pl.col("timer") == timer)
             part = tables["places"].filter(chosen).select("x_m", "y_m", "count")
             name = f"side-claims-{column}-density-{timer.replace(' ', '-').replace('_', '-')}"
             title = f"{column}: density of samples, timer {timer.replace('_', ' ')}"
-            yield Picture(name, title, partial(_draw, part), column != settings.columns[0])
-
-
-def _draw(part: pl.DataFrame) -> Drawn:
-    return draw_density(part, bins=BINS, highest=2.0)
+            draw = partial(draw_density, part, bins=BINS, highest=2.0)
+            yield Picture(name, title, draw, column != settings.columns[0])
 
 
 ITEM: Final = Item(
     number=11,
     name="side-claims",
-    title="Said in passing",
+    title="Claims in passing",
     about=(
         "Claims that the paper makes in passing: samples are denser in the corners because the sample "
-        "timer counts avoidance; all strategies spread alike, in time and in accuracy; and real swarms differ from "
-        "simulated ones because they ran on one floor. Density is 1 where sampling is even, and of P0, with which the "
-        "recordings were made, "
-        f"and of up to {MOST_RUNS} runs.",
+        "timer counts avoidance; all strategies vary equally, in time and in accuracy; and real swarms differ from "
+        "simulated ones because they ran on one floor. Density is relative to uniform sampling, for P0, with which "
+        f"the recordings were made, over up to {MOST_RUNS} runs.",
     ),
     cells=cells,
     compute=compute,
     pictures=pictures,
     shown=(
-        Shown(
+        TableView(
             "corners",
             "Density of samples in the corner tiles, 95 % intervals over runs.",
             {

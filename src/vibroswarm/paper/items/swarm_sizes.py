@@ -7,10 +7,12 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.paper.cell_tables import WALK_FIGURES, both_forms, two_forms
+from vibroswarm.paper.claim_values import Row
 from vibroswarm.paper.columns import STRATEGIES, sizes
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean
-from vibroswarm.paper.show import WALK_FIGURES, both_forms, two_forms
+from vibroswarm.paper.item import Cells, Item, Picture, Settings, Tables, Work, cells_and_claims
+
+KEYS: Final = ("column", "robots", "strategy")
 
 
 def cells(settings: Settings) -> Cells:
@@ -25,32 +27,23 @@ def cells(settings: Settings) -> Cells:
     }
 
 
-def compute(work: Work) -> Tables:
-    """Cells and claims."""
-    measured = [row for column in work.settings.columns for row in _measured(work, column)]
-    return {"cells": work.rows(("column", "robots", "strategy")), CLAIMS: frame(measured)}
-
-
 def _measured(work: Work, column: str) -> Iterator[Row]:
     few, many = min(sizes()), max(sizes())
     words = f"{many} less {few} robots"
     for strategy in STRATEGIES:
         pair = (column, many, strategy), (column, few, strategy)
-        cannot, each = work.cannot(*pair), f"{words}, {strategy}"
-        yield mean("size-time", column, each, work.difference("decision_time_s", *pair), cannot=cannot)
-        beliefs = work.difference("belief_in_truth", *pair)
-        yield mean("size-belief", column, each, beliefs, bounded=True, cannot=cannot)
+        for claim, name in (("size-time", "decision_time_s"), ("size-belief", "belief_in_truth")):
+            yield work.change(claim, column, f"{words}, {strategy}", name, *pair)
     pair = (column, many, "none"), (column, few, "none")
     for claim, name in (("size-avoidance", "avoid_per_sample_s"), ("size-distance", "distance_m")):
-        yield mean(claim, column, words, work.difference(name, *pair))
+        yield work.change(claim, column, words, name, *pair)
     for robots in sizes():
         pair = (column, robots, "soft"), (column, robots, "none")
-        saved = work.difference("decision_time_s", *pair)
-        yield mean("size-soft", column, f"{robots} robots", saved, cannot=work.cannot(*pair))
+        yield work.change("size-soft", column, f"{robots} robots", "decision_time_s", *pair)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both forms, column by column; then how the swarms sampled, which no strategy changes."""
+    """Both forms for each column; then how the swarms sampled, which does not depend on the strategy."""
     whole = tables["cells"]
     yield from both_forms("swarm-sizes", whole, settings.columns, "robots", "robots", "strategy")
     alike = whole.filter(pl.col("strategy") == "none").with_columns(series=pl.col("column"))
@@ -67,7 +60,7 @@ ITEM: Final = Item(
         "sample and distance between samples. Run r has the same floor at each size.",
     ),
     cells=cells,
-    compute=compute,
+    compute=cells_and_claims(KEYS, _measured),
     pictures=pictures,
-    shown=two_forms("cells", ("column", "robots", "strategy"), walk=True),
+    shown=two_forms("cells", KEYS, walk=True),
 )

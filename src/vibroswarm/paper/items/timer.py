@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, Final
 
-import polars as pl
-
+from vibroswarm.paper.cell_tables import TIME, limits, two_forms
+from vibroswarm.paper.claim_values import Row, frame
 from vibroswarm.paper.columns import STRATEGIES
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, Work
-from vibroswarm.paper.measure import Row, frame, mean
-from vibroswarm.paper.show import TIME, limits, two_forms
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work
 from vibroswarm.plots import draw_error_bars
 
 COLUMN: Final = "paper"
 ALWAYS, FROZEN, RAN = "always", "frozen_in_avoidance", "reset_after_turn"
 TIMERS: Final = (ALWAYS, RAN, FROZEN)
-"""As the text has it, as it ran, and as the text says that it was in earlier work."""
+"""As in the text, as it ran, and as in earlier work according to the text."""
 KEYS: Final = ("timer", "strategy")
 
 
@@ -36,24 +35,24 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work) -> Iterator[Row]:
-    nearer = work.difference("distance_m", (ALWAYS, "none"), (FROZEN, "none"))
-    yield mean("timer-near", COLUMN, "always less frozen in avoidance", nearer)
+    pair = (ALWAYS, "none"), (FROZEN, "none")
+    yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
     for strategy in STRATEGIES:
         pair = (ALWAYS, strategy), (FROZEN, strategy)
-        yield mean("timer-harder-time", COLUMN, strategy, work.difference("decision_time_s", *pair))
-        beliefs = work.difference("belief_in_truth", *pair)
-        yield mean("timer-harder-belief", COLUMN, strategy, beliefs, bounded=True)
+        for claim, name in (
+            ("timer-harder-time", "decision_time_s"),
+            ("timer-harder-belief", "belief_in_truth"),
+        ):
+            yield work.change(claim, COLUMN, strategy, name, *pair, check=False)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Decision time with each timer."""
-    yield Picture("timer-decision-time", "Decision time with each timer", lambda: _draw(tables["cells"]))
-
-
-def _draw(table: pl.DataFrame) -> Drawn:
-    made = limits(table, "decision_time_s")
-    shown = made.select("estimate", "low", "high", "runs", x=pl.col("timer"), series=pl.col("strategy"))
-    return draw_error_bars(shown, label=TIME)
+    points = limits(tables["cells"], "decision_time_s").select(
+        "estimate", "low", "high", "runs", x="timer", series="strategy"
+    )
+    draw = partial(draw_error_bars, points, label=TIME)
+    yield Picture("timer-decision-time", "Decision time with each timer", draw)
 
 
 ITEM: Final = Item(
@@ -62,9 +61,9 @@ ITEM: Final = Item(
     title="The sample timer",
     about=(
         "The paper keeps the timer on at all times, and says that this raises the correlation of samples and so the "
-        "difficulty of the task, against a timer that stands still in avoidance. Both are run here, and the timer as "
-        "it really ran; preset `paper`, five robots, P*, fill ratio 0.48. A difficult task takes long or is judged "
-        "less accurately: both are asked.",
+        "difficulty of the task, compared with a timer that stops during avoidance. Both are run here, and the timer "
+        "as it really ran; preset `paper`, five robots, P*, fill ratio 0.48. A difficult task takes longer or is "
+        "judged less accurately: both are tested.",
     ),
     cells=cells,
     compute=compute,

@@ -1,0 +1,137 @@
+"""Gather what a fit uses: samples and drives of several sessions, with distances from the nearest edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.sampling import packet_loss
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
+from vibroswarm.calibrate.drive import drive_table
+from vibroswarm.calibrate.features import nearest_tile, sample_table
+from vibroswarm.calibrate.wall_approach import approach_tables
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.threshold import edge_distance
+from vibroswarm.result import Result
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Sessions, numbered consecutively over all recordings (column ``run``)."""
+
+    samples: pl.DataFrame
+    """``features.sample_table``, with edge_m, tile and other (``signed_edge_distance``)."""
+    drives: pl.DataFrame
+    """``drive.DRIVES``."""
+    approaches: pl.DataFrame
+    """``wall_approach.APPROACHES``."""
+    turns: pl.DataFrame
+    """``wall_approach.TURNS``."""
+    exchange: pl.DataFrame
+    """``sampling.packet_loss``."""
+    floors: tuple[Floor, ...]
+    arena_m: tuple[float, float]
+    results: tuple[Result, ...]
+    """The results it was made from."""
+
+    @property
+    def sessions(self) -> list[int]:
+        """Numbers of the sessions."""
+        return [int(run) for run in self.samples["run"].unique().sort()]
+
+    @property
+    def by_session(self) -> list[pl.DataFrame]:
+        """The samples of each session."""
+        return [self.samples.filter(pl.col("run") == run) for run in self.sessions]
+
+    def corrected(self, camera: Camera) -> Dataset:
+        """The same with positions of recordings corrected for a camera."""
+        if camera == RIGHT:
+            return self
+        return dataset_of([corrected(one, camera) for one in self.results]).only(self.sessions)
+
+    def seen_by(self, camera: Camera) -> pl.DataFrame:
+        """``samples`` at the positions where a camera would see them, with all columns that depend on the position."""
+        x, y = camera.seen(self.samples["x_m"].to_numpy(), self.samples["y_m"].to_numpy(), self.arena_m)
+        moved = self.samples.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))
+        parts = []
+        for own in moved.partition_by("run", maintain_order=True):
+            floor = self.floors[own["run"][0]]
+            found = _with_edges(own, floor)
+            parts.append(
+                found.with_columns(vibrating=pl.Series(floor.tiles.ravel()[found["tile"].to_numpy()] == 1))
+            )
+        steps = {f"d{name}": pl.col(name).diff().over("run", "robot") for name in ("x_m", "y_m")}
+        return (
+            pl.concat(parts)
+            .with_columns(**steps)
+            .with_columns(distance_m=(pl.col("dx_m") ** 2 + pl.col("dy_m") ** 2).sqrt())
+        )
+
+    def only(self, sessions: Sequence[int]) -> Dataset:
+        """Only these sessions; they keep their numbers."""
+        chosen = pl.col("run").is_in(list(sessions))
+        tables = ("samples", "drives", "approaches", "turns", "exchange")
+        return replace(self, **{name: getattr(self, name).filter(chosen) for name in tables})
+
+
+def dataset_of(results: Sequence[Result]) -> Dataset:
+    """Gather results (recordings, or simulations with energies and segments); each run is a session.
+
+    Raises:
+        InputError: no results, no energies, or arenas of different sizes.
+    """
+    if not results:
+        raise InputError("nothing to fit; give at least one recording", field="REAL")
+    floors: list[Floor] = []
+    tables: list[dict[str, pl.DataFrame]] = []
+    sizes = {(one.scenario.arena.width_m, one.scenario.arena.height_m) for one in results}
+    if len(sizes) > 1:
+        raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
+    for one in results:
+        runs = one.runs["run"].to_list()
+        number = {int(run): len(floors) + k for k, run in enumerate(runs)}
+        table = sample_table(one)
+        parts = [_with_edges(table.filter(pl.col("run") == run), one.floor(run)) for run in runs]
+        approaches, turns = approach_tables(one, table)
+        frames = {
+            "samples": pl.concat(parts), "drives": drive_table(one), "approaches": approaches, "turns": turns,
+            "exchange": packet_loss(one),
+        }  # fmt: skip
+        numbered = pl.col("run").replace_strict(number, return_dtype=pl.UInt32)
+        tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
+        floors += [one.floor(run) for run in runs]
+    return Dataset(
+        **{name: pl.concat([one[name] for one in tables]) for name in tables[0]},
+        floors=tuple(floors),
+        arena_m=next(iter(sizes)),
+        results=tuple(results),
+    )
+
+
+def _with_edges(samples: pl.DataFrame, floor: Floor) -> pl.DataFrame:
+    """Add ``edge_m``, ``tile`` and ``other`` to the samples of one session, see ``signed_edge_distance``."""
+    columns = signed_edge_distance(floor, samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
+    return samples.with_columns(map(pl.Series, ("edge_m", "tile", "other"), columns))
+
+
+def signed_edge_distance(
+    floor: Floor, x_m: Floats, y_m: Floats
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Distance to the nearest tile of the other kind, m; negative where the tile below vibrates.
+
+    Returns: it (inf or -inf where there is no tile of the other kind), the tile below (beyond the rim the nearest
+    one, as
+        the authors count), and the nearest tile of the other kind (-1: none).
+    """
+    row, column = nearest_tile(floor, x_m, y_m)
+    vibrating = floor.tiles[row, column] == 1
+    distance, other = edge_distance(floor, x_m, y_m, vibrating)
+    return np.where(vibrating, -distance, distance), row * floor.tiles.shape[1] + column, other

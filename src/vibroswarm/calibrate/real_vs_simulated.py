@@ -1,0 +1,160 @@
+"""Compare real with simulated samples: the paper's six similarities with null and ceiling, and two sharper measures.
+
+Also draw both side by side, feature by feature, as in the paper's calibration figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
+from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.similarity import (
+    EnergyDistance,
+    RealCache,
+    Similarity,
+    compare_distance,
+    compare_feature,
+)
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of ``compare``; features that one of the two lacks are missing."""
+
+    similarities: tuple[Similarity, ...]
+    distances: tuple[EnergyDistance, ...]
+    classifier: ClassifierAccuracy
+    missing: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "similarities": [one.as_dict() for one in self.similarities],
+            "energy_distances": [one.as_dict() for one in self.distances],
+            "told_apart": self.classifier.as_dict(),
+            "missing": list(self.missing),
+        }
+
+
+def compare(real: Result, simulated: Result, known: RealCache | None = None) -> Comparison:
+    """Compare the samples of two results; each run is a session.
+
+    Args:
+        real: recordings, or what stands for them. simulated: of the same floor and settings.
+        known: earlier results for the same ``real``; extended.
+    Raises:
+        InputError: no energies, or fewer than two robots.
+    """
+    one, other = sessions_of(real), sessions_of(simulated)
+    similarities, distances, missing = [], [], []
+    for feature in FEATURES:
+        values = one.values(feature), other.values(feature)
+        published = one.values(feature, as_published=True), other.values(feature, as_published=True)
+        alike = compare_feature(feature, *values, published)
+        apart = compare_distance(feature, *values, known=known)
+        if alike is None or apart is None:
+            missing.append(feature)
+            continue
+        similarities.append(alike)
+        distances.append(apart)
+    return Comparison(
+        tuple(similarities), tuple(distances), classifier_accuracy(one.samples, other.samples), tuple(missing)
+    )
+
+
+INK: Final = ("#2b2b2b", "#4c78a8")
+AXES: Final = {
+    "avoidance": ("avoidance time (s)", "share of samples"),
+    "vibrating": ("energy (RMS)", "share of samples"),
+    "still": ("energy (RMS)", "share of samples"),
+    "places": ("x (m)", "y (m)"),
+    "distances": ("time (s)", "distance (m)"),
+    "steps": ("dx (m)", "dy (m)"),
+}
+SPANS: Final = {
+    "avoidance": ((0.0, 8.0),),
+    "vibrating": ((0.0, 6.0),),
+    "still": ((0.0, 3.0),),
+    "places": ((0.0, 1.0), (0.0, 1.0)),
+    "distances": ((0.0, 1200.0), (0.0, 0.2)),
+    "steps": ((-0.2, 0.2), (-0.2, 0.2)),
+}
+"""Ranges of the histograms that are drawn, as in the paper's figures."""
+_BINS: Final = {"avoidance": 40, "vibrating": 50, "still": 50, "places": 15, "distances": 24, "steps": 39}
+
+Floats = NDArray[np.float64]
+
+
+def comparison_figure(
+    real: Result, simulated: Result, found: Comparison, features: Sequence[str] = FEATURES
+) -> Figure:
+    """Draw a row for each feature, real and simulated, with similarities in the titles; legible in grey."""
+    from matplotlib.figure import Figure
+
+    one, other = sessions_of(real), sessions_of(simulated)
+    shown = [feature for feature in features if feature not in found.missing]
+    figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
+    axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
+    for row, feature in enumerate(shown):
+        alike = next(each for each in found.similarities if each.feature == feature)
+        values = [np.concatenate(each.values(feature)) for each in (one, other)]
+        _draw(axes[row], values, feature)
+        axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
+        axes[row][1].set_title(
+            f"simulated: S {alike.at_equal_counts:.3f} (null {alike.null:.3f}, ceiling {alike.ceiling:.3f})",
+            fontsize=8,
+        )
+    return figure
+
+
+def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None:
+    """Draw the histograms of one feature into two axes with a common scale."""
+    spans, bins = SPANS[feature], _BINS[feature]
+    if len(spans) == 1:
+        heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
+        for axis, height, ink in zip(pair, heights, INK, strict=True):
+            axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)
+            axis.set_ylim(0.0, 1.05 * max(float(one.max()) for one in heights))
+    else:
+        grids = [np.histogram2d(each[:, 0], each[:, 1], bins, spans)[0] / len(each) for each in values]
+        most = max(float(grid.max()) for grid in grids)
+        for axis, grid in zip(pair, grids, strict=True):
+            extent = (*spans[0], *spans[1])
+            axis.imshow(
+                grid.T, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=most
+            )
+    for axis in pair:
+        axis.set_xlabel(AXES[feature][0], fontsize=7)
+        axis.set_ylabel(AXES[feature][1], fontsize=7)
+        axis.tick_params(labelsize=6)
+
+
+def write_comparison_pictures(real: Result, simulated: Result, found: Comparison, folder: Path) -> list[Path]:
+    """Draw each feature into a file, and all into ``together.png``; returns the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name in [one for one in FEATURES if one not in found.missing] + ["together"]:
+        chosen = FEATURES if name == "together" else (name,)
+        with whole_file(folder / f"{name}.png") as part, MATPLOTLIB_LOCK:
+            comparison_figure(real, simulated, found, chosen).savefig(part, dpi=150)
+        written.append(folder / f"{name}.png")
+    return written
+
+
+def write_comparison_picture(real: Result, simulated: Result, found: Comparison, path: Path) -> None:
+    """Draw all features into a file: PNG, SVG or PDF by its suffix."""
+    with whole_file(path) as part, MATPLOTLIB_LOCK:
+        comparison_figure(real, simulated, found).savefig(part, dpi=150)

@@ -1,0 +1,146 @@
+"""Statistics in which robots and simulators differ, session by session: what a calibration has to reproduce.
+
+Intervals are over sessions (t). Error rates are those at the scenario's threshold, so sources with different
+thresholds
+are to be compared at one (``rms_threshold``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.sampling import packet_loss
+from vibroswarm.calibrate.drive import drive_of, drive_table
+from vibroswarm.calibrate.features import nearest_tile, sample_table
+from vibroswarm.result import Result
+
+FIGURES: Final[dict[str, tuple[str, float]]] = {
+    "speed_m_s": ("speed, mm/s", 1e3),
+    "start_speed_m_s": ("speed at the start, mm/s", 1e3),
+    "drop": ("speed lost in 1200 s, %", 100.0),
+    "between_m_s": ("speed, spread between robots, mm/s", 1e3),
+    "within_m_s": ("speed, spread within a robot, mm/s", 1e3),
+    "share_between": ("share of the variance between robots, %", 100.0),
+    "lag_one": ("speed, correlation with the next drive's", 1.0),
+    "veer_rad_s": ("veer, deg/s", 180.0 / math.pi),
+    "veer_between_rad_s": ("veer, spread between robots, deg/s", 180.0 / math.pi),
+    "veer_within_rad_s": ("veer, spread within a robot, deg/s", 180.0 / math.pi),
+    "spacing_s": ("time between samples, s", 1.0),
+    "distance_m": ("distance between samples, mm", 1e3),
+    "avoid_s": ("avoidance per sample, ms", 1e3),
+    "avoid_none": ("samples without avoidance, %", 100.0),
+    "avoid_most_s": ("97.5 % quantile of the other ones', ms", 1e3),
+    "density_corners": ("samples in corner tiles against even", 1.0),
+    "density_inside": ("samples off the rim's tiles against even", 1.0),
+    "near_walls": ("samples within 25 mm of a wall against even", 1.0),
+    "off_walls": ("samples 50 to 75 mm from a wall against even", 1.0),
+    "false_positive": ("still read as vibrating, %", 100.0),
+    "false_negative": ("vibrating read as still, %", 100.0),
+    "lag_one_bits": ("bits, correlation with the robot's next", 1.0),
+    "packet_loss": ("messages lost, %", 100.0),
+}
+"""Label of each statistic, and the factor with which it is shown."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A statistic of a source: by session (None if undefined), and over sessions."""
+
+    name: str
+    by_session: tuple[float | None, ...]
+    interval: Interval | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, in SI units."""
+        found: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
+        if self.interval is not None:
+            low, high = (
+                end if math.isfinite(end) else None for end in (self.interval.low, self.interval.high)
+            )
+            found |= {"estimate": self.interval.estimate, "low": low, "high": high}
+        return found
+
+
+def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figure]:
+    """All statistics of a result; each run is a session.
+
+    Args:
+        rms_threshold: threshold that turns energies into bits; None: the scenario's.
+    """
+    threshold = result.scenario.sensor.rms_threshold if rms_threshold is None else rms_threshold
+    samples, drives, lost = sample_table(result), drive_table(result), packet_loss(result)
+    found: dict[str, list[float | None]] = {name: [] for name in FIGURES}
+    for run in result.runs["run"].to_list():
+        values: dict[str, Any] = drive_of(drives.filter(pl.col("run") == run))
+        values |= _of_samples(result, samples.filter(pl.col("run") == run), threshold)
+        own = lost.filter(pl.col("run") == run)["packet_loss"]
+        values["packet_loss"] = own[0] if own.len() else None
+        for name, column in found.items():
+            value = values[name]
+            column.append(None if value is None or not math.isfinite(value) else float(value))
+    known = {name: [value for value in column if value is not None] for name, column in found.items()}
+    return [
+        Figure(name, tuple(column), mean_interval(known[name]) if known[name] else None)
+        for name, column in found.items()
+    ]
+
+
+def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
+    """Statistics of one session's samples."""
+    arena = result.scenario.arena
+    x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
+    kind, bits = samples["vibrating"].to_numpy(), energy > threshold
+    wall = np.minimum(np.minimum(x, arena.width_m - x), np.minimum(y, arena.height_m - y))
+    avoid = samples["avoid_s"].drop_nulls().to_numpy()
+    some = avoid[avoid > 1e-9]
+    return {
+        "spacing_s": samples["spacing_s"].mean(),
+        "distance_m": samples["distance_m"].mean(),
+        "avoid_s": avoid.mean() if avoid.size else None,
+        "avoid_none": (avoid <= 1e-9).mean() if avoid.size else None,
+        "avoid_most_s": np.quantile(some, 0.975) if some.size else None,
+        **_density(result, x, y),
+        "near_walls": _ring(wall, 0.0, 0.025, arena.width_m, arena.height_m),
+        "off_walls": _ring(wall, 0.05, 0.075, arena.width_m, arena.height_m),
+        "false_positive": bits[~kind].mean() if (~kind).any() else None,
+        "false_negative": (~bits[kind]).mean() if kind.any() else None,
+        "lag_one_bits": _lag_one(samples, bits),
+    }
+
+
+def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
+    """Density of samples in corner tiles, and off the outermost tiles, relative to a uniform one."""
+    floor = result.floor(int(result.runs["run"][0]))
+    rows, columns = floor.tiles.shape
+    if rows < 3 or columns < 3:
+        return {"density_corners": None, "density_inside": None}
+    row, column = nearest_tile(floor, x, y)
+    rim_x, rim_y = (column == 0) | (column == columns - 1), (row == 0) | (row == rows - 1)
+    tiles = rows * columns
+    return {
+        "density_corners": float((rim_x & rim_y).mean()) * tiles / 4,
+        "density_inside": float((~rim_x & ~rim_y).mean()) * tiles / ((rows - 2) * (columns - 2)),
+    }
+
+
+def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: float) -> float:
+    """Density of samples at this distance from the nearest wall, relative to a uniform one."""
+    area: Callable[[float], float] = lambda d: max(width_m - 2 * d, 0.0) * max(height_m - 2 * d, 0.0)  # noqa: E731
+    even = (area(low_m) - area(high_m)) / (width_m * height_m)
+    return float(((wall >= low_m) & (wall < high_m)).mean()) / even
+
+
+def _lag_one(samples: pl.DataFrame, bits: Any) -> float | None:
+    """``analysis.correlation.lag_one`` of these bits."""
+    deviation = bits - bits.mean()
+    variance = float((deviation**2).mean())
+    robot = samples["robot"].to_numpy()
+    products = (deviation[1:] * deviation[:-1])[robot[1:] == robot[:-1]]
+    return float(products.mean()) / variance if variance > 0 and products.size else None

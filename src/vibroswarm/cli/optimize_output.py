@@ -1,0 +1,152 @@
+"""What ``vibroswarm optimize`` prints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.output import percent, print_table, with_interval
+from vibroswarm.optimize.search_tables import (
+    GRID_LUCK,
+    failures_said,
+    fresh_failures_said,
+    reasons,
+    values_said,
+)
+
+if TYPE_CHECKING:
+    from vibroswarm.optimize.grid import Nodes
+    from vibroswarm.optimize.loop import Found
+    from vibroswarm.optimize.objective import Objective
+    from vibroswarm.optimize.scenario_comparison import Checked
+    from vibroswarm.optimize.sensitivity import Sensitivity
+    from vibroswarm.optimize.validation import Front, Scored, Truth
+
+
+def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
+    """Print what a search found: the best and its true score, the front, failures."""
+    if front is not None:
+        _print_front(front)
+    if truth is not None:
+        objective = found.search.objectives[0]
+        print_truth(truth, found.values, objective)
+        for scored in (truth.winner, *truth.others):
+            if said := fresh_failures_said(scored):
+                print(f"  {said}")
+        _print_parts(truth.winner)
+        for other, paired in zip(truth.others, truth.against, strict=True):
+            print(
+                f"{other.name}: {with_interval(other.score, '.2f')}{_unit(objective)}; best - {other.name}: "
+                f"{with_interval(paired, '+.2f')}"
+            )
+    archive = found.archive
+    print(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
+    for why in reasons(archive):
+        print(f"  failed: {why}")
+
+
+def _unit(objective: Objective) -> str:
+    return f" {objective.unit}".rstrip()
+
+
+def print_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> None:
+    """Print the best values, the score that the search believed, and the true score."""
+    unit = _unit(objective)
+    print(f"Best: {values_said(values)}")
+    print(f"  believed by the search  {truth.believed:.4g}{unit}")
+    print(
+        f"  true, on fresh runs     {with_interval(truth.winner.score, '.2f')}{unit} ({truth.winner.score.n:,} runs)"
+    )
+    print(f"  {truth.words}")
+
+
+def _print_front(front: Front) -> None:
+    """Print the Pareto front, with the scores on fresh runs."""
+    print(f"{len(front.members)} candidates on the Pareto front of {' and '.join(front.names)}:")
+    for member in front.members:
+        scores = "; ".join(
+            f"believed {believed:.4g}, true {with_interval(true, '.2f')}{f' {unit}'.rstrip()}"
+            for believed, true, unit in zip(member.believed, member.true, front.units, strict=True)
+        )
+        print(f"  {'  ' if member.stays else '- '}{scores}: {values_said(member.values)}")
+        if member.failed:
+            print(f"    {member.failed:,} of its fresh runs FAILED and are not counted")
+    dominated = "" if all(member.stays for member in front.members) else " -: dominated on fresh runs."
+    print(f"  {front.words}{dominated}")
+
+
+def _print_parts(scored: Scored) -> None:
+    """Print decision time and errors of a scenario, where they are known."""
+    if scored.parts is None:
+        return
+    print(f"  decision time {with_interval(scored.parts['decision_time_s'], '.0f')} s")
+    print(f"  wrong decisions {percent(scored.parts['robot_error'])}: {scored.near['robot_error']}")
+    print(f"  undecided {percent(scored.parts['robots_undecided'])}: {scored.near['robots_undecided']}")
+    if scored.cases:
+        print("  (each in its worst case)")
+
+
+def print_grid(nodes: Nodes) -> None:
+    """Print the score of every cell of a grid."""
+    print(f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs per cell on shared motion:")
+    print_table(
+        ["cell", "score", "decision time, s", "wrong, %", "undecided, %", ""],
+        [
+            [
+                node.cell.name,
+                with_interval(node.scored.score, ".2f"),
+                f"{node.time_s:.0f}",
+                f"{100 * node.wrong:.1f}",
+                f"{100 * node.undecided:.1f}",
+                "*" if node is nodes.best else "=" if node.as_good else "",
+            ]
+            for node in nodes.nodes
+        ],
+    )
+    print(f"* the lowest score; = {GRID_LUCK}")
+
+
+def print_sensitivity(found: Sensitivity) -> None:
+    """Print the Sobol indices of the fields."""
+    print_table(
+        ["field", "total", "95 %", "alone", "95 %"],
+        [
+            [
+                one.name,
+                f"{one.total:.2f}",
+                f"[{one.total_low:.2f}, {one.total_high:.2f}]",
+                f"{one.first:.2f}",
+                f"[{one.first_low:.2f}, {one.first_high:.2f}]",
+            ]
+            for one in found.fields
+        ],
+    )
+    print("Shares of the variance over the space: with interactions, and of the field alone; 95 % bootstrap.")
+    if vague := [one.name for one in found.fields if not one.total_low > 0]:
+        print(
+            f"No significant effect: {', '.join(vague)}. Four times the --budget makes intervals half as wide."
+        )
+    print(
+        f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {failures_said(found.failed)}"
+    )
+    print(
+        f"Noise of the runs, {100 * found.noise_share:.0f} % of the variance of the points' mean costs, is removed."
+    )
+
+
+def print_comparison(found: Checked) -> None:
+    """Print the scores of two scenarios and their differences."""
+    print(found.says)
+    print(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
+    for scored in (found.first, found.second):
+        failed = f" ({scored.failed:,} runs FAILED)" if scored.failed else ""
+        print(f"  {scored.name}: {with_interval(scored.score, '.2f')}{_unit(found.objective)}{failed}")
+        _print_parts(scored)
+    print(
+        f"  difference: {with_interval(found.difference, '+.2f')}; on other seeds "
+        f"{with_interval(found.replicate, '+.2f')}"
+    )
+    for paired in found.figures:
+        print(
+            f"  {paired.figure}: {with_interval(paired.difference, '+.3f')} "
+            f"({paired.first:.4g} - {paired.second:.4g})"
+        )

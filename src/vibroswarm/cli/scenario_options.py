@@ -1,0 +1,95 @@
+"""The scenario given on the command line: a preset or file, changed by options."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from vibroswarm.cli.scenario_warnings import warn_of
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.observation.measured_csv import read_energies
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
+
+
+def scenario_from(arguments: argparse.Namespace) -> Scenario:
+    """Make the scenario: preset or file, changed by --floor and other options, then by --set.
+
+    Raises:
+        InputError: an option or field is wrong.
+    """
+    base = Scenario.read(arguments.scenario) if arguments.scenario else preset(arguments.preset or "paper")
+    scenario = base.with_values(values_from(arguments, base))
+    warn_of([scenario])
+    return scenario
+
+
+def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
+    """Fields set by options, by dotted names."""
+    values: dict[str, Any] = {}
+    if arguments.floor is not None or arguments.tiles is not None:
+        values |= _floor_values(base, arguments.floor, arguments.tiles)
+    if arguments.robots is not None:
+        values["swarm.robots"] = arguments.robots
+    for kind in ("strategy", "network", "task"):
+        name = getattr(arguments, kind)
+        if name is not None:
+            values[f"{kind}.name"] = chosen(kind, name)
+    if arguments.energies is not None:
+        vibrating, still = read_energies(arguments.energies)
+        values |= {
+            "sensor.model": "energies",
+            "sensor.vibrating_energies": vibrating,
+            "sensor.still_energies": still,
+        }
+    settings = dict(parse_setting(text) for text in arguments.settings)
+    for kind in plugins.KINDS:
+        if plugins.is_code(settings.get(f"{kind}.name")):
+            settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
+    return values | settings
+
+
+def chosen(kind: str, text: str) -> str:
+    """Check the name of a strategy, network, task or motion source; loads it if it is a file.
+
+    Raises:
+        InputError: the name is unknown, or the file cannot be loaded.
+    """
+    if plugins.is_code(text):
+        return str(plugins.load_file(kind, text).code)
+    if kind == "motion":
+        import vibroswarm.simulation  # noqa: F401  (registers the engines)
+    known = plugins.known_for(kind, text)
+    if text not in known:
+        raise InputError(
+            f"unknown {kind} '{text}'{nearest(text, known)} (known: {', '.join(known)}; or FILE.py:NAME)",
+            field=f"--{kind}",
+        )
+    return text
+
+
+def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:
+    """Fields of a floor; the content of a file is copied into the scenario."""
+    size = None if tiles is None else parse_tiles(tiles)
+    if spec is None:
+        if base.floor.tiles is not None or not is_random(base.floor.source):
+            raise InputError(
+                "applies to a random floor, coordinate list or picture; add --floor", field="--tiles"
+            )
+        spec = base.floor.source
+    if is_random(spec) and size is None:
+        size = (base.floor.rows, base.floor.columns)
+    grid, name = resolve(spec, size)
+    name = "".join(c if c.isprintable() else "?" for c in name)  # file names may contain anything
+    if is_random(spec):
+        return {
+            "floor.source": spec,
+            "floor.tiles": None,
+            "floor.rows": grid.shape[0],
+            "floor.columns": grid.shape[1],
+        }
+    rows = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+    is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
+    return {"floor.source": name, "floor.tiles": None if is_pattern else rows}

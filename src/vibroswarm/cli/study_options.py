@@ -1,0 +1,213 @@
+"""Studies on the command line, for ``evaluate``, ``sweep``, ``detect`` and ``merge``: options, plan, run, results."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import add_execution_options, add_json, add_style
+from vibroswarm.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from vibroswarm.study.runner import Job
+    from vibroswarm.study.spec import Study
+    from vibroswarm.study.study_result import StudyResult
+    from vibroswarm.study.summary import Outcome
+
+
+def add_running_options(parser: argparse.ArgumentParser) -> None:
+    """Add options for workers, executor, shards and batches."""
+    execution = add_execution_options(parser)
+    execution.add_argument(
+        "--shard", metavar="K/N", help="run only shard K of N; 'vibroswarm merge' joins them"
+    )
+    execution.add_argument(
+        "--batch", metavar="G:A-B", help="run only this batch, in this process (named as failures are listed)"
+    )
+
+
+def add_outcome_options(parser: argparse.ArgumentParser) -> None:
+    """Add options for what is printed and drawn."""
+    output = parser.add_argument_group("output")
+    add_json(output)
+    add_style(output)
+    output.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
+    output.add_argument(
+        "--no-confirm",
+        action="store_true",
+        help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
+    )
+
+
+def do_study(study: Study, arguments: argparse.Namespace) -> int:
+    """Plan and run a study, then summarise, print and draw it."""
+    from vibroswarm.study.runner import failures_in_words
+
+    result = run_study_of(study, arguments, allow_failures=True)
+    if result is None:
+        return 0
+    second = None
+    if result.cells["there"].sum():
+        second = None if arguments.no_confirm else _second_block(result, arguments)
+        print_outcome(result, second, arguments)
+    for one in (result, second):  # raised once all else is done
+        if one is not None and one.store.failures:
+            raise RunError(failures_in_words(one.store, arguments.out is not None))
+    return 0
+
+
+def run_study_of(
+    study: Study, arguments: argparse.Namespace, *, allow_failures: bool = False
+) -> StudyResult | None:
+    """Plan and run a study; None if only a shard or a batch was requested, which is then reported.
+
+    Args:
+        allow_failures: return the result even if runs failed.
+    """
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.cli.scenario_warnings import warn_of
+    from vibroswarm.study.runner import Job, run_batch
+    from vibroswarm.study.study_result import run
+
+    job = None if arguments.shard is None else Job.from_words(arguments.shard)
+    if job is not None and study.until is not None:
+        raise InputError(
+            "needs a fixed number of runs, not --until: shards run independently", field="--shard"
+        )
+    if job is not None and arguments.batch is not None:
+        raise InputError("cannot be used with --shard", field="--batch")
+    if (job or arguments.batch) and arguments.out is None:
+        raise InputError("needs --out DIR", field="--shard" if job else "--batch")
+    warn_of(cell.scenario for cell in study.cells)
+    if arguments.batch is not None:
+        store = run_batch(study, arguments.out, arguments.batch)
+        print(f"Batch {arguments.batch} is done; saved in {store.folder}")
+        return None
+    print_plan(study, arguments.out, job)
+    with study_progress("simulating") as progress:
+        result = run(
+            study,
+            arguments.out,
+            job=job,
+            progress=progress,
+            allow_failures=allow_failures and job is None,
+            **_execution(arguments),
+        )
+    if job is None:
+        return result
+    done, wanted = int(result.cells["there"].sum()), int(result.cells["wanted"].sum())
+    print(f"Shard {job.number} of {job.of} is done: {done:,} of {wanted:,} runs in {result.store.folder}")
+    print("After all shards: vibroswarm merge OUT SHARD ...")
+    return None
+
+
+def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {"executor": arguments.executor, "workers": arguments.workers, "mixed": arguments.mixed}
+
+
+def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyResult | None:
+    """Repeat comparisons on other seeds; None if the study has none."""
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.study.cell_comparison import pairs_of, second_block
+
+    if not pairs_of(result.study):
+        return None
+    with study_progress("repeating on other seeds") as progress:
+        return second_block(result, progress=progress, allow_failures=True, **_execution(arguments))
+
+
+def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
+    """Print on stderr what will be done and how long it may take."""
+    from vibroswarm.cli.progress import say_compiling
+    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.runner import expected
+    from vibroswarm.study.store import Store
+
+    plan = plan_of(study)
+    cells, groups = len(study.cells), len(plan.groups)
+    runs = f"{study.runs:,}" if study.runs else "100 or more"
+    shared = ", ".join(
+        f"{count:,} {name}{'s' * (count != 1)}"
+        for count, name in (
+            (groups, "motion"),
+            (plan.observations, "observation"),
+            (plan.inferences, "inference"),
+        )
+    )
+    print(
+        f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; shared per run: {shared}",
+        file=sys.stderr,
+    )
+    store = None if out is None else Store.existing(out, study)
+    store = Store(Path(), study) if store is None else store
+    for damage in store.damaged:
+        print(f"damaged, will be recomputed: {damage}", file=sys.stderr)
+    say_compiling()
+    left = expected(store, plan)
+    if left.runs == 0:
+        print("Nothing to do: all runs exist.", file=sys.stderr)
+        return
+    part = f" (this shard: 1/{job.of} of it)" if job else ""
+    print(
+        f"To do: {left.runs:,} runs of motion, about {duration(left.core_s)} of one core{part} (estimated from "
+        f"{left.tried} trial runs)",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def duration(seconds: float) -> str:
+    """A duration in a fitting unit: 0.4 s, 25 s, 12 min, 3.5 h."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
+    """Summarise a study and print its tables; save numbers, pictures and report if there is a folder."""
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.study_tables import print_tables
+    from vibroswarm.study.summary import outcome_of, write_outcome
+
+    outcome = outcome_of(result, second)
+    if arguments.out is not None:
+        write_outcome(outcome, arguments.out)
+    if arguments.json:
+        print_json(outcome.as_dict())
+    else:
+        print_tables(outcome)
+    sys.stdout.flush()
+    if arguments.out is not None and not arguments.no_pictures:
+        _draw(outcome, arguments)
+    if not arguments.json:
+        _print_saved(arguments)
+        sys.stdout.flush()
+    return 0
+
+
+def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.study.baselines import reference_table, references_of
+    from vibroswarm.study.study_report import write_pictures_and_report
+    from vibroswarm.study.summary import write_table
+
+    with progress_bar("references") as progress:
+        references = references_of(outcome.result, progress=progress)
+    if references:
+        write_table(reference_table(references), arguments.out / "references")
+    with progress_bar("drawing") as progress:
+        write_pictures_and_report(outcome, references, arguments.out, arguments.style, progress)
+
+
+def _print_saved(arguments: argparse.Namespace) -> None:
+    """Print where the study and its report are saved."""
+    if arguments.out is None:
+        print("Not saved; add --out DIR to save runs, numbers, pictures and a report")
+        return
+    print(f"Saved in {arguments.out}: summary.csv, comparisons.csv, the runs (shards)")
+    if not arguments.no_pictures:
+        print(f"Report: open {(arguments.out / 'report.html').resolve()} in a browser")

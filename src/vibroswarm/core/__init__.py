@@ -1,0 +1,1 @@
+"""Foundations: compiled kernels, addressed random numbers, files, table schemas."""

@@ -1,0 +1,17 @@
+"""The base of all models that hold a user's settings."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, field_validator
+
+
+class FrozenModel(BaseModel):
+    """Frozen and strict: an unknown key, a wrong type, NaN and infinity are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _normalize_zero(cls, value: object) -> object:
+        """Turn -0.0 into 0.0: equal values are written alike and have one hash."""
+        return value + 0.0 if isinstance(value, float) else value

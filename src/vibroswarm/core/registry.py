@@ -1,0 +1,67 @@
+"""Registries of named objects: strategies, networks, motion sources, tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Generic, Protocol, TypeVar
+
+from vibroswarm.errors import InputError, nearest, shown
+
+
+class Named(Protocol):
+    """An object with a name."""
+
+    @property
+    def name(self) -> str:
+        """The name under which it is registered."""
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Registry(Generic[T]):
+    """The registered objects of one kind.
+
+    Args:
+        kind: in words. field: the setting that selects an object by name.
+    """
+
+    def __init__(self, kind: str, field: str) -> None:
+        self.kind, self.field = kind, field
+        self._known: dict[str, T] = {}
+
+    def register(self, one: T) -> T:
+        """Register an object by its name; return it, or an equal one that is already registered.
+
+        Raises:
+            InputError: the name is taken by a different object.
+        """
+        if self._known.setdefault(one.name, one) != one:
+            raise InputError(f"there is a {self.kind} '{one.name}' already", field="name")
+        return self._known[one.name]
+
+    def forget(self, name: str) -> None:
+        """Remove an object, if it is registered."""
+        self._known.pop(name, None)
+
+    def names(self) -> tuple[str, ...]:
+        """Return all names, in the order of registration."""
+        return tuple(self._known)
+
+    def known(self) -> Mapping[str, T]:
+        """Return all objects by name."""
+        return self._known
+
+    def get(self, name: str) -> T:
+        """Return the object of that name.
+
+        Raises:
+            InputError: there is none; the message suggests the nearest name.
+        """
+        if not isinstance(name, str) or name not in self._known:
+            raise InputError(
+                f"there is no {self.kind} {shown(name)}{nearest(name, self._known)} "
+                f"(there are {', '.join(self._known)})",
+                field=self.field,
+            )
+        return self._known[name]

@@ -1,0 +1,141 @@
+"""Random numbers by address: the uniform number of (seed, run, robot, purpose, index, peer).
+
+No numbers are drawn in order, so no result depends on threads, batches, order or interruption; changing the
+strategy changes no motion, and changing the floor changes no noise.
+
+| name | symbol | where | equation |
+|---|---|---|---|
+| generator | Philox4x32-10 | Salmon et al., "Parallel random numbers", SC 2011 | 10 rounds |
+| counter | c0..c3 | index, robot + 2^16 purpose, run, peer | 4 words of 32 bits |
+| key | k0, k1 | low and high half of the seed | 2 words of 32 bits |
+| uniform | u | (52 bits + 1/2) / 2^52: inside (0, 1), never on its ends, symmetric about 1/2 | |
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import kernel
+
+SEED_LIMIT: Final = 2**63
+"""Seeds are whole numbers in [0, 2^63)."""
+
+
+class Purpose(IntEnum):
+    """What a number is used for; each purpose has its own numbers."""
+
+    PLACEMENT = 0
+    HARDWARE = 1
+    WALK = 2
+    AVOIDANCE = 3
+    SPEED = 4
+    SENSING = 5
+    MESSAGE = 6
+    LOSS = 7
+    FLOOR = 8
+    OPTIMIZER = 9
+    BOOTSTRAP = 10
+    POSTERIOR = 11
+    HEARING = 12
+    TIMER = 13
+    BEGINNING = 14
+    STEERING = 15
+    NETWORK = 16
+
+
+def _number(value: int) -> int:
+    """Return a constant that Numba treats as a variable; it would compile the callee anew for each literal."""
+    return np.int64(value)  # type: ignore[return-value]
+
+
+PLACEMENT: Final = _number(Purpose.PLACEMENT)
+HARDWARE: Final = _number(Purpose.HARDWARE)
+WALK: Final = _number(Purpose.WALK)
+AVOIDANCE: Final = _number(Purpose.AVOIDANCE)
+SPEED: Final = _number(Purpose.SPEED)
+SENSING: Final = _number(Purpose.SENSING)
+MESSAGE: Final = _number(Purpose.MESSAGE)
+LOSS: Final = _number(Purpose.LOSS)
+FLOOR: Final = _number(Purpose.FLOOR)
+POSTERIOR: Final = _number(Purpose.POSTERIOR)
+HEARING: Final = _number(Purpose.HEARING)
+TIMER: Final = _number(Purpose.TIMER)
+BEGINNING: Final = _number(Purpose.BEGINNING)
+STEERING: Final = _number(Purpose.STEERING)
+NETWORK: Final = _number(Purpose.NETWORK)
+
+FIRST: Final = _number(0)
+"""Index of a number of which there is only one."""
+ALONE: Final = _number(0)
+"""Peer of a number that concerns no other robot."""
+OF_HEADING: Final = _number(1)
+OF_SITE: Final = _number(2)
+"""Peers that separate the numbers of a start's heading and lattice site from those of its place."""
+OF_WANDER: Final = _number(1)
+OF_WANDER_TOO: Final = _number(2)
+"""Peers of the two numbers by which a robot's speed wanders at a sample."""
+OF_EDGE: Final = _number(1)
+"""Peer of a sample's second number: the side of a tile's edge on which it is sensed."""
+OF_TILE: Final = _number(1)
+OF_SENSOR: Final = _number(2)
+"""Peers that separate the numbers of tile and sensor factors from those of the wheels."""
+
+_M0: Final = 0xD2511F53
+_M1: Final = 0xCD9E8D57
+_W0: Final = 0x9E3779B9
+_W1: Final = 0xBB67AE85
+_LOW: Final = 0xFFFFFFFF
+_SCALE: Final = 2.0**-52
+
+
+@kernel
+def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[int, int, int, int]:
+    """Apply ten rounds of Philox to a counter of four 32-bit words with a key of two."""
+    low = np.uint64(_LOW)
+    shift = np.uint64(32)
+    a, b, c, d = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
+    key0, key1 = np.uint64(k0), np.uint64(k1)
+    for _ in range(10):
+        left = np.uint64(_M0) * a
+        right = np.uint64(_M1) * c
+        a, b, c, d = (right >> shift) ^ b ^ key0, right & low, (left >> shift) ^ d ^ key1, left & low
+        key0 = (key0 + np.uint64(_W0)) & low
+        key1 = (key1 + np.uint64(_W1)) & low
+    return a, b, c, d  # type: ignore[return-value]
+
+
+@kernel
+def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return the number in (0, 1) at this address.
+
+    Args:
+        seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
+    """
+    word, other, _, _ = philox4x32(
+        index & _LOW, robot | (purpose << 16), run & _LOW, peer & _LOW, seed & _LOW, (seed >> 32) & _LOW
+    )
+    return (float((np.uint64(word) << np.uint64(20)) | (np.uint64(other) >> np.uint64(12))) + 0.5) * _SCALE
+
+
+@kernel
+def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
+    for i in range(out.size):
+        out[i] = uniform(seed, run, robot, purpose, first + i, ALONE)
+
+
+def uniforms(
+    seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Return the numbers of ``count`` consecutive indices, shape (count,)."""
+    out = np.empty(count, dtype=np.float64)
+    _fill(out, seed, run, robot, int(purpose), first)
+    return out
+
+
+def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
+    """Return a permutation of 0..count-1 for the floor of ``run``, shape (count,)."""
+    return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")

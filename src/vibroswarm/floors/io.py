@@ -1,0 +1,254 @@
+"""Floor files: text grids, CSV, lists of coordinates, PNG pictures; and floors drawn in the terminal.
+
+The kind of a file is recognised by its content, not by its name. A file is data: whatever its bytes, reading
+gives tiles or an ``InputError``.
+
+In pictures dark is still (0), bright is vibrating (1). Without a size every pixel is a tile. With a size the
+picture is divided into that many rows and columns, and the mean brightness of each part decides. Parts that are
+neither clearly dark nor clearly bright are refused, not guessed.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.untrusted_files import read_bytes
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import TILE_LIMIT, as_tiles
+from vibroswarm.floors.grid_text import Size, read_text
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+
+FILE_LIMIT: Final = 64 * 2**20
+"""Size limit of files, bytes."""
+
+SUFFIXES: Final = (".txt", ".csv", ".png")
+"""Formats of ``write_tiles``."""
+
+_OTHER_PICTURES: Final = ((b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"), (b"BM", "BMP"), (b"%PDF", "PDF"))
+
+
+def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]:
+    """Read the floor in a file, uint8 of shape (rows, columns), top row first.
+
+    Args:
+        path: a text grid, CSV, list of coordinates or PNG picture.
+        tiles: rows and columns. A list of coordinates needs it, a picture is divided by it, a grid must
+            be of this size.
+    Raises:
+        InputError: the file cannot be read, or is no floor; the message names the place, what it holds, and
+            what would be right.
+    """
+    name = str(path)
+    data = read_bytes(Path(path), FILE_LIMIT, "a floor")
+    if not data:
+        raise InputError("is empty; a floor file has rows of 0 and 1", field=name)
+    if data.startswith(PNG):
+        return read_png(data, name, tiles)
+    for first, kind in _OTHER_PICTURES:
+        if data.startswith(first):
+            raise InputError(f"is a {kind} file; of pictures, only PNG can be read", field=name)
+    if b"\0" in data:
+        raise InputError("is a binary file; give rows of 0 and 1, or a PNG picture", field=name)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"is not UTF-8 text (byte {error.start + 1}); give rows of 0 and 1, or a PNG picture",
+            field=name,
+        ) from None
+    return read_text(text, name, tiles)
+
+
+def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
+    """Write a floor; the suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv``, ``.png`` (one pixel per
+    tile).
+
+    ``read_tiles`` gives the same tiles back.
+
+    Args:
+        path: the file. tiles: (rows, columns) of 0 and 1. replace: whether a file of this name may be replaced.
+    Raises:
+        InputError: another suffix, the file exists, or its folder cannot be written.
+        RunError: the disk is full or failed.
+    """
+    path, grid = Path(path), as_tiles(tiles)
+    kind = check_suffix(path)
+    with whole_file(path, replace=replace) as part:
+        if kind == ".png":
+            write_png(part, grid)
+        else:
+            separator = "," if kind == ".csv" else ""
+            rows = (separator.join(map(str, row)) for row in grid.tolist())
+            part.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def check_new(path: Path | str, *, replace: bool = False) -> None:
+    """Refuse early what ``write_tiles`` would refuse after the work.
+
+    Raises:
+        InputError: an unknown suffix, the file exists, it is a folder, or there is no folder to write into.
+    """
+    path = Path(path)
+    check_suffix(path)
+    if path.is_dir():
+        raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
+    if path.exists() and not replace:
+        raise InputError(f"'{path}' exists already; choose another name or add --force", field="--out")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder '{path.parent}' to write '{path.name}' into", field="--out")
+
+
+def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
+    """Return the suffix of ``path`` in lower case.
+
+    Raises:
+        InputError: not one of ``known``.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        what = f"the suffix '{path.suffix}' is not known" if path.suffix else f"'{path.name}' has no suffix"
+        raise InputError(f"{what}; end the name with {', '.join(known[:-1])} or {known[-1]}", field="--out")
+    return suffix
+
+
+PNG: Final = b"\x89PNG\r\n\x1a\n"
+"""The first bytes of every PNG file."""
+
+PIXEL_LIMIT: Final = 64_000_000
+_DARK: Final = 1 / 3  # of full brightness: up to here a tile is still
+_BRIGHT: Final = 2 / 3  # from here on it vibrates
+
+
+def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uint8]:
+    """Read the tiles of a PNG picture, uint8 of shape (rows, columns), top row first.
+
+    Args:
+        data: the whole file. name: of the file, for messages.
+        size: rows and columns to divide the picture into; None: one pixel a tile.
+    Raises:
+        InputError: no whole PNG, too large, fewer pixels than tiles, transparent, or neither dark nor bright.
+    """
+    brightness = _brightness(data, name)
+    if size is None:
+        if brightness.size > TILE_LIMIT:
+            raise InputError(
+                f"has {brightness.shape[0]} x {brightness.shape[1]} pixels, too many for one tile each (at "
+                f"most {TILE_LIMIT}); add --tiles ROWSxCOLUMNS",
+                field=name,
+            )
+        size = (brightness.shape[0], brightness.shape[1])
+    if size[0] > brightness.shape[0] or size[1] > brightness.shape[1]:
+        raise InputError(
+            f"has only {brightness.shape[0]} x {brightness.shape[1]} pixels for the {size[0]} x {size[1]} of "
+            "--tiles; give at most as many tiles as pixels",
+            field=name,
+        )
+    means = _means(brightness, size)
+    unclear = (means > _DARK) & (means < _BRIGHT)
+    if unclear.any():
+        row, column = (int(where[0]) for where in np.nonzero(unclear))
+        divided = size != brightness.shape
+        raise InputError(
+            f"row {row + 1}, column {column + 1} is {means[row, column]:.0%} bright, neither dark (still, up "
+            f"to {_DARK:.0%}) nor bright (vibrating, from {_BRIGHT:.0%}); give a picture in black and white, "
+            + ("or the --tiles that it shows" if divided else "or add --tiles ROWSxCOLUMNS"),
+            field=name,
+        )
+    return (means >= _BRIGHT).astype(np.uint8)
+
+
+def write_png(path: Path, tiles: NDArray[np.uint8]) -> None:
+    """Write one pixel per tile, black and white, so that ``read_png`` gives the same tiles."""
+    from PIL import Image
+
+    Image.fromarray(tiles * np.uint8(255)).save(path, format="PNG")
+
+
+def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
+    """Return the brightness of each pixel, 0 to 1, shape (height, width)."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Pillow only warns of many broken or oversized pictures
+            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+                picture.verify()  # checks the checksums, which decoding ignores; the picture cannot be used afterwards
+            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+                return _grey(picture, name)
+    except InputError:
+        raise
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
+    except Exception as error:  # Pillow raises many kinds of error on incomplete pictures
+        raise InputError(
+            f"is not a complete PNG picture ({error or type(error).__name__})", field=name
+        ) from None
+
+
+def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
+    if picture.width * picture.height > PIXEL_LIMIT:
+        raise InputError(
+            f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
+            field=name,
+        )
+    if picture.mode.startswith("I"):  # 16 bits: convert("L") would clip them
+        return np.asarray(picture, dtype=np.float64) / 65535
+    if picture.has_transparency_data:
+        colours = picture.convert("RGBA")
+        if np.asarray(colours.getchannel("A")).min() < 255:
+            raise InputError("has transparent pixels; give a picture without", field=name)
+        picture = colours
+    return np.asarray(picture.convert("L"), dtype=np.float64) / 255
+
+
+def _means(brightness: NDArray[np.float64], size: Size) -> NDArray[np.float64]:
+    """Return the mean brightness of each of ``size`` parts, whose borders are rounded to pixels."""
+    height, width = brightness.shape
+    tops = np.arange(size[0]) * height // size[0]
+    lefts = np.arange(size[1]) * width // size[1]
+    sums = np.add.reduceat(np.add.reduceat(brightness, tops, axis=0), lefts, axis=1)
+    heights = np.diff(np.append(tops, height))
+    widths = np.diff(np.append(lefts, width))
+    return np.asarray(sums / np.outer(heights, widths))
+
+
+DRAW_LIMIT: Final = 200
+"""Maximum number of rows or columns drawn in text."""
+
+_BLOCKS: Final = ("·", "█")
+_ASCII: Final = (".", "#")
+
+
+def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> str:
+    """Draw the floor in characters, one line per row, and a legend.
+
+    Args:
+        tiles: (rows, columns) of 0 and 1.
+        blocks: whether to use Unicode blocks; plain ASCII otherwise.
+        width: of the terminal, characters. A tile is two characters wide where they fit, one elsewhere.
+    """
+    rows, columns = tiles.shape
+    if max(rows, columns) > DRAW_LIMIT:
+        return f"({rows} x {columns} tiles are too many to draw here; draw them to a file with --out)"
+    still, vibrating = (mark * (2 if 2 * columns <= width else 1) for mark in (_BLOCKS if blocks else _ASCII))
+    lines = ["".join(vibrating if tile else still for tile in row) for row in tiles.tolist()]
+    return "\n".join([*lines, f"{vibrating} vibrating  {still} still"])
+
+
+def can_draw_blocks(stream: TextIO) -> bool:
+    """Return whether the stream's encoding has the block characters."""
+    try:
+        "".join(_BLOCKS).encode(getattr(stream, "encoding", None) or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True

@@ -1,0 +1,86 @@
+"""The functions of a strategy and a network, as the kernels import them.
+
+``generated_kernels`` makes a module like this one for each strategy and network, with their compiled functions,
+and substitutes it for this one in the kernel's source. This module gives the types, and the behaviour of
+functions that are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from vibroswarm.strategies.world import Draws, Reading, World
+
+Row = Any
+"""A row of a structured array."""
+
+HAS_TIMER: Final = False
+HAS_STEER: Final = False
+IS_OPINION: Final = False
+HAS_SEND: Final = False
+READS_POSITIONS: Final = False
+
+
+def begin(s: Row, a: Any, d: Draws, p: Row, w: World) -> None:
+    """Set the state at time 0, which is all zeros before."""
+
+
+def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
+    """Handle ``ones`` and ``zeros``, the numbers of one-bit messages heard since the last own sample."""
+
+
+def on_message(s: Row, a: Any, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Handle one message."""
+
+
+def on_sample(s: Row, a: Any, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Handle an own sample; True sends ``out``."""
+    return False
+
+
+def on_timer(s: Row, a: Any, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Handle the timer set to ``s.next_s``; True sends ``out``."""
+    return False
+
+
+def next_s(s: Row) -> float:
+    """Return the time at which ``on_timer`` is due."""
+    return 0.0
+
+
+def decision(s: Row, a: Any, p: Row, w: World) -> int:
+    """Return 0 or 1, or -1 while undecided."""
+    return -1
+
+
+def belief(s: Row, a: Any, p: Row, w: World) -> float:
+    """Return the belief that the share of ones lies below the boundary; nan if the strategy keeps none."""
+    return math.nan
+
+
+def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
+    """Return turn_deg and drive_ms after the own sample; nan keeps what was drawn."""
+    return 0.0, 0.0
+
+
+def views(arrays: Any, i: int) -> Any:
+    """Return the arrays of the robot in row ``i``."""
+    return i
+
+
+def bit_of(m: Row) -> int:
+    """Return the bit of a one-bit message."""
+    return 0
+
+
+def lost(sender: int, receiver: int, d: Draws, p: Row, w: World) -> bool:
+    """Return whether a message is lost on its way to a receiver."""
+    return False
+
+
+def send(
+    n: Row, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any, arrival_tick: Any,
+    d: Draws, p: Row, w: World,
+) -> None:  # fmt: skip
+    """Fill in the tick from which each robot can read a message; -1: never."""

@@ -1,0 +1,273 @@
+"""The robots of some runs, and the kernel that replays their strategy."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import entry_for, read_only, zero_rows
+from vibroswarm.errors import CodeError
+from vibroswarm.inference.agents import empty_swarm, world_of
+from vibroswarm.inference.code_errors import translate_errors
+from vibroswarm.inference.deliveries import NO_REACH, Timeline
+from vibroswarm.inference.generated_kernels import kernels
+from vibroswarm.inference.sample_rows import (
+    BUFFER_FULL,
+    DONE,
+    ERROR_TEXT,
+    NO_DELIVERIES,
+    Counts,
+    Deliveries,
+    Log,
+    MessageBuffer,
+    Readings,
+    Rows,
+    Stops,
+    empty_log,
+)
+from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
+from vibroswarm.inference.shared_deliveries import deliveries_of
+from vibroswarm.networks import Network
+from vibroswarm.networks import network as network_of
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import Strategy
+from vibroswarm.strategies import strategy as strategy_of
+
+NO_VALUES: Final = read_only(np.empty(0))
+
+
+class Replayer(ABC):
+    """Replays some runs from where they stopped.
+
+    Args:
+        runs: how many. longest: samples of the longest run. rows: samples of all runs. messages, log: (rows,),
+            written if given.
+    """
+
+    template: str
+    needs_stops: bool
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        network: Network,
+    ) -> None:
+        self.strategy, self.network = strategy_of(scenario.strategy.name), network
+        self.module = kernels(self.strategy, network, self.template)
+        self.seed, self.world = seed, world_of(scenario, longest)
+        self.swarm = empty_swarm(self.strategy, network, scenario, runs)
+        self.replayed = np.zeros(runs, dtype=np.int64)
+        self.log = empty_log(0, self.strategy.state_type) if log is None else log
+        self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
+        self.entry: Callable[..., int] | None = None
+        self.calls, self.is_new = 0, True
+        self.steering = np.empty((rows if self.strategy.steer is not None else 0, 2))
+
+    @property
+    def reads_positions(self) -> bool:
+        """Whether the network reads robot positions."""
+        return self.network.reads_positions
+
+    @abstractmethod
+    def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
+        """Return the kernel's arguments, except the last three of ``advance``."""
+
+    def advance(
+        self,
+        rows: Rows,
+        readings: Readings,
+        stops: Stops,
+        *,
+        from_start: bool = False,
+        to_end: bool = False,
+        limit_s: float = np.inf,
+        tracks: Tracks = NO_TRACKS,
+    ) -> None:
+        """Replay new samples.
+
+        Args:
+            stops: empty unless ``needs_stops``. from_start: restart at time 0. to_end: also read the messages that
+                arrive after the last sample. limit_s: replay no later samples. tracks: if ``reads_positions``.
+        Raises:
+            CodeError: the strategy did something that strategies may not do.
+        """
+        status = BUFFER_FULL
+        while status == BUFFER_FULL:
+            if from_start:
+                self.clear()
+            arguments = self.arguments(rows, readings, stops, tracks)
+            status = self.call((*arguments, from_start, to_end, limit_s))
+            if status == BUFFER_FULL:  # repeat everything with a larger buffer
+                self.enlarge_buffer()
+                from_start = True
+        if status != DONE:
+            raise CodeError(f"strategy '{self.strategy.name}': {ERROR_TEXT[status]}")
+
+    def enlarge_buffer(self) -> None:
+        """Double the buffer that was full."""
+        raise NotImplementedError
+
+    def clear(self) -> None:
+        """Zero all states and arrays, as ``begin`` expects them."""
+        if self.is_new:
+            self.is_new = False
+            return
+        self.swarm.states.view(np.uint8)[:] = 0
+        for one in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
+            one[:] = 0
+
+    def call(self, arguments: tuple[Any, ...]) -> int:
+        """Call the kernel; arguments have the same types at each call."""
+        if self.entry is None:
+            with translate_errors(self.strategy, self.network):
+                status: int = self.module.replay(*arguments)
+            self.calls += 1
+            if (
+                self.calls == 2 and not self.strategy.code
+            ):  # entry points lose the line of an error, needed for users' code
+                self.entry = entry_for(self.module.replay, *arguments)
+            return status
+        try:
+            return self.entry(*arguments)
+        except Exception:
+            with translate_errors(self.strategy, self.network):
+                raise
+
+
+class CountsReplayer(Replayer):
+    """Replays strategies that count bits, over ideal and lossy networks, and over others with known deliveries."""
+
+    template = "replay_counts"
+    needs_stops = False
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        timeline: Timeline | None,
+        deliveries: Deliveries = NO_DELIVERIES,
+    ) -> None:
+        # Losses are a number here, and deliveries a table: one kernel serves all networks.
+        super().__init__(scenario, seed, runs, longest, rows, messages, log, network_of("ideal"))
+        self.loss, self.deliveries = loss_of(scenario), deliveries
+        self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
+        if messages is None:
+            self.messages = zero_rows(rows, self.strategy.message_type)
+        self.counts = Counts(
+            np.empty(longest + 1, dtype=np.int32),
+            np.empty(longest, dtype=np.int32),
+            np.empty((longest + 1, self.reach.words.shape[1]), dtype=np.uint64),
+        )
+
+    def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
+        """See ``Replayer.arguments``."""
+        return (
+            rows, readings, self.replayed, self.swarm, self.messages, self.counts, self.log, self.steering, self.world,
+            self.seed, self.loss, self.reach, self.deliveries,
+        )  # fmt: skip
+
+
+class MessagesReplayer(Replayer):
+    """Replays every strategy over every network, message by message."""
+
+    template = "replay_messages"
+    needs_stops = True
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        runs: int,
+        longest: int,
+        rows: int,
+        messages: NDArray[np.void] | None,
+        log: Log | None,
+        network: Network,
+    ) -> None:
+        super().__init__(scenario, seed, runs, longest, rows, messages, log, network)
+        self.robots = scenario.swarm.robots
+        self.network_params, self.network_state = (
+            zero_rows(1, network.params_type),
+            zero_rows(1, network.state_type),
+        )
+        self.network_params[0] = network.params_row(scenario.network.params)
+        self.buffer = self._message_buffer(longest + 64)
+
+    def _message_buffer(self, room: int) -> MessageBuffer:
+        strategy, network = self.strategy, self.network
+        return MessageBuffer(
+            messages=zero_rows(room, strategy.message_type),
+            sender=np.empty(room, dtype=np.int64),
+            tick=np.empty(room, dtype=np.int64),
+            number=np.empty(room, dtype=np.int64),
+            arrival=np.empty((room if network.send is not None else 0, self.robots), dtype=np.int64),
+            filled=np.zeros(1, dtype=np.int64),
+            agreement=np.zeros(2, dtype=np.int64),
+            zero_message=zero_rows(1, strategy.message_type),
+            zero_state=zero_rows(1, strategy.state_type),
+            zero_network_state=zero_rows(1, network.state_type),
+            x_m=np.zeros(self.robots if network.reads_positions else 0),
+            y_m=np.zeros(self.robots if network.reads_positions else 0),
+        )
+
+    def enlarge_buffer(self) -> None:
+        """See ``Replayer.enlarge_buffer``."""
+        self.buffer = self._message_buffer(2 * self.buffer.sender.size)
+
+    def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
+        """See ``Replayer.arguments``."""
+        return (
+            rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
+            self.steering, self.world, self.network_params, self.network_state, self.strategy.bytes_on_air, self.seed,
+        )  # fmt: skip
+
+
+def counts_only(strategy: Strategy) -> bool:
+    """Return whether ``CountsReplayer`` can replay this strategy if deliveries are known."""
+    return strategy.on_counts is not None and strategy.on_timer is None and strategy.decides == "once"
+
+
+def loss_of(scenario: Scenario) -> float:
+    """Return the share of messages lost over a network that loses each message independently, else 0."""
+    return float(scenario.network.params.share) if scenario.network.name == "loss" else 0.0
+
+
+def replayer_of(
+    scenario: Scenario,
+    seed: int,
+    *,
+    runs: int,
+    longest: int,
+    rows: int,
+    messages: NDArray[np.void] | None = None,
+    log: Log | None = None,
+    timeline: Timeline | None = None,
+) -> Replayer:
+    """Return the fastest replayer for a scenario's strategy and network.
+
+    Args:
+        see ``Replayer``; timeline: given if whole runs are replayed.
+    """
+    network = network_of(scenario.network.name)
+    if counts_only(strategy_of(scenario.strategy.name)):
+        if network.name in ("ideal", "loss"):
+            return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)
+        deliveries = None if timeline is None else deliveries_of(scenario, seed, timeline)
+        if deliveries is not None:
+            return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline, deliveries)
+    return MessagesReplayer(scenario, seed, runs, longest, rows, messages, log, network)

@@ -1,0 +1,184 @@
+"""Arrays that the replay kernels read and write: samples, stops, messages, logs."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import read_only, zero_rows
+
+DONE: Final = 0
+DOES_NOT_SEND: Final = 1
+"""A strategy with ``on_counts`` did not send at a sample."""
+BUFFER_FULL: Final = 2
+"""More messages were sent than the buffer holds."""
+INVALID_DECISION: Final = 3
+"""A decision is not -1, 0 or 1."""
+AGREED_SINCE: Final = 0
+SETTLED: Final = 1
+"""Indices into ``MessageBuffer.agreement``."""
+ERROR_TEXT: Final = {
+    DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
+    "give it on_message in place of on_counts",
+    INVALID_DECISION: "a decision is none of -1 (undecided), 0 and 1",
+}
+
+
+class Rows(NamedTuple):
+    """Rows of a motion table, run by run, in order of time; see ``Timeline``."""
+
+    bounds: NDArray[np.int64]
+    """(runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``."""
+    runs: NDArray[np.int64]
+    robot: NDArray[np.uint16]
+    sample: NDArray[np.uint32]
+    time_s: NDArray[np.float64]
+    heard: NDArray[np.int32]
+    """(rows, 3)."""
+    heard_at_end: NDArray[np.int32]
+    """(runs * robots, 3)."""
+
+
+class Readings(NamedTuple):
+    """Input of a strategy at each row, (rows,) each; empty if not available."""
+
+    observation: NDArray[np.uint8]
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    heading_rad: NDArray[np.float64]
+    uniforms: NDArray[np.float64]
+    """Uniform number 0 of each sample."""
+
+
+class Stops(NamedTuple):
+    """When robots stand, and so neither hear nor send, in ticks."""
+
+    tick: NDArray[np.int64]
+    """(rows,): tick of the sample, at the end of its stop."""
+    stop_tick: NDArray[np.int64]
+    """(rows,): first tick of the stop."""
+    following: NDArray[np.int32]
+    """(rows,): next row of the same robot, from the run's first; -1: none, or not known yet."""
+    first: NDArray[np.int32]
+    """(runs * robots,): first row of each robot, likewise."""
+    walked_tick: NDArray[np.int64]
+    """(runs * robots,): last tick at which the robot is known to walk."""
+    known_tick: NDArray[np.int64]
+    """(runs,): motion is known up to this tick, exclusive."""
+
+
+class MessageBuffer(NamedTuple):
+    """Messages sent in the current run, in the order of tick and sender; (capacity,) each unless stated."""
+
+    messages: NDArray[np.void]
+    sender: NDArray[np.int64]
+    tick: NDArray[np.int64]
+    number: NDArray[np.int64]
+    """Index among the sender's messages."""
+    arrival: NDArray[np.int64]
+    """(capacity, robots): tick from which the message can be read; -1: never, or already read. Empty if messages
+    arrive at the next tick or not at all."""
+    filled: NDArray[np.int64]
+    """(1,): number of messages."""
+    agreement: NDArray[np.int64]
+    """(2,): tick since which all opinions agree (-1: they do not), and whether for long enough."""
+    zero_message: NDArray[np.void]
+    """(1,): a zeroed message."""
+    zero_state: NDArray[np.void]
+    """(1,): a zeroed robot state."""
+    zero_network_state: NDArray[np.void]
+    """(1,): a zeroed network state."""
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    """(robots,): positions when a message is sent; empty if the network does not read them."""
+
+
+class Log(NamedTuple):
+    """Beliefs and decisions after each row, (rows,) each; empty if not requested."""
+
+    states: NDArray[np.void]
+    received: NDArray[np.uint32]
+    belief: NDArray[np.float64]
+    decision: NDArray[np.int8]
+    sends: NDArray[np.uint8]
+
+
+def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
+    """Return a log for ``rows`` rows."""
+    return Log(
+        zero_rows(rows, state_type),
+        np.empty(rows, dtype=np.uint32),
+        np.empty(rows),
+        np.empty(rows, dtype=np.int8),
+        np.ones(rows, dtype=np.uint8),
+    )
+
+
+class Counts(NamedTuple):
+    """Messages sent so far in a run, kept between calls."""
+
+    ones_sent: NDArray[np.int32]
+    """(rows of the longest run + 1,): ones among the run's messages before each row."""
+    own_ones: NDArray[np.int32]
+    """(rows of the longest run,): ones among the sender's messages up to each row."""
+    ones_reached: NDArray[np.uint64]
+    """(rows of the longest run + 1, words): as ``ones_sent`` for each robot that messages reach, in lanes."""
+
+
+class Deliveries(NamedTuple):
+    """Messages that each robot reads before each of its samples, if all robots send once per sample."""
+
+    which: NDArray[np.int32]
+    """Messages, by the row of their sample counted from the run's first."""
+    until: NDArray[np.int64]
+    """(rows,): end in ``which`` of the messages read before the sample of row k; they begin at the end for row k -
+    1."""
+    until_at_end: NDArray[np.int64]
+    """(runs * robots,): the same for messages read after a robot's last sample; these follow the run's last row."""
+
+
+NO_DELIVERIES: Final = Deliveries(
+    *(read_only(np.empty(0, dtype=kind)) for kind in (np.int32, np.int64, np.int64))
+)
+
+
+class DeliveryScratch(NamedTuple):
+    """Scratch memory for computing deliveries."""
+
+    arrival: NDArray[np.int64]
+    """(rows of the longest run, robots): tick from which a message can be read; -1: never, or already read."""
+    sent: NDArray[np.int64]
+    """(robots,): messages sent so far."""
+    unread_from: NDArray[np.int64]
+    """(robots,): all messages before this one were read or never arrive."""
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    """(robots,): positions when a message is sent; empty if the network does not read them."""
+    zero_network_state: NDArray[np.void]
+    """(1,): a zeroed network state."""
+
+
+class HeardMessages(NamedTuple):
+    """Messages heard so far in a recorded run; all zeros at its start."""
+
+    heard: NDArray[np.uint8]
+    """(robots, rows): 1 if the robot has heard the message of that row."""
+    leftover_from: NDArray[np.int64]
+    """(robots,): first row whose message may be left over."""
+    new_from: NDArray[np.int64]
+    """(robots,): first row whose message is new."""
+
+
+class Session(NamedTuple):
+    """Samples of one recorded run in order of time, (rows,) each."""
+
+    robot: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    time_s: NDArray[np.float64]
+    hears_until_s: NDArray[np.float64]
+    """Messages sent before this have arrived when the sample is taken."""
+    received: NDArray[np.int64]
+    """Messages received since the robot's previous row."""
+    observation: NDArray[np.uint8]

@@ -1,0 +1,151 @@
+"""Robot positions when a message is sent, computed from moves, for networks that read them.
+
+The position of a robot that drives or stands is exact. A turning robot is taken to be where its turn began: its
+centre moves on a circle of a few millimetres, and its turn rate is unknown until the turn is over. So a closed
+loop knows as much as the tables do.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| chord | c | m | v t sin(w t / 2) / (w t / 2), along heading + w t / 2 |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import allocating_kernel, inlined, read_only, zero_rows
+from vibroswarm.errors import InputError
+from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.moves import MOVE_ROW
+from vibroswarm.robot.walk import DRIVE, KINDS
+
+
+class Tracks(NamedTuple):
+    """Moves of some runs' robots, robot by robot, in order of time; (moves,) each unless stated."""
+
+    bounds: NDArray[np.int64]
+    """(runs * robots + 1,): the robot in row e has the moves from ``bounds[e]`` to ``bounds[e + 1]``."""
+    tick: NDArray[np.int64]
+    """Start of the move."""
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    heading_rad: NDArray[np.float64]
+    speed_m_s: NDArray[np.float64]
+    """0 in a turn."""
+    rate_rad_s: NDArray[np.float64]
+    at: NDArray[np.int64]
+    """(runs * robots,): index of each robot's current move; changed in place."""
+
+
+def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
+    order = np.argsort(whose, kind="stable")
+    bounds = np.searchsorted(whose[order], np.arange(robots + 1))
+    tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(one[order]) for one in columns)
+    first = bounds[:-1].astype(np.int64)
+    return Tracks(
+        read_only(bounds.astype(np.int64)), tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s, first
+    )
+
+
+NO_TRACKS: Final = _tracks(np.empty(0, dtype=np.int64), 0, np.empty(0, dtype=np.int64), *(np.empty(0),) * 5)
+
+
+def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
+    if moves is None:
+        raise InputError(
+            "reads positions, but this motion has no moves; choose another network, or motion with moves",
+            field="network.name",
+        )
+    return moves
+
+
+def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, tick_ms: int) -> Tracks:
+    """Return the tracks of a table of moves.
+
+    Args:
+        moves: sorted by run and start. runs: (runs,), by number.
+    Raises:
+        InputError: there is no such table.
+    """
+    moves = _known(moves)
+    run = np.searchsorted(runs, moves["run"].to_numpy())
+    drives = (moves["kind"] == KINDS[DRIVE]).to_numpy()
+    speed_m_s, rate_rad_s = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
+    return _tracks(
+        run * robots + moves["robot"].to_numpy(),
+        runs.size * robots,
+        np.rint(moves["start_s"].to_numpy() * (1000.0 / tick_ms)).astype(np.int64),
+        *(moves[name].to_numpy() for name in ("x_m", "y_m", "heading_rad")),
+        np.where(drives, speed_m_s, 0.0),
+        np.where(drives, rate_rad_s, 0.0),
+    )
+
+
+def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
+    """Return the tracks of one run's moves so far, as engines record them (``motion.moves.MOVE_ROW``)."""
+    drives = rows["kind"] == DRIVE
+    return _tracks(
+        rows["robot"].astype(np.int64),
+        robots,
+        rows["tick"],
+        rows["x_m"],
+        rows["y_m"],
+        wrapped(rows["heading_rad"].copy()),
+        np.where(drives, rows["speed_m_s"], 0.0),
+        np.where(drives, rows["rate_rad_s"], 0.0),
+    )
+
+
+def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
+    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``), as far as tracks need them.
+
+    Raises:
+        InputError: there is no such table.
+    """
+    table = _known(moves)
+    rows = zero_rows(table.height, MOVE_ROW)
+    rows["tick"] = np.rint(table["start_s"].to_numpy() * (1000.0 / tick_ms))
+    rows["kind"] = table["kind"].to_physical().to_numpy()
+    for name in ("robot", "x_m", "y_m", "heading_rad", "speed_m_s"):
+        rows[name] = table[name].to_numpy()
+    rows["rate_rad_s"] = table["turn_rate_rad_s"].to_numpy()
+    return rows
+
+
+@allocating_kernel
+def wrapped(headings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return headings wrapped to [-pi, pi), as in tables, rad."""
+    out = np.empty_like(headings)
+    for k in range(headings.size):
+        out[k] = wrapped_rad(headings[k])
+    return out
+
+
+@inlined
+def positions_at(
+    tracks: Tracks, first: int, tick: int, tick_ms: int, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
+) -> None:
+    """Fill in the robots' positions at a tick, which must not be earlier than that of the last call.
+
+    Args:
+        first: the row of its robot 0. x_m, y_m: (robots,), written.
+    """
+    for i in range(x_m.size):
+        e = first + i
+        k = tracks.at[e]
+        while k + 1 < tracks.bounds[e + 1] and tracks.tick[k + 1] <= tick:
+            k += 1
+        tracks.at[e] = k
+        t_s = (tick - tracks.tick[k]) * tick_ms / 1000.0
+        half = 0.5 * tracks.rate_rad_s[k] * t_s
+        chord = tracks.speed_m_s[k] * t_s
+        if abs(half) > 1e-9:
+            chord *= math.sin(half) / half
+        along = tracks.heading_rad[k] + half
+        x_m[i] = tracks.x_m[k] + chord * math.cos(along)
+        y_m[i] = tracks.y_m[k] + chord * math.sin(along)

@@ -1,0 +1,69 @@
+"""Deliveries of a network over whole runs, computed once for all strategies that send one bit per sample."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from vibroswarm.core.jit import zero_rows
+from vibroswarm.inference.agents import world_of
+from vibroswarm.inference.code_errors import translate_errors
+from vibroswarm.inference.deliveries import Timeline, rows_of
+from vibroswarm.inference.generated_kernels import kernels
+from vibroswarm.inference.sample_rows import Deliveries, DeliveryScratch
+from vibroswarm.inference.sender_positions import NO_TRACKS
+from vibroswarm.networks import Network
+from vibroswarm.networks import network as network_of
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import strategy as strategy_of
+
+MAX_DELIVERIES: Final = 30_000_000
+"""Above this, deliveries are not cached, and strategies are replayed message by message."""
+
+
+def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveries | None:
+    """Return the deliveries of a scenario's network over the runs of a timeline; None if there may be too many.
+
+    Raises:
+        InputError: the network reads where robots are, and the motion has no moves; or it cannot be compiled.
+        CodeError: the network raised.
+    """
+    robots = timeline.robots
+    most = timeline.robot.size * max(robots - 1, 0)
+    if most > MAX_DELIVERIES:
+        return None
+    network, strategy = network_of(scenario.network.name), strategy_of(scenario.strategy.name)
+    world = world_of(scenario, timeline.longest)
+    # The last field of the world is a table that depends only on the others.
+    key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
+    if key not in timeline.deliveries:
+        found = Deliveries(
+            np.empty(most, dtype=np.int32),
+            np.empty(timeline.robot.size, dtype=np.int64),
+            np.empty(timeline.runs.size * robots, dtype=np.int64),
+        )
+        network_params, network_state = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
+        network_params[0] = network.params_row(scenario.network.params)
+        sender = strategy_of("none")  # any strategy will do: only the network's functions are called
+        deliver = kernels(sender, network, "deliver_messages").deliver
+        with translate_errors(sender, network):
+            deliver(
+                rows_of(timeline), timeline.stops, timeline.tracks if network.reads_positions else NO_TRACKS,
+                _scratch(timeline, network), found, world, network_params, network_state, strategy.bytes_on_air,
+                seed,
+            )  # fmt: skip
+        timeline.deliveries[key] = found
+    return timeline.deliveries[key]
+
+
+def _scratch(timeline: Timeline, network: Network) -> DeliveryScratch:
+    robots = timeline.robots
+    return DeliveryScratch(
+        arrival=np.empty((timeline.longest, robots), dtype=np.int64),
+        sent=np.zeros(robots, dtype=np.int64),
+        unread_from=np.zeros(robots, dtype=np.int64),
+        x_m=np.zeros(robots if network.reads_positions else 0),
+        y_m=np.zeros(robots if network.reads_positions else 0),
+        zero_network_state=zero_rows(1, network.state_type),
+    )

@@ -1,1 +1,0 @@
-"""The lab: recordings of robots, read into the tables of a simulation, replayed and measured."""

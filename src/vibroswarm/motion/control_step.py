@@ -1,0 +1,346 @@
+"""One control period of a swarm in named phases: sense, control, move, contact.
+
+``Swarm`` is the whole state between two ticks. Each phase is a plain function on it; ``fixed_step`` calls
+them in order, and a run with the messages in the loop calls the same ones.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import allocating_kernel, inlined, inner, kernel
+from vibroswarm.core.rng import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
+from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
+from vibroswarm.motion.robot_params import AT_ONCE, Setup, draw_speed_factors, misalignment
+from vibroswarm.robot.walk import (
+    AVOID,
+    DRIVE,
+    STOP,
+    TURN,
+    Dice,
+    WalkState,
+    begin_walk,
+    looks,
+    walk_step,
+    wheel_commands_percent,
+)
+
+ROBOT = np.dtype(
+    [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "from_x_m", "from_y_m", "from_heading_rad")]
+    + [(name, np.float64) for name in ("misalignment", "speed_factor", "battery")]
+    + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
+    + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
+    + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
+    + [("speed_factors", np.float64, (AT_ONCE,))]
+    + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
+    + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
+    + [
+        (name, np.float64)
+        for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
+    ]
+)
+"""One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
+speed and turn rate of the period under way (speed 0, and blocked 1, where a move does not happen) and what the sensors
+say;
+the tick at which its latest stop began and the periods spent since its latest sample; how far ahead its rays start;
+its ``Dice``; its speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
+
+Swarm = NDArray[np.void]
+"""The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
+
+
+@inlined
+def load(swarm: Swarm, i: int) -> WalkState:
+    """What robot ``i``'s program remembers."""
+    row = swarm[i]
+    return WalkState(
+        row.mode, row.resume, row.sampled != 0, row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
+        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples, row.next_leg_ms,
+    )  # fmt: skip
+
+
+@inlined
+def store(swarm: Swarm, i: int, state: WalkState) -> None:
+    """The reverse of ``load``."""
+    row = swarm[i]
+    row.mode, row.resume, row.sampled = state.mode, state.resume, state.sampled
+    row.leg_ms, row.driven_ms, row.timer_ms = state.leg_ms, state.driven_ms, state.timer_ms
+    row.stopped_ms, row.error_deg, row.integral_deg_s = (
+        state.stopped_ms,
+        state.error_deg,
+        state.integral_deg_s,
+    )
+    row.legs, row.avoidances, row.samples = state.legs, state.avoidances, state.samples
+    row.next_leg_ms = state.next_leg_ms
+
+
+@inner
+def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> None:
+    """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
+    roll_leg(swarm, i, seed, run, legs)
+    roll_avoidance(swarm, i, seed, run, avoidances)
+
+
+@inner
+def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
+    """The numbers of the next leg, and of the turn before it."""
+    swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
+    swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
+
+
+@inner
+def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -> None:
+    """The number of the next avoidance."""
+    swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
+
+
+@allocating_kernel
+def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> None:
+    """The state at tick 0: placed, standing, with the first leg drawn."""
+    place(swarm, setup, seed, run)
+    for i in range(swarm.size):
+        swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
+        swarm[i].misalignment = misalignment(setup, seed, run, i)
+        swarm[i].samples = 0
+        swarm[i].ray_forward_m = setup.ray_forward_m
+        refresh(swarm, setup, speeds, seed, run, i, 0)
+        clear_account(swarm, i)
+        swarm[i].stop_ticks = 1
+        swarm[i].gyro_deg = 0.0
+        swarm[i].stop_tick = 0
+        first = Dice(uniform(seed, run, i, WALK, FIRST, ALONE), 0.5, 0.5)
+        store(swarm, i, begin_walk(setup, first))
+        roll(swarm, i, seed, run, swarm[i].legs, swarm[i].avoidances)
+
+
+@allocating_kernel
+def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
+    """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
+    left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
+    for i in range(swarm.size):
+        found = False
+        for attempt in range(1000):
+            swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, ALONE)
+            swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, ALONE)
+            if not touches(swarm, setup, i, i, swarm[i].x_m, swarm[i].y_m):
+                found = True
+                break
+        if not found:
+            place_on_lattice(swarm, setup, seed, run)
+            return
+
+
+@allocating_kernel
+def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
+    """Robots side by side on distinct sites of a lattice, drawn at random (Fisher-Yates)."""
+    columns, rows = setup.lattice[0], setup.lattice[1]
+    sites = np.arange(columns * rows)
+    pitch_x = (setup.start[1] - setup.start[0]) / max(columns - 1, 1)
+    pitch_y = (setup.start[3] - setup.start[2]) / max(rows - 1, 1)
+    for i in range(swarm.size):
+        other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, FIRST, OF_SITE))
+        sites[i], sites[other] = sites[other], sites[i]
+        swarm[i].x_m = setup.start[0] + pitch_x * (sites[i] % columns)
+        swarm[i].y_m = setup.start[2] + pitch_y * (sites[i] // columns)
+
+
+@inner
+def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: float) -> bool:
+    """Whether a body at (x, y) would overlap one of the first ``count`` robots, robot ``i`` left out."""
+    apart = 4.0 * setup.radius_m * setup.radius_m
+    for j in range(count):
+        dx, dy = swarm[j].x_m - x_m, swarm[j].y_m - y_m
+        if j != i and dx * dx + dy * dy < apart:
+            return True
+    return False
+
+
+@kernel
+def sense(swarm: Swarm, setup: Setup) -> None:
+    """Read the rays of the robots that are about to look."""
+    for i in range(swarm.size):
+        if setup.blind_ms > 0.0 and is_blind(swarm, i):
+            swarm[i].nearest_mm = math.inf
+        elif looks(load(swarm, i), setup, swarm[i].gyro_deg):
+            swarm[i].nearest_mm = 1000.0 * nearest_m(swarm, setup, i)
+
+
+@inner
+def is_blind(swarm: Swarm, i: int) -> bool:
+    """Whether robot ``i`` turns, or has driven too short a time since, where rays are not heeded after a turn."""
+    row = swarm[i]
+    mode = row.resume if row.mode == STOP else row.mode
+    return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
+
+
+@inner
+def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after: WalkState) -> None:
+    """From when on robot ``i`` heeds its rays again, if a turn of it has just ended."""
+    was = before.resume if before.mode == STOP else before.mode
+    if was != DRIVE and after.mode == DRIVE:
+        swarm[i].sees_from_ms = after.driven_ms - setup.tick_ms + setup.blind_ms
+
+
+@kernel
+def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
+    """The shortest of robot ``i``'s rays, m; infinite when none sees a thing that would matter.
+
+    What lies beyond ``look_m``, the shorter of range and theta_c, changes nothing and is not looked for.
+    """
+    x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
+    near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
+    nearest = math.inf
+    ahead_x, ahead_y = math.cos(swarm[i].heading_rad), math.sin(swarm[i].heading_rad)
+    if near_wall:
+        nearest = rays_to_walls(setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y)
+    reach += setup.disc_radius_m
+    for j in range(swarm.size):
+        dx, dy = swarm[j].x_m - x, swarm[j].y_m - y
+        if j != i and dx * dx + dy * dy < reach * reach:
+            disc = rays_to_disc(
+                setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m
+            )
+            nearest = min(nearest, disc)
+    return nearest if nearest <= setup.look_m else math.inf
+
+
+@inner
+def rays_to_walls(
+    setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
+) -> float:
+    """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
+    nearest = math.inf
+    for k in range(setup.ray_side_m.size):
+        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
+        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
+    return nearest
+
+
+@inner
+def rays_to_disc(
+    setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float,
+    disc_x_m: float, disc_y_m: float,
+) -> float:  # fmt: skip
+    """The shortest ray to another robot's disc, m."""
+    nearest = math.inf
+    for k in range(setup.ray_side_m.size):
+        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
+        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m))
+    return nearest
+
+
+@kernel
+def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
+    """Step each robot's program; commands become speed and turn rate. Gives how many sample now."""
+    sampling = 0
+    for i in range(swarm.size):
+        sampling += control_one(swarm, setup, seed, run, tick, i)
+    return sampling
+
+
+@inlined
+def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
+    """``control`` of robot ``i``; gives 1 if it samples now, else 0."""
+    before = load(swarm, i)
+    row = swarm[i]
+    dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
+    after = walk_step(before, setup, row.gyro_deg, row.nearest_mm, dice)
+    store(swarm, i, after)
+    if after.legs != before.legs:
+        roll_leg(swarm, i, seed, run, after.legs)
+    if after.avoidances != before.avoidances:
+        roll_avoidance(swarm, i, seed, run, after.avoidances)
+    if after.mode == STOP and before.mode != STOP:
+        row.stop_tick = tick
+    if setup.blind_ms > 0.0:
+        note_turns_end(swarm, setup, i, before, after)
+    left, right = wheel_commands_percent(after, setup)
+    full = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
+    left_m_s = left * full * (1.0 - row.misalignment)
+    right_m_s = right * full * (1.0 + row.misalignment)
+    track_m = setup.drive_track_m if after.mode == DRIVE else setup.turn_track_m
+    row.speed_m_s = 0.5 * (left_m_s + right_m_s)
+    row.rate_rad_s = (right_m_s - left_m_s) / track_m
+    return 1 if after.sampled else 0
+
+
+@kernel
+def move(swarm: Swarm, setup: Setup) -> None:
+    """Where each robot would be at the next tick if nothing stood in its way."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
+        if row.mode == STOP:
+            row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
+        else:
+            row.from_x_m, row.from_y_m, row.from_heading_rad = arc(
+                row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, setup.tick_s
+            )
+
+
+@kernel
+def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
+    """Whether robot ``i``'s move would end in a wall or in another body, as they stand now."""
+    x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
+    if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
+        return True
+    return touches(swarm, setup, i, swarm.size, x, y)
+
+
+@kernel
+def contact(swarm: Swarm, setup: Setup) -> None:
+    """Move the robots in index order; one that would overlap stays, while heading and clocks go on.
+
+    ``from_x_m`` and ``from_y_m`` hold where each robot came from afterwards, for the segment table.
+    """
+    for i in range(swarm.size):
+        swarm[i].blocked = 0
+        if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
+            swarm[i].speed_m_s, swarm[i].blocked = 0.0, 1
+            swarm[i].from_x_m, swarm[i].from_y_m = swarm[i].x_m, swarm[i].y_m
+        swarm[i].x_m, swarm[i].from_x_m = swarm[i].from_x_m, swarm[i].x_m
+        swarm[i].y_m, swarm[i].from_y_m = swarm[i].from_y_m, swarm[i].y_m
+        swarm[i].heading_rad, swarm[i].from_heading_rad = swarm[i].from_heading_rad, swarm[i].heading_rad
+
+
+@inner
+def refresh(
+    swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
+) -> None:
+    """What changes at a sample: the speed factor is drawn anew, several at a time; the battery is read."""
+    place = swarm[i].samples % AT_ONCE
+    if place == 0:
+        draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
+    swarm[i].speed_factor = swarm[i].speed_factors[place]
+    swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
+
+
+@kernel
+def account(swarm: Swarm) -> None:
+    """Add the period under way to what it was spent on."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        if row.mode == DRIVE:
+            row.drive_ticks += 1
+        elif row.mode == TURN:
+            row.turn_ticks += 1
+        elif row.mode == AVOID:
+            row.avoid_ticks += 1
+        else:
+            row.stop_ticks += 1
+
+
+@inner
+def clear_account(swarm: Swarm, i: int) -> None:
+    """Begin a new account, at a sample."""
+    row = swarm[i]
+    row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = 0

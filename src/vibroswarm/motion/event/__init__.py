@@ -1,0 +1,1 @@
+"""The event-driven engine: robots are looked at only when something can happen to them."""

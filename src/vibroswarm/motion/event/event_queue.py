@@ -1,0 +1,91 @@
+"""Who wakes next: a key for each robot, in blocks of 16 with a bound for each block.
+
+A key is the tick at which the robot wakes, times 2^16, plus its number: the least key says when and who at
+once, and who wakes at the same tick follows in index order. ``wakes`` has a row a block, shape (blocks, 17): a
+key below which there is none in the block, then those of its robots; NEVER where there is none.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import inlined, inner
+
+NEVER: Final = 2**62
+KEY_BITS: Final = 16
+ROBOT_BITS: Final = 2**KEY_BITS - 1
+"""Robots are numbered with 16 bits, as in the tables."""
+NOBODY: Final[int] = np.int64(-1)  # type: ignore[assignment]
+"""A key below all others; as a number: for a Python literal Numba would compile its callee anew."""
+
+
+def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
+    """Robots that all wake at ``tick``."""
+    wakes = np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
+    for i in range(robots):
+        wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i
+    wakes[:, 0] = wakes[:, 1]
+    return wakes
+
+
+@inlined
+def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
+    """Robot ``i`` is to wake at ``tick``."""
+    block = wakes[i >> 4]
+    key = (tick << KEY_BITS) + i
+    block[(i & 15) + 1] = key
+    block[0] = min(block[0], key)
+
+
+@inlined
+def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
+    """Robot ``i`` is to wake at ``tick`` or before."""
+    if (tick << KEY_BITS) + i < wakes[i >> 4, (i & 15) + 1]:
+        set_wake(wakes, i, tick)
+
+
+@inner
+def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
+    """The least key, and the one after it if there is only one block (else the least again)."""
+    if wakes.shape[0] > 1:
+        first = next_wake(wakes, robots, NOBODY)
+        return first, first
+    first, second = NEVER, NEVER
+    for m in range(robots):
+        key = wakes[0, m + 1]
+        second = min(second, max(first, key))
+        first = min(first, key)
+    return first, second
+
+
+@inner
+def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
+    """The least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
+
+    The bounds of the blocks are made exact as far as need be. One that is the key of its robot is.
+    """
+    if wakes.shape[0] == 1:
+        return least_of(wakes, 0, robots, beyond)
+    while True:
+        first = 0
+        for k in range(1, wakes.shape[0]):
+            if wakes[k, 0] < wakes[first, 0]:
+                first = k
+        bound, i = int(wakes[first, 0]), int(wakes[first, 0]) & ROBOT_BITS
+        if bound >= NEVER or (bound > beyond and wakes[i >> 4, (i & 15) + 1] == bound):
+            return bound
+        wakes[first, 0] = least_of(wakes, first, min(robots - 16 * first, 16), beyond)
+
+
+@inlined
+def least_of(wakes: NDArray[np.int64], block: int, robots: int, beyond: int) -> int:
+    """The least key above ``beyond`` of the robots of a block."""
+    earliest = NEVER
+    for m in range(robots):
+        key = wakes[block, m + 1]
+        if key > beyond:
+            earliest = min(earliest, key)
+    return int(earliest)

@@ -1,0 +1,211 @@
+"""Robot parameters as the kernels read them, and what differs from robot to robot.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| misalignment | m_d | - | U(min, max), one a robot |
+| speed factor | s_d | - | Gamma(shape, scale) + location, clipped; one a sample or one a robot |
+| battery | b_d | - | 1 - t / battery_life |
+| wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 15) |
+| track | - | m | turn rate = (v_r - v_l) / track |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import inner, zero_rows
+from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, OF_WANDER, OF_WANDER_TOO, SPEED, uniform
+from vibroswarm.robot.walk import TIMERS, WalkProgram
+from vibroswarm.scenario.fields import Robot
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.validation import lattice_sites, longest_step_m, start_region
+
+SPEED_NODES: Final = 2**14
+"""Intervals of the speed factor's quantile table; linear between nodes."""
+
+AT_ONCE: Final = 8
+"""Number of a robot's speed factors drawn at once."""
+
+Setup = Any
+"""A scenario's parameters of bodies and walk, as one row of numbers (``setup_of``), which compiled code passes on at
+no cost. Its fields are those of ``WalkProgram`` and:
+
+tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
+misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_each (0, 1: ``robot.speed_factors``); speed_wander
+(0: none), speed_factor_min, speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray, ray_side_m, ray_cos,
+ray_sin; outside_m: how far from the centre rays start, where that may be beyond a wall, else 0; look_m: rays matter up
+to the shorter of their range and theta_c; ray_reach_m: no ray sees a thing further than this from the robot's centre;
+disc_radius_m of other robots to rays; longest_step_m: no robot moves further between two ticks; zone_m: bodies further
+apart than this, centre to centre, cannot touch at the next tick; sight_m: no ray sees a robot further away;
+fan_ahead_m, fan_behind_m, fan_beside_m: nor one further ahead of the rays' start, behind it, or aside of the robot's
+axis; blind_ms: so long after a turn no ray is heeded (0: none); start: x from, x to, y from, y to of the centres at the
+start; lattice: columns and rows of robots that fit side by side into it."""
+
+
+@lru_cache(maxsize=16)
+def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
+    """Return the clipped speed factor at equally spaced probabilities, shape (SPEED_NODES + 1,).
+
+    If ``robot.speed_factors`` is given, return these instead, shape (robots named,).
+    """
+    if robot.speed_factors is not None:
+        return np.array(robot.speed_factors, dtype=np.float64)
+    from scipy.special import gammaincinv
+
+    probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
+    probability[-1] = 1.0 - 2.0**-53
+    factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, probability)
+    table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
+    return np.ascontiguousarray(table, dtype=np.float64)
+
+
+def setup_of(scenario: Scenario) -> Setup:
+    """Return a scenario's parameters as the kernels read them."""
+    robot, rays = scenario.robot, scenario.rays
+    look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
+    forward_m = rays.forward_each_m or (rays.forward_m,)
+    aside_m = max(abs(side) for side in rays.side_m)
+    start_m = math.hypot(max(forward_m), aside_m)
+    ray_reach_m = start_m + look_m
+    angles = [math.radians(angle) for angle in rays.angle_deg]
+    ahead_m = [look_m * math.cos(angle) for angle in angles]
+    beside_m = [side + look_m * math.sin(angle) for side, angle in zip(rays.side_m, angles, strict=True)]
+    zone_m = 2.0 * (robot.body_radius_m + longest_step_m(scenario))
+    values: dict[str, Any] = {
+        "tick_s": scenario.tick_s,
+        "width_m": scenario.arena.width_m,
+        "height_m": scenario.arena.height_m,
+        "radius_m": robot.body_radius_m,
+        "full_speed_m_s": robot.full_speed_m_s,
+        "drive_track_m": robot.drive_track_m,
+        "turn_track_m": robot.turn_track_m,
+        "misalignment_min": robot.misalignment_min,
+        "misalignment_max": robot.misalignment_max,
+        "speed_redrawn": int(robot.speed_redraw == "sample"),
+        "speed_each": int(robot.speed_factors is not None),
+        "speed_wander": robot.speed_wander or 0.0,
+        "speed_factor_min": robot.speed_factor_min,
+        "speed_factor_max": robot.speed_factor_max,
+        "battery_life_s": robot.battery_life_s,
+        "ray_forward_m": rays.forward_m,
+        "ray_side_m": list(rays.side_m),
+        "ray_cos": [math.cos(angle) for angle in angles],
+        "ray_sin": [math.sin(angle) for angle in angles],
+        "outside_m": start_m if start_m >= robot.body_radius_m else 0.0,
+        "look_m": look_m,
+        "ray_reach_m": ray_reach_m,
+        "disc_radius_m": rays.disc_radius_m,
+        "longest_step_m": longest_step_m(scenario),
+        "zone_m": zone_m,
+        "sight_m": ray_reach_m + rays.disc_radius_m,
+        "fan_ahead_m": max(0.0, *ahead_m) + rays.disc_radius_m,
+        "fan_behind_m": min(0.0, *ahead_m) - rays.disc_radius_m,
+        "fan_beside_m": max(aside_m, *map(abs, beside_m)) + rays.disc_radius_m,
+        "blind_ms": scenario.walk.blind_after_turn_ms or 0.0,
+        "start": list(start_region(scenario)),
+        "lattice": list(lattice_sites(scenario)),
+        **walk_program(scenario)._asdict(),
+    }
+    return _row(values)
+
+
+def _row(values: Mapping[str, Any]) -> Setup:
+    """Return named numbers and lists of numbers as one row; integers and booleans as int64."""
+    fields: list[tuple[Any, ...]] = []
+    for name, value in values.items():
+        array = np.asarray(value)
+        kind = np.float64 if array.dtype.kind == "f" else np.int64
+        fields.append((name, kind, array.shape) if array.shape else (name, kind))
+    rows = zero_rows(1, np.dtype(fields))
+    for name, value in values.items():
+        rows[name][0] = value
+    return rows[0]
+
+
+def walk_program(scenario: Scenario) -> WalkProgram:
+    """Return the walk's parameters as the robot's program reads them."""
+    walk, sample = scenario.walk, scenario.sample
+    return WalkProgram(
+        tick_ms=scenario.run.control_period_ms,
+        location_ms=walk.walk_duration_location_ms,
+        scale_ms=walk.walk_duration_scale_ms,
+        leg_min_ms=walk.leg_min_ms,
+        leg_max_ms=walk.leg_max_ms,
+        turn_max_deg=walk.turn_max_deg,
+        avoidance_threshold_mm=walk.avoidance_threshold_mm,
+        gain=walk.turn_gain_percent_per_deg,
+        integral_gain=walk.turn_integral_gain_percent_per_deg_s,
+        tolerance_deg=walk.turn_tolerance_deg,
+        sample_interval_ms=sample.sample_interval_ms,
+        stop_ms=sample.stop_ms,
+        timer=TIMERS.index(sample.timer),
+        interrupts_avoidance=sample.interrupts_avoidance,
+    )
+
+
+@inner
+def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
+    """Return m_d of a robot."""
+    u = uniform(seed, run, robot, HARDWARE, FIRST, ALONE)
+    return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
+
+
+@inner
+def draw_speed_factors(
+    factors: NDArray[np.float64],
+    setup: Setup,
+    speeds: NDArray[np.float64],
+    seed: int,
+    run: int,
+    robot: int,
+    first: int,
+) -> None:
+    """Draw s_d of a robot after ``first`` samples and after each of the next; loops are vectorised.
+
+    Args:
+        factors: of shape (AT_ONCE,), to be filled. speeds: as ``speed_quantiles`` gives them.
+    """
+    if setup.speed_each:
+        factors[:] = speeds[robot % speeds.size]
+    else:
+        for k in range(AT_ONCE):
+            factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
+        for k in range(AT_ONCE):
+            place = factors[k] * (speeds.size - 1)
+            node = int(place)
+            low = speeds[node]
+            factors[k] = low + (speeds[node + 1] - low) * (place - node)
+    if setup.speed_wander > 0.0:
+        for k in range(AT_ONCE):
+            factors[k] = wandered(setup, factors[k], seed, run, robot, first + k)
+
+
+@inner
+def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sample: int) -> float:
+    """Return a speed factor times its variation at a sample."""
+    # The sum of two uniform numbers is triangular, of variance 1/6.
+    both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
+    both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
+    factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
+    return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
+
+
+def give_each(swarm: NDArray[np.void], scenario: Scenario) -> None:
+    """Set body parameters that the scenario lists per robot; the lists repeat beyond their ends.
+
+    Args:
+        swarm: rows as ``begin`` leaves them, (robots,).
+    """
+    named = (
+        ("misalignment", scenario.robot.misalignments),
+        ("ray_forward_m", scenario.rays.forward_each_m),
+    )
+    for name, values in named:
+        if values is not None:
+            swarm[name] = np.resize(np.array(values, dtype=np.float64), swarm.size)

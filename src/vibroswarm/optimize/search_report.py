@@ -1,0 +1,261 @@
+"""Write the results of a search: a page, numbers as CSV and JSON, and the winner as a scenario.
+
+report.html      the page, see ``search_page``; with pictures unless they are turned off
+result.json      believed and true score, the difference, the starts, runs, failures
+history.csv      a row for each iteration: best, mean, personal bests, mean of each field (value and fraction)
+candidates.csv   a row for each candidate: its values, runs, failures, scores
+best.toml        the winner's scenario, for ``vibroswarm run --scenario``
+front.csv        with several objectives: the Pareto front, believed and true scores
+
+For a grid: ``report.html``, ``grid.csv``, ``result.json``, ``best.toml`` (the lowest cell), ``grid.toml`` (itself).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import plain
+from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.grid import Nodes
+from vibroswarm.optimize.grid_page import grid_page
+from vibroswarm.optimize.journal import HEAD
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.search_page import file_text, search_page
+from vibroswarm.optimize.validation import Front, Truth
+from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
+from vibroswarm.plots.style import SERIES_UP_TO
+from vibroswarm.report.html import write_report as write_page
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import versions
+from vibroswarm.study.store import Store
+
+REPORT: Final = "report.html"
+IN_PAGE: Final = ("column", "page")
+"""Styles of a page's pictures: those of a search stand side by side, a front alone."""
+
+
+def best_scenario(found: Found) -> Scenario:
+    """Return the search's first scenario with the values of the winner of ``found``."""
+    return found.search.cases[0].scenario.with_values(found.values)
+
+
+def history_table(found: Found) -> pl.DataFrame:
+    """Tabulate the iterations of the search, then of the race."""
+    rows = []
+    space = found.search.space
+    for stage, history in (("search", found.history), ("race", found.race)):
+        for one in history:
+            row: dict[str, Any] = {
+                "stage": stage, "iteration": one.number, "runs": one.runs, "best": plain(one.best),
+                "mean": plain(one.mean), "best_key": one.best_key,
+            }  # fmt: skip
+            for name, value, share in zip(
+                space.names, space.values(np.array(one.mean_point)).values(), one.mean_point, strict=True
+            ):
+                row |= {f"mean {name}": value, f"mean {name}, of its bounds": share}
+            row |= {f"personal {k}": plain(score) for k, score in enumerate(one.personal)}
+            rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def candidate_table(found: Found) -> pl.DataFrame:
+    """Tabulate the candidates."""
+    rows = []
+    for c in found.archive.candidates:
+        row: dict[str, Any] = {"key": c.key, "origin": c.origin, **c.values}
+        row |= {"runs": c.count, "failed": c.failed}
+        for k, objective in enumerate(found.search.objectives):
+            row[f"score {objective.words}" if k else "score"] = plain(found.archive.score(c.key, k))
+        rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[str, Picture]:
+    """Draw the scores over the iterations, and the mean of each field as a fraction of its bounds."""
+    objective, space = found.search.objectives[0], found.search.space
+    history = found.history
+    label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
+    scores = pl.DataFrame(
+        [(one.number, plain(one.best), plain(one.mean)) for one in history],
+        schema={"iteration": pl.Int64, "best": pl.Float64, "mean": pl.Float64},
+        orient="row",
+    )
+    rows = [(one.number, k, plain(s)) for one in history for k, s in enumerate(one.personal)]
+    own = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
+    shares = [
+        (one.number, name.rpartition(".")[2], share)
+        for one in history
+        for name, share in zip(space.names, one.mean_point, strict=True)
+    ]
+    parameters = pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row")
+    true = None if truth is None else truth.winner.score.estimate
+    return {
+        "scores": draw_search(scores, own, label=label, true=true, style=style),
+        "parameters": draw_parameters(parameters, style=style),
+    }
+
+
+def front_picture(front: Front, style: str = "column") -> Picture:
+    """Draw a front of two objectives on fresh runs."""
+    rows = [
+        {
+            "name": ", ".join(f"{name.rpartition('.')[2]} {_short(value)}" for name, value in member.values.items()),
+            "time": first.estimate, "time_low": first.low, "time_high": first.high,
+            "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
+        }
+        for member in front.members
+        for first, second in [member.true]
+    ]  # fmt: skip
+    first, second = (f"{n}, {u}" if u else n for n, u in zip(front.names, front.units, strict=True))
+    return draw_front(pl.DataFrame(rows), time_label=first, error_label=second, style=style)
+
+
+def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> dict[str, Any]:
+    """Return the results of a search as plain values for JSON."""
+    search, archive = found.search, found.archive
+    failures = sorted({c.why for c in archive.candidates if c.why})
+    return {
+        "method": search.settings.method,
+        "objective": [o.as_values() for o in search.objectives],
+        "seed": search.seed,
+        "runs": {
+            "search": found.runs,
+            "failed": archive.failed,
+            "failed_because": failures[:5],
+            "candidates": len(archive),
+            "fresh": _fresh(truth, front),
+        },
+        "best": found.values,
+        "believed": plain(found.believed),
+        "truth": None if truth is None else truth.as_dict(),
+        "front": None if front is None else front.as_dict(),
+    }
+
+
+def _fresh(truth: Truth | None, front: Front | None) -> int:
+    of_winner = 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others))
+    return of_winner + (0 if front is None else front.runs * len(front.members))
+
+
+def write_report(
+    found: Found,
+    truth: Truth | None,
+    folder: str | Path,
+    style: str | None = "column",
+    front: Front | None = None,
+) -> None:
+    """Write what was ``found``, its validation ``truth`` and its ``front`` into ``folder``.
+
+    Pictures have a ``style`` of ``plots``; None: no pictures.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    folder = Path(folder)
+    contents: dict[str, str | bytes] = {
+        "history.csv": csv_bytes(history_table(found)),
+        "candidates.csv": csv_bytes(candidate_table(found)),
+        "result.json": _json(as_dict(found, truth, front)),
+        "best.toml": best_scenario(found).to_toml(),
+    }
+    if front is not None:
+        contents["front.csv"] = csv_bytes(front.table)
+    write_files(folder, contents)
+    drawn = _write_pictures(folder, style, lambda styles: _all_pictures(found, truth, front, styles))
+    write_page(folder / REPORT, search_page(found, truth, front, drawn, made_by(folder)))
+
+
+def _write_pictures(
+    folder: Path, style: str | None, draw: Callable[[tuple[str, str]], dict[str, Picture]]
+) -> dict[str, Picture]:
+    """Write pictures in a style into a folder; return them as the page shows them. No style: no pictures."""
+    if style is None:
+        return {}
+    for name, picture in draw((style, style)).items():
+        picture.write(folder / name)
+    return draw(IN_PAGE)
+
+
+def _json(values: Any) -> str:
+    return json.dumps(values, indent=2, allow_nan=False) + "\n"
+
+
+def _all_pictures(
+    found: Found, truth: Truth | None, front: Front | None, styles: tuple[str, str]
+) -> dict[str, Picture]:
+    """Draw the pictures that fit: fields if a picture can distinguish them, and the front of two objectives."""
+    drawn = pictures(found, truth, styles[0]) if found.search.space.size <= SERIES_UP_TO else {}
+    if front is not None and len(front.names) == 2:
+        drawn["true-front"] = front_picture(front, styles[1])
+    return drawn
+
+
+def made_by(folder: Path) -> list[dict[str, str]]:
+    """Return the versions that began the search in a folder, and the current ones if they differ."""
+    try:
+        began = dict(json.loads((folder / HEAD).read_text(encoding="utf-8"))["versions"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return [versions()]
+    return [began] if began == versions() else [began, versions()]
+
+
+def write_grid(
+    nodes: Nodes, folder: str | Path, style: str | None = "column", truth: Truth | None = None
+) -> None:
+    """Write the cells of a grid as ``grid.csv`` and ``result.json``; with two varied fields also as pictures.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    folder = Path(folder)
+    contents: dict[str, str | bytes] = {
+        "grid.csv": csv_bytes(nodes.table),
+        "result.json": _json(nodes.as_dict(truth)),
+        "best.toml": nodes.best.cell.scenario.to_toml(),
+    }
+    if text := file_text(nodes.grid):
+        contents["grid.toml"] = text
+    write_files(folder, contents)
+    drawn = _write_pictures(folder, style, lambda styles: grid_pictures(nodes, styles[0]))
+    write_page(folder / REPORT, grid_page(nodes, truth, drawn, _grid_made_by(folder)))
+
+
+def _grid_made_by(folder: Path) -> list[dict[str, str]]:
+    """Return the versions of the study's shards in a folder, or the current ones if it holds no study."""
+    try:
+        return Store.open(folder).made_by
+    except InputError:
+        return [versions()]
+
+
+def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
+    """Draw score, time and belief as heat maps; none unless exactly two fields are varied."""
+    varied, table = nodes.grid.study.varied, nodes.table
+    if len(varied) != 2:
+        return {}
+    labels = {
+        "score": f"cost ({nodes.grid.objective.words})",
+        "decision_time_s": "decision time (s)",
+        "belief_in_truth": "belief in the truth",
+    }
+    x_label, y_label = (field.rpartition(".")[2] for field in varied)
+    drawn = {}
+    for name, label in labels.items():
+        frame = table.select(x=varied[0], y=varied[1], value=name, runs="runs")
+        best = "high" if name == "belief_in_truth" else "low"
+        drawn[f"grid-{name.replace('_', '-')}"] = draw_heat(
+            frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
+        )
+    return drawn
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,326 @@
+"""Build the tables of a search's page, and the phrases that the page and the terminal share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.intervals import Interval, plain
+from vibroswarm.optimize.archive import Archive, Candidate
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.space import Dimension
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import Scored, Truth
+from vibroswarm.report.html import Column, ReportTable
+
+REASONS: Final = 3
+"""Number of reasons that are shown; ``result.json`` has more."""
+GRID_LUCK: Final = "not significantly different from it. Which of them is lowest is luck."
+"""Completes a sentence about the other cells of a grid."""
+
+
+def failures_said(failed: int) -> str:
+    """Say how many runs of a search ``failed``, and what that means for their candidates."""
+    return (
+        "none failed" if not failed else f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
+    )
+
+
+def fresh_failures_said(scored: Scored) -> str:
+    """Say how many fresh runs failed; empty if none did."""
+    if not scored.failed:
+        return ""
+    return f"{scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure"
+
+
+def reasons(archive: Archive) -> list[str]:
+    """List the first reasons why runs failed, each once, in order."""
+    return sorted({c.why for c in archive.candidates if c.why})[:REASONS]
+
+
+def value_said(value: Any) -> str:
+    """Write a value of a field; numbers in six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def values_said(values: dict[str, Any]) -> str:
+    """Write values with the last parts of their fields' names."""
+    return ", ".join(f"{name.rpartition('.')[2]} {value_said(value)}" for name, value in values.items())
+
+
+def short_names(names: Sequence[str]) -> dict[str, str]:
+    """Shorten names of fields to their last parts; keep the full name if two end alike."""
+    last = [name.rpartition(".")[2] for name in names]
+    return {name: end if last.count(end) == 1 else name for name, end in zip(names, last, strict=True)}
+
+
+def interval_said(value: Interval, *, sign: bool = False) -> str:
+    """Write an interval: ``16.9 [14.6, 19.3]``; ``-`` if it is undefined."""
+    if math.isnan(value.estimate):
+        return "-"
+    mark = "+" if sign else ""
+    return f"{value.estimate:{mark}.4g} [{value.low:{mark}.4g}, {value.high:{mark}.4g}]"
+
+
+BEST: Final = 20
+"""Candidates shown."""
+EDGE: Final = 0.01
+"""A value closer to a bound than this fraction of the range lies at it."""
+LUCK_TONES: Final = {
+    "none to be seen": "good", "lucky": "bad", "unlucky": "fair", "inconclusive": "open", "not defined": "open",
+}  # fmt: skip
+STANDING_TONES: Final = {"better": "good", "worse": "bad", "not told apart": "open", "the same": "open"}
+LIMIT_TONES: Final = {"within": "good", "beyond": "bad", "not significantly": "open"}
+PARTS: Final = {
+    "decision_time_s": ("decision time, s", False),
+    "robot_error": ("wrong of those who decide, %", True),
+    "robots_undecided": ("undecided, %", True),
+}
+
+
+def believed_and_true(truth: Truth, believed_runs: int, unit: str) -> ReportTable:
+    """Tabulate the score that the search believed, the true score, and the difference."""
+    score, believed = truth.winner.score, truth.believed
+    rows = [
+        {"what": "the search believed", "score": plain(believed), "low": None, "high": None,
+         "runs": believed_runs, "luck": None},
+        {"what": "true, on fresh runs", **_limits(score), "runs": score.n, "luck": None},
+        {"what": "the difference", "score": plain(score.estimate - believed), "low": plain(score.low - believed),
+         "high": plain(score.high - believed), "runs": None, "luck": truth.luck},
+    ]  # fmt: skip
+    columns = {
+        "what": Column("of the winner"), "score": Column("score", unit, 4), "low": Column("from", unit, 4),
+        "high": Column("to", unit, 4), "luck": Column("luck of the choice", tones=LUCK_TONES),
+    }  # fmt: skip
+    return ReportTable(_frame(rows), columns, "With 95 % intervals; the unit is the run.", "truth")
+
+
+def case_table(scored: Scored, names: Sequence[str], unit: str) -> ReportTable | None:
+    """Tabulate the score in each case, if there are several."""
+    if not scored.cases:
+        return None
+    rows = [{"case": name, **_limits(case)} for name, case in zip(names, scored.cases, strict=True)]
+    columns = {
+        "score": Column("score", unit, 4),
+        "low": Column("from", unit, 4),
+        "high": Column("to", unit, 4),
+    }
+    return ReportTable(_frame(rows), columns, "The winner in each case by itself, on fresh runs.", "cases")
+
+
+def part_table(scored: Scored) -> ReportTable | None:
+    """Tabulate the parts of the score and their limits; only ``time_at_error`` has them."""
+    if scored.parts is None:
+        return None
+    rows = []
+    for name, value in scored.parts.items():
+        words, percent = PARTS[name]
+        times = 100.0 if percent else 1.0
+        rows.append({"part": words, "value": plain(times * value.estimate), "low": plain(times * value.low),
+                     "high": plain(times * value.high), "says": scored.near.get(name)})  # fmt: skip
+    columns = {
+        "low": Column("from"), "high": Column("to"),
+        "says": Column("against its limit", prose=True, tones=LIMIT_TONES),
+    }  # fmt: skip
+    worst = " Each in the case where it is worst." if scored.cases else ""
+    return ReportTable(_frame(rows), columns, f"What the winner's score is made of.{worst}", "parts")
+
+
+def standing(truth: Truth, place: int) -> str:
+    """Compare the winner with another candidate, run by run; returns a key of ``STANDING_TONES``."""
+    other, paired = truth.others[place], truth.against[place]
+    if other.values == truth.winner.values:
+        return "the same"
+    return "better" if paired.high < 0 else "worse" if paired.low > 0 else "not told apart"
+
+
+def other_names(search: Search, truth: Truth) -> list[str]:
+    """Name the starts, with their presets, and the other scored candidates."""
+    starts = search.to_values()["start"]
+    return [
+        f"{other.name} ({starts[k]})" if k < len(starts) and isinstance(starts[k], str) else other.name
+        for k, other in enumerate(truth.others)
+    ]
+
+
+def against_table(search: Search, truth: Truth) -> ReportTable:
+    """Tabulate the winner against each start, run by run."""
+    unit = search.objectives[0].unit
+    rows = [
+        {
+            "other": name, **_limits(other.score), "less": plain(paired.estimate), "less_low": plain(paired.low),
+            "less_high": plain(paired.high), "pairs": paired.n, "standing": standing(truth, k),
+        }
+        for k, (name, other, paired) in enumerate(
+            zip(other_names(search, truth), truth.others, truth.against, strict=True)
+        )
+    ]  # fmt: skip
+    columns = {
+        "other": Column("against"), "score": Column("its score", unit, 4), "low": Column("from", unit, 4),
+        "high": Column("to", unit, 4), "less": Column("the winner less this", unit, 4),
+        "less_low": Column("from", unit, 4), "less_high": Column("to", unit, 4),
+        "standing": Column("the winner is", tones=STANDING_TONES),
+    }  # fmt: skip
+    caption = (
+        "On the same fresh runs, in pairs: below 0 the winner costs less. Intervals by bootstrap over runs."
+    )
+    return ReportTable(_frame(rows), columns, caption, "against")
+
+
+def place_of(dimension: Dimension, value: Any) -> float:
+    """Return the position of a number between its bounds as a fraction from 0 to 1."""
+    return dimension.share(min(max(value, dimension.low), dimension.high))
+
+
+def bound_of(dimension: Dimension, value: Any) -> str:
+    """Return "lower" or "upper" if a value lies at a bound of its field; else empty."""
+    if dimension.choices:
+        return ""
+    share = place_of(dimension, value)
+    return "lower" if share <= EDGE else "upper" if share >= 1.0 - EDGE else ""
+
+
+def value_table(
+    search: Search, values: Mapping[str, Any], others: Mapping[str, Mapping[str, Any]]
+) -> ReportTable:
+    """Tabulate a winner's values, those of others, and the bounds."""
+    rows: list[dict[str, Any]] = []
+    plain_numbers = not any(d.choices for d in search.space)
+    for d in search.space:
+        shown = {"winner": values[d.name]} | {
+            f"other {k}": of.get(d.name) for k, of in enumerate(others.values())
+        }
+        row: dict[str, Any] = {"field": d.name}
+        row |= {k: _shown(v, plain_numbers) for k, v in shown.items()}
+        row |= {"low": None if d.choices else d.low, "high": None if d.choices else d.high}
+        row["place"] = None if d.choices else place_of(d, values[d.name])
+        at = bound_of(d, values[d.name])
+        row["note"] = (
+            f"at the {at} bound" if at else f"of {', '.join(map(str, d.choices))}" if d.choices else None
+        )
+        rows.append(row)
+    columns = {
+        "low": Column("lower bound", digits=6), "high": Column("upper bound", digits=6),
+        "place": Column("place between them", percent=True), "note": Column("", tones={"at the": "fair"}),
+    }  # fmt: skip
+    columns["winner"] = Column(digits=6)
+    columns |= {f"other {k}": Column(name, digits=6) for k, name in enumerate(others)}
+    frame = _frame(rows)
+    frame = frame.drop("note") if frame["note"].null_count() == frame.height else frame
+    return ReportTable(frame, columns, "Units are those in the names of the fields.", "values")
+
+
+def best_table(found: Found) -> ReportTable:
+    """Tabulate the finalists of the race and the best candidates before it; the best of each first."""
+    archive, short = found.archive, short_names(found.search.space.names)
+    order = archive.in_order()
+    of_race = sorted(
+        (k for k in order if _stage(archive[k]) == "race"), key=lambda k: (archive.estimate(k)[0], k)
+    )
+    rows = []
+    for key in [*of_race, *(k for k in order if _stage(archive[k]) == "search")][:BEST]:
+        c = archive[key]
+        estimate, error = archive.estimate(key)
+        rows.append({
+            "key": str(key), "origin": f"{c.origin}, the winner" if key == found.best else c.origin,
+            "score": plain(estimate), "error": plain(error), "runs": c.count, "failed": c.failed, **c.values,
+        })  # fmt: skip
+    columns = {
+        "key": Column("candidate"), "origin": Column("made by"), "error": Column("standard error"),
+        "score": Column("score in the search", found.search.objectives[0].unit, 4),
+    } | {name: Column(end, digits=5) for name, end in short.items()}  # fmt: skip
+    caption = "By score plus its standard error; candidates were selected by it, so they were partly lucky."
+    if of_race:
+        caption = (
+            "First the finalists of the race, by score on runs that played no part in choosing them. Then the best of "
+            "the search by score plus its standard error; they were selected by it, so they were partly lucky."
+        )
+    caption += f" {len(rows)} of {len(archive)} candidates; all are in `candidates.csv`."
+    return ReportTable(_frame(rows), columns, caption, "best-candidates")
+
+
+def history_of(found: Found) -> ReportTable:
+    """Tabulate the iterations, with the mean of each field."""
+    rows = []
+    for stage, history in (("search", found.history), ("race", found.race)):
+        for one in history:
+            mean = found.search.space.dimensions
+            row: dict[str, Any] = {"stage": stage, "iteration": one.number, "runs": one.runs}
+            row |= {"best": plain(one.best), "mean": plain(one.mean)}
+            rows.append(row | {d.name: share for d, share in zip(mean, one.mean_point, strict=True)})
+    short = short_names(found.search.space.names)
+    columns = {"runs": Column("runs so far"), "best": Column(digits=4), "mean": Column(digits=4)}
+    columns |= {name: Column(end, percent=True) for name, end in short.items()}
+    caption = (
+        "Scores as the search believed them, and the mean of each field over the candidates of an iteration, in its "
+        "bounds (of the race: of the best). More is in `history.csv`."
+    )
+    return ReportTable(_frame(rows), columns, caption, "history")
+
+
+def account(found: Found, fresh: Sequence[tuple[str, int, int, int]]) -> ReportTable:
+    """Tabulate requested and finished runs by stage; ``fresh`` has name, candidates, finished and failed runs."""
+    search = found.search
+    wanted = {"search": search.search_runs, "race": search.final_runs}
+    rows: list[dict[str, Any]] = []
+    for stage, of in wanted.items():
+        mine = [c for c in found.archive.candidates if _stage(c) == stage]
+        if mine or of:
+            rows.append({"stage": stage, "candidates": len(mine), "wanted": of,
+                         "runs": sum(c.count for c in mine), "failed": sum(c.failed for c in mine)})  # fmt: skip
+    for name, candidates, done, failed in fresh:
+        rows.append({"stage": f"fresh runs of the {name}", "candidates": candidates, "wanted": done + failed,
+                     "runs": done + failed, "failed": failed})  # fmt: skip
+    columns = {
+        "wanted": Column("runs asked for"),
+        "runs": Column("runs made"),
+        "failed": Column("of which failed"),
+    }
+    return ReportTable(_frame(rows), columns, name="runs")
+
+
+def failure_table(archive: Archive) -> ReportTable | None:
+    """Tabulate why runs failed; None if none did."""
+    found: dict[str, list[Candidate]] = {}
+    for c in archive.candidates:
+        if c.failed:
+            found.setdefault(c.why or "not known", []).append(c)
+    if not found:
+        return None
+    rows = [
+        {
+            "why": why,
+            "runs": sum(c.failed for c in many),
+            "candidates": len(many),
+            "the first": many[0].origin,
+        }
+        for why, many in sorted(found.items(), key=lambda of: (-len(of[1]), of[0]))
+    ]
+    caption = "Why runs failed, by the first reason of each candidate; none of them could win."
+    return ReportTable(_frame(rows), {"why": Column(prose=True)}, caption, "failures")
+
+
+def _shown(value: Any, as_number: bool) -> float | str | None:
+    if value is None:
+        return None
+    return float(value) if as_number else value_said(value)
+
+
+def _stage(candidate: Candidate) -> str:
+    """Return the stage in which a candidate ran: finalists, surface minima and starts run in the race."""
+    of_race = candidate.origin in ("surface", "start") or candidate.origin.startswith("finalist ")
+    return "race" if of_race else "search"
+
+
+def _limits(value: Interval) -> dict[str, float | None]:
+    return {"score": plain(value.estimate), "low": plain(value.low), "high": plain(value.high)}
+
+
+def _frame(rows: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
+    """Make a table of rows; columns with only missing values are numeric."""
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    empty = [name for name, kind in frame.schema.items() if kind == pl.Null]
+    return frame.with_columns(pl.col(name).cast(pl.Float64) for name in empty)

@@ -1,0 +1,218 @@
+"""The cells of the real experiments, the settings that fit the published times best, and the effect of packet loss.
+
+| name | symbol | equation |
+|---|---|---|
+| sd over runs of ours | s | stands for that over the published experiments, which is unknown |
+| error of the difference | e | s sqrt(1 / runs + 1 / 15) |
+| in standard errors | - | (ours - published) / e |
+| gap of a run | - | its time with positive feedback - that without, on the same motion, floor and readings |
+| effect of loss | - | gap with the published loss - the gap without any, run by run |
+
+The best settings were chosen by the published times: a fit, not a test.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.paper.claim_values import REAL_EXPERIMENTS
+from vibroswarm.paper.columns import STRATEGIES, published, sizes
+from vibroswarm.paper.item import Cells, Drawn, Settings, Work
+from vibroswarm.paper.real_data import real_floor
+from vibroswarm.plots import draw_error_bars
+from vibroswarm.report.html import Column
+
+COLUMNS: Final = ("paper", "calibrated")
+T_END_S: Final = 1000.0
+THRESHOLDS: Final = (1.33, 1.40, 1.55)
+"""Thresholds of the recordings; which one the experiments had is unknown."""
+TEXTS: Final = 1.55
+"""Threshold of Algorithm 2, which is for real experiments."""
+GATES: Final = ("total", "own")
+"""O_c counts all observations, as in the simulations, or a robot's own (a fifth as many), as in the real robots."""
+LOSSES: Final = ("with loss", "without loss")
+TIME: Final = "decision_time_s"
+KEYS: Final = ("column", "packets", "theta_E", "gate", "robots", "strategy")
+SETTINGS: Final = tuple(product(THRESHOLDS, GATES))
+"""Thresholds and gates that the experiments may have had."""
+AS_TEXT: Final = (TEXTS, GATES[1])
+"""Threshold and gate as the text describes the real robots."""
+
+
+def columns_of(settings: Settings) -> list[str]:
+    """The requested columns in which the experiments are simulated."""
+    return [column for column in COLUMNS if column in settings.columns]
+
+
+def published_by_size(path: str) -> dict[int, float]:
+    """The paper's values at ``path`` by swarm size."""
+    return dict(zip(sizes(), map(float, published(path)), strict=True))
+
+
+def largest_sd(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
+    """Largest standard deviation over runs of a figure, over ``SETTINGS``."""
+    keys = [(column, LOSSES[0], *how, robots, strategy) for how in SETTINGS]
+    return max(float(work.values(key, name).std(ddof=1)) for key in keys)
+
+
+def points(frame: pl.DataFrame, series: pl.Expr, estimate: str, low: Any, high: Any) -> pl.DataFrame:
+    """Points of an error-bar plot over the swarm size."""
+    return frame.select(
+        x=pl.col("robots").cast(pl.Float64), series=series, estimate=estimate, low=low, high=high
+    )
+
+
+def loss_of(robots: int) -> float:
+    """Share of messages addressed to a robot that were lost; the plotted share includes its own."""
+    return published_by_size("experiments.packet_loss_percent")[robots] / 100 * robots / (robots - 1)
+
+
+def cells(settings: Settings) -> Cells:
+    """column, packets, threshold, gate, robots, strategy; soft feedback only with loss."""
+    return {
+        (column, packets, threshold, gate, robots, strategy): settings.cell(
+            column, _values(packets, threshold, gate, robots, strategy)
+        )
+        for column in columns_of(settings)
+        for packets in LOSSES
+        for threshold, gate in SETTINGS
+        for robots in sizes()
+        for strategy in (STRATEGIES if packets == LOSSES[0] else STRATEGIES[:2])
+    }
+
+
+def _values(packets: str, threshold: float, gate: str, robots: int, strategy: str) -> dict[str, Any]:
+    counted = published("parameters.P_star")[4]
+    return real_floor() | {
+        "run.t_end_s": T_END_S,
+        "swarm.robots": robots,
+        "strategy.name": strategy,
+        "sensor.rms_threshold": threshold,
+        "decision.gate": gate,
+        "decision.min_observations": counted
+        if gate == "total"
+        else counted // published("simulation.robots"),
+        "network.name": "loss",
+        "network.loss.share": loss_of(robots) if packets == LOSSES[0] else 0.0,
+    }
+
+
+def published_points(values: list[float], name: str = "published") -> pl.DataFrame:
+    """The paper's values by swarm size, as a series without interval."""
+    numbers = [float(value) for value in values]
+    there = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
+    return (
+        pl.DataFrame(there).with_columns(series=pl.lit(name)).select("x", "series", "estimate", "low", "high")
+    )
+
+
+FITTED: Final = (1.40, "total")
+"""Threshold and gate for which `calibrated` comes closest to the published times without feedback."""
+SHOWN_FITS: Final = {
+    "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
+    "published_s": Column("published mean", "s"), "ours_s": Column("ours", "s"),
+    "less_s": Column("ours - published", "s"), "error_s": Column("standard error", "s"),
+    "in errors": Column("in standard errors"),
+}  # fmt: skip
+
+
+def error_of_difference(values: Any, spread: float | None = None) -> float:
+    """Standard error of the difference between the mean of these runs and that of ``REAL_EXPERIMENTS`` experiments.
+
+    Args:
+        values: (runs,). spread: standard deviation of the experiments; default: that of the runs.
+    """
+    own = float(np.std(values, ddof=1))
+    theirs = own if spread is None else spread
+    return float(np.sqrt(own**2 / np.size(values) + theirs**2 / REAL_EXPERIMENTS))
+
+
+def in_standard_errors(less: float, error: float) -> float | None:
+    """A difference in standard errors; None if the error is 0, as where nobody decides."""
+    return less / error if error > 0 else None
+
+
+def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
+    """Times at ``FITTED`` with the published means, for each size and strategy."""
+    rows = []
+    for column, strategy, robots in product(columns, STRATEGIES, sizes()):
+        values = work.values((column, LOSSES[0], *FITTED, robots, strategy), TIME)
+        theirs = published_by_size(f"experiments.decision_time_s.{strategy}")[robots]
+        ours, error = float(values.mean()), error_of_difference(values)
+        rows.append(
+            {
+                "column": column, "strategy": strategy, "robots": robots, "published_s": theirs, "ours_s": ours,
+                "less_s": ours - theirs, "error_s": error, "in errors": in_standard_errors(ours - theirs, error),
+            }
+        )  # fmt: skip
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def draw_fit(part: pl.DataFrame) -> Drawn:
+    """Draw the difference from the published means of one column, with two standard errors."""
+    less, half = pl.col("less_s"), 2 * pl.col("error_s")
+    frame = points(part, pl.col("strategy"), "less_s", less - half, less + half)
+    label = "ours - published (s)"
+    return draw_error_bars(frame, x_label="robots", label=label, interval="two standard errors")
+
+
+Z: Final = 1.96
+SHOWN_LOSSES: Final = {
+    "column": Column("column"), "theta_E": Column("theta_E"), "gate": Column("gate"), "robots": Column("robots"),
+    "packets lost": Column("packets lost", percent=True), "published_s": Column("published", "s"),
+    "with_s": Column("with loss", "s"), "without_s": Column("without", "s"),
+    "change_s": Column("effect of loss", "s"), "change_low": Column("from", "s"),
+    "change_high": Column("to", "s"),
+}  # fmt: skip
+
+
+def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
+    """Difference in time (positive - none), with and without loss, and the effect of loss; paired run by run."""
+    rows = []
+    printed = dict(zip(sizes(), published_gaps(), strict=True))
+    for column, (threshold, gate), robots in product(columns, SETTINGS, sizes()):
+        row: dict[str, Any] = {"column": column, "theta_E": threshold, "gate": gate, "robots": robots}
+        row["packets lost"] = loss_of(robots)
+        names = ("with", "without", "change")
+        for name, values in zip(names, gaps(work, column, threshold, gate, robots), strict=True):
+            error = float(values.std(ddof=1)) / values.size**0.5
+            row |= {f"{name}_s": float(values.mean()), f"{name}_error_s": error}
+        row |= {"change_low": row["change_s"] - Z * row["change_error_s"]}
+        row |= {"change_high": row["change_s"] + Z * row["change_error_s"]}
+        rows.append(row | {"published_s": printed[robots]})
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def published_gaps() -> list[float]:
+    """Published difference in mean time (positive - none), s, by swarm size."""
+    none, positive = (published(f"experiments.decision_time_s.{name}") for name in ("none", "positive"))
+    return [float(p) - float(n) for n, p in zip(none, positive, strict=True)]
+
+
+def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> tuple[Any, Any, Any]:
+    """Difference in time (positive - none) of each run with loss, without, and the difference of both."""
+    found = [
+        work.difference(
+            TIME,
+            (column, packets, threshold, gate, robots, "positive"),
+            (column, packets, threshold, gate, robots, "none"),
+        )
+        for packets in LOSSES
+    ]
+    return found[0], found[1], found[0] - found[1]
+
+
+def draw_loss(part: pl.DataFrame) -> Drawn:
+    """Draw the published differences, ours with loss, and ours without loss where that matters most."""
+    frames = [published_points(published_gaps())]
+    for name, (threshold, gate) in [*(("with", how) for how in SETTINGS), ("without", SETTINGS[0])]:
+        mine = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))
+        mean, half = pl.col(f"{name}_s"), Z * pl.col(f"{name}_error_s")
+        series = pl.lit(f"{name} loss, {threshold}, {gate}")
+        frames.append(points(mine, series, f"{name}_s", mean - half, mean + half))
+    label = "difference in time, positive - none (s)"
+    return draw_error_bars(pl.concat(frames), x_label="robots", label=label)

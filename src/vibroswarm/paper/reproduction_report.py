@@ -1,0 +1,319 @@
+"""Write the report of the reproduction: one page, figures as SVG and PDF, tables and numbers as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import polars as pl
+
+from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Decided, all_claims
+from vibroswarm.paper.columns import COLUMNS, CONTROLS
+from vibroswarm.paper.item import CLAIMS, Settings, TableView
+from vibroswarm.paper.reproduce import ItemResult, Reproduction
+from vibroswarm.plots import write_picture
+from vibroswarm.report.html import Column, Report, ReportPicture, ReportTable, Section, write_report
+from vibroswarm.simulation import versions
+
+REPORT: Final = "report.html"
+FIGURES, TABLES = "figures", "tables"
+MARKER: Final = "index.csv"
+ROWS_IN_SIGHT: Final = 12
+"""Longer tables are folded below the pictures that show them."""
+ROWS_WITHOUT_PICTURES: Final = 40
+"""The same for items without pictures."""
+Progress = Callable[[float], None]
+
+
+class DrawnPicture(NamedTuple):
+    """A picture of the page."""
+
+    title: str
+    picture: ReportPicture
+    folded: bool
+
+
+def write_all(
+    made: Reproduction, folder: Path, progress: Progress = lambda share: None, *, pictures: bool = True
+) -> None:
+    """Write ``figures/``, ``tables/`` and ``report.html`` into ``folder``, each whole or not at all."""
+    decided = made.decided
+    _write_tables(made, decided, folder / TABLES)
+    drawn = _write_figures(made, folder / FIGURES, progress) if pictures else {}
+    write_report(folder / REPORT, report_of(made, decided, drawn))
+
+
+def command_of(settings: Settings, item: str | None = None) -> str:
+    """Command that makes one item, or all."""
+    words = ["vibroswarm reproduce"]
+    words += [f"--only {item}"] if item else []
+    words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
+    words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
+    words += [f"--control {settings.control}"] if settings.control else []
+    words += ["--recordings DIR"] if settings.recordings and item in (None, "calibration") else []
+    return " ".join([*words, "--out DIR"])
+
+
+def claims_table(
+    decided: Sequence[Decided], items: Iterable[str] | None = None, kind: str | None = None
+) -> pl.DataFrame:
+    """One row a claim, one verdict a column; null where it is not asked or was not measured.
+
+    Args:
+        items: only claims of these items. kind: only claims or only checks.
+    """
+    wanted = None if items is None else set(items)
+    rows = []
+    for claim in all_claims():
+        mine = [one for one in decided if one.claim is claim]
+        if not mine or (wanted is not None and claim.item not in wanted) or kind not in (None, claim.kind):
+            continue
+        row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
+        why = f"; a control may well not turn it: {claim.no_control}" if claim.no_control else ""
+        row |= {"says": claim.statement}
+        row |= {"measured": claim.measured + why, "holds if": claim.words}
+        for column in COLUMNS:
+            found = [one for one in mine if one.column == column]
+            row[column] = _verdict_words(found[0]) if found else None
+            row[f"{column}: ours"] = _value_words(found[0].cells) if found else None
+        rows.append(row)
+    each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours"))
+    names = ("item", "claim", "kind", "says", "measured", "holds if", *each)
+    return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.String))
+
+
+def _verdict_words(one: Decided) -> str:
+    """Verdict with the number of values in each state."""
+    states = one.cells["holds"].to_list()
+    if len(set(states)) == 1 and (one.verdict in ("reproduced", "passed", CANNOT) or len(states) == 1):
+        return one.verdict
+    words = {"holds": "hold", "fails": "fail", "open": "open", CANNOT: CANNOT}
+    parts = [f"{states.count(name)} {word}" for name, word in words.items() if name in states]
+    return f"{one.verdict} ({', '.join(parts)})"
+
+
+def _value_words(cells: pl.DataFrame) -> str:
+    """The value with its interval, or the range of several; reasons why others cannot be asked."""
+    reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
+    asked = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
+    return "; ".join(([_range_words(asked)] if asked.height else []) + reasons) or "-"
+
+
+def _range_words(cells: pl.DataFrame) -> str:
+    values = cells["estimate"].to_list()
+    if len(values) > 1:
+        return f"{min(values):.3g} to {max(values):.3g}"
+    estimate, low, high = cells.select("estimate", "low", "high").row(0)
+    return f"{estimate:.3g}" if low is None or low == high else f"{estimate:.3g} [{low:.3g}, {high:.3g}]"
+
+
+def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
+    """One row for each claim, column and value, with the interval that decided it."""
+    frames = [
+        one.cells.select(
+            pl.lit(one.claim.id).alias("claim"), pl.lit(one.column).alias("column"), "cell", "estimate", "low", "high",
+            "level", pl.lit(one.claim.words).alias("holds if"), "n", "holds", "why",
+        )
+        for one in decided
+    ]  # fmt: skip
+    return pl.concat(frames) if frames else pl.DataFrame()
+
+
+def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole_folder(folder, replace=True, marker=MARKER) as part:
+        rows = []
+        named = [
+            (f"{one.item.name}-{name}" if name != one.item.name else name, one, frame)
+            for one in made.made
+            for name, frame in one.tables.items()
+            if name != CLAIMS
+        ]
+        for name, one, frame in named:
+            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
+            rows.append((name, one.item.title, command_of(made.settings, one.item.name)))
+        for name, frame in (("claims", claims_table(decided)), ("claims-measured", cells_table(decided))):
+            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
+            rows.append((name, "Verdicts", command_of(made.settings)))
+        index = pl.DataFrame(rows, schema=["name", "title", "command"], orient="row")
+        (part / MARKER).write_bytes(csv_bytes(index))
+
+
+def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict[str, list[DrawnPicture]]:
+    """Draw all pictures, write SVG, PDF and CSV, and return those of the page, by item."""
+    found: dict[str, list[DrawnPicture]] = {}
+    todo = [
+        (one, picture)
+        for one in made.made
+        if one.tables
+        for picture in one.item.pictures(one.tables, made.settings)
+    ]
+    with whole_folder(folder, replace=True, marker=MARKER) as part:
+        rows = []
+        for done, (one, picture) in enumerate(todo):
+            drawn = picture.draw()
+            write_picture(drawn.figure, drawn.numbers, part / picture.name, ("svg", "pdf"))
+            shown = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
+            found.setdefault(one.item.name, []).append(DrawnPicture(picture.title, shown, picture.folded))
+            rows.append(
+                (picture.name, picture.title, drawn.caption, command_of(made.settings, one.item.name))
+            )
+            progress((done + 1) / len(todo))
+        index = pl.DataFrame(
+            rows, schema=dict.fromkeys(("name", "title", "caption", "command"), pl.String), orient="row"
+        )
+        (part / MARKER).write_bytes(csv_bytes(index))
+    return found
+
+
+def report_of(
+    made: Reproduction, decided: Sequence[Decided], pictures: dict[str, list[DrawnPicture]]
+) -> Report:
+    """Build the report."""
+    settings = made.settings
+    sections = [_verdicts(decided, settings)]
+    sections += [_item(one, decided, pictures.get(one.item.name, []), settings) for one in made.made]
+    warnings = [f"{one.item.title}: skipped. {one.skipped}" for one in made.made if one.skipped]
+    if settings.control:
+        warnings.insert(0, f"This is a negative control, not the reproduction: {CONTROLS[settings.control]}.")
+    return Report(
+        title="The paper, reproduced",
+        lead=(
+            f"{settings.runs:,} runs a cell, seed {settings.seed}. " + _counts(decided),
+            "Every number here was computed, except those called printed or published, which are the paper's. "
+            "The caption of each table has the command that makes it; rows of cells have their own command "
+            "in the CSV.",
+        ),
+        warnings=tuple(warnings),
+        sections=tuple(sections),
+        details={"command": command_of(settings), "seed": str(settings.seed), **versions()},
+    )
+
+
+def _counts(decided: Sequence[Decided]) -> str:
+    """Number of claims and checks by verdict, for each preset."""
+    words = []
+    for column in COLUMNS:
+        mine = [one for one in decided if one.column == column]
+        verdicts = [one.verdict for one in mine if one.claim.kind == "claim"]
+        checks = [one.verdict for one in mine if one.claim.kind == "check"]
+        if verdicts:
+            counted = ", ".join(f"{verdicts.count(v)} {v}" for v in VERDICTS if v in verdicts)
+            words.append(f"Preset `{column}`: of {len(verdicts)} claims {counted}.")
+        if checks:
+            counted = ", ".join(f"{checks.count(v)} {v}" for v in _CHECKED if v in checks)
+            words.append(f"Checks: {counted}.")
+    return " ".join(words)
+
+
+def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
+    """Section with the verdicts on all claims and checks."""
+    tables = []
+    for kind, name in (("claim", "claims"), ("check", "checks")):
+        table = claims_table(decided, kind=kind).select("item", "claim", "says", "holds if", *COLUMNS)
+        table = table.select(*(_typeset(one) for one in table.columns))
+        if kind == "claim" or not table.is_empty():
+            tables.append(ReportTable(table, _CLAIMS, _CAPTIONS[kind].format(command_of(settings)), name))
+    measured = cells_table(decided)
+    if measured.height:
+        measured = measured.with_columns(_typeset("holds if"))
+    return Section(
+        "Verdicts",
+        text=(
+            "A claim is reproduced if the whole interval of each of its values lies within the bounds set "
+            "beforehand; not reproduced if none does and at least one lies wholly outside; in part if at least "
+            "one lies within and at least one outside. It cannot be asked where the preset's floors or sensor do "
+            "not allow the question, with the reason below. Otherwise it is inconclusive: more runs may settle it. "
+            "Intervals are corrected for the number of claims of a column (Holm) and, except for 'reproduced', for "
+            "the number of values of a claim.",
+        ),
+        parts=tuple(tables),
+        sections=(
+            Section(
+                "Measured values of each claim",
+                parts=(ReportTable(measured, _CELLS, "", "claims-measured", rows_up_to=1000),),
+                folded=True,
+            ),
+        ),
+    )
+
+
+_CHECKED: Final = tuple(dict.fromkeys(CHECKED.values()))
+_TONES: Final = {
+    "reproduced": "good", "in part": "fair", "not reproduced": "bad", "inconclusive": "open", CANNOT: "open",
+    "passed": "good", "failed": "bad", "open": "open",
+}  # fmt: skip
+_CAPTIONS: Final = {
+    "claim": "Command: `{}`",
+    "check": "Checks, which do not count as verdicts: constants of a preset, two numbers of the paper, one search, or "
+    "ours against ours. Command: `{}`",
+}
+_CLAIMS: Final = {"says": Column(prose=True), "measured": Column(prose=True)} | {
+    column: Column(tones=_TONES) for column in COLUMNS
+}
+
+
+def _typeset(column: str) -> pl.Expr:
+    """Typeset text with true minus signs; a verdict starts a new line, the test of a claim does not wrap."""
+    text = pl.col(column).str.replace_all(r"(^|\s|\[)-(\d)", "${1}\u2212${2}")
+    if column in COLUMNS:
+        return text.str.replace(r" \((.*)\)", "\n${1}")
+    return text.str.replace_all(" ", "\u00a0") if column == "holds if" else text
+
+
+_CELLS: Final = {
+    "level": Column("level", digits=6), "low": Column("from"), "high": Column("to"),
+    "holds": Column("value", tones={"holds": "good", "fails": "bad", "open": "open", CANNOT: "open"}),
+    "why": Column("why not", prose=True),
+}  # fmt: skip
+
+
+def _item(
+    one: ItemResult, decided: Sequence[Decided], pictures: Sequence[DrawnPicture], settings: Settings
+) -> Section:
+    """Section of one item."""
+    title = f"{one.item.number}. {one.item.title}"
+    if one.skipped:
+        return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
+    alone = f"Command: `{command_of(settings, one.item.name)}`."
+    parts: list[ReportTable | ReportPicture] = []
+    verdicts = claims_table(decided, [one.item.name])
+    if not verdicts.is_empty():
+        asked = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
+        both = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in asked]
+        shown_claims = verdicts.select("says", "measured", "holds if", *both)
+        shown_claims = shown_claims.select(*(_typeset(name) for name in shown_claims.columns))
+        caption = (
+            f"Claims, with the measured value and its corrected interval, or the range of several. {alone}"
+        )
+        parts.append(ReportTable(shown_claims, _CLAIMS, caption, f"{one.item.name}-claims"))
+    long: list[ReportTable] = []
+    in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
+    for place, shown in enumerate(one.item.shown):
+        table = _table(one, shown, f"{one.item.name}-{place + 1}", alone)
+        if table is not None:
+            (long if table.frame.height > in_sight else parts).append(table)
+    below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.folded]
+    folded = tuple(Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if drawn.folded)
+    if long:
+        below.append(Section("All numbers", parts=tuple(long), folded=True))
+    if folded:
+        below.append(
+            Section("Pictures of the other presets", sections=folded, folded=True, side_by_side=True)
+        )
+    return Section(title, one.item.about, tuple(parts), tuple(below), side_by_side=len(pictures) > 1)
+
+
+def _table(one: ItemResult, shown: TableView, name: str, alone: str) -> ReportTable | None:
+    """A table of an item with the commands that make it; None if it is empty."""
+    frame = one.tables[shown.table]
+    if frame.is_empty():
+        return None
+    caption = f"{shown.caption} {alone}"
+    if "command" in frame.columns:
+        caption += f" First row: `{frame['command'][0]}`."
+    columns = [column for column in shown.columns if column in frame.columns]
+    return ReportTable(frame.select(columns), shown.columns, caption, name)

@@ -1,0 +1,311 @@
+"""Verify an archive: compute a sample of its cells again, and check the rest for consistency."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.core.atomic_io import tag
+from vibroswarm.core.rng import SEED_LIMIT
+from vibroswarm.core.tables import Schema, check_table, unescaped
+from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import ROBOTS
+from vibroswarm.paper.archive import FIGURES, FORMAT, HEAD, Zipped
+from vibroswarm.paper.cells import FIRST_RUNS, Cell, CellResults, run_cells
+from vibroswarm.paper.claims import MEASURED, UNKNOWN, decide
+from vibroswarm.paper.columns import COLUMNS
+from vibroswarm.paper.reproduction_report import claims_table
+from vibroswarm.result import NULLABLE
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import versions
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.spec import Study
+
+SAMPLE: Final = 8
+LARGEST: Final = {"robots": 100, "t_end_s": 10_000.0, "runs": 100_000}
+"""Limits for archives of unknown origin, so that checking one ends in reasonable time."""
+_WHOLE: Final = ("decision", "samples", "sent", "messages_received", "alpha", "beta")
+_NEAR: Final = 1e-6
+CELLS: Final = Schema(
+    {
+        **dict.fromkeys(("key", "column", "scenario"), pl.String), "block": pl.Int64, "seed": pl.Int64,
+        "motion": pl.String, "runs": pl.Int64, "digest": pl.String, **dict.fromkeys(FIGURES, pl.Float64),
+        "command": pl.String,
+    },
+    frozenset(FIGURES),
+    ("key",),
+)  # fmt: skip
+ROBOT_ROWS: Final = Schema(
+    {"key": pl.String, **ROBOTS},
+    NULLABLE["robots"] - {"decision", "alpha", "beta", "messages_received"},
+    ("key", "run", "robot"),
+)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Result of a check."""
+
+    how: str
+    """"bit by bit" or "event by event"."""
+    why: str
+    """Which versions differ; empty if none."""
+    checked: tuple[str, ...]
+    """Commands of the cells that were computed again."""
+    wrong: tuple[str, ...]
+    """Differences, in words."""
+
+
+def verify(
+    path: Path,
+    count: int = SAMPLE,
+    workers: int | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Verification:
+    """Check an archive.
+
+    Args:
+        count: number of cells to compute again, chosen by the archive's own hash; all if there are fewer.
+    Raises:
+        InputError: not an archive, or damaged.
+    """
+    with Zipped(path) as archive:
+        head = _head(archive)
+        wrong = _hashes(archive, head)
+        cells = _frame(archive, "cells.csv", CELLS)
+        wrong += _tables(archive, cells)
+        wrong += _verdicts(archive)
+        chosen = _chosen(cells, count, json.dumps(head["sha256"], sort_keys=True))
+        made = {str(row["key"]): _cell(archive, row, head) for row in chosen}
+        robots = _frame(archive, "robots.csv", ROBOT_ROWS)
+        check_work(made.values(), int(head["settings"]["runs"]), str(path))
+    differing = _differing(head["versions"])
+    runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])
+    with TemporaryDirectory(prefix=f"vibroswarm-{tag()}.") as folder:
+        results = run_cells(made.values(), runs, seed, Path(folder), workers, progress)
+    for row in chosen:
+        here = robots.filter(pl.col("key") == row["key"]).drop("key")
+        wrong += _against(row, here, made[row["key"]], results, exact=not differing)
+    return Verification(
+        how="event by event" if differing else "bit by bit",
+        why=", ".join(differing),
+        checked=tuple(cell.command(runs, seed) for cell in made.values()),
+        wrong=tuple(wrong),
+    )
+
+
+def _head(archive: Zipped) -> dict[str, Any]:
+    """Read and check the head of an archive."""
+    try:
+        head: dict[str, Any] = json.loads(archive.read(HEAD))
+        right = _is_head(head)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        right = False
+    if not right:
+        raise InputError(
+            f"is not an archive of a reproduction: '{HEAD}' is malformed", field=str(archive.path)
+        )
+    if head["format"] < FORMAT:
+        raise InputError(
+            f"is of format {head['format']}, which had other claims; make the archive again with this version",
+            field=str(archive.path),
+        )
+    if head["format"] > FORMAT:
+        raise InputError(f"is of format {head['format']}; update vibroswarm", field=str(archive.path))
+    return head
+
+
+def _is_head(head: dict[str, Any]) -> bool:
+    """Whether each entry of an archive's head has the right type and range."""
+    runs, seed = head["settings"]["runs"], head["settings"]["seed"]
+    return (
+        all(isinstance(one, int) and not isinstance(one, bool) for one in (runs, seed, head["format"]))
+        and 1 <= runs <= LARGEST["runs"]
+        and 0 <= seed < SEED_LIMIT
+        and all(isinstance(value, str) for name in ("versions", "sha256") for value in head[name].values())
+    )
+
+
+def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
+    """Entries that are missing or do not match their hash."""
+    wrong = []
+    stated = head["sha256"]
+    for name in sorted({*archive.names, *stated} - {HEAD}):
+        if name not in archive.names:
+            wrong.append(f"{name} is missing")
+        elif hashlib.sha256(archive.read(name)).hexdigest() != stated.get(name):
+            wrong.append(f"{name} differs from the file that was archived")
+    return wrong
+
+
+def _frame(
+    archive: Zipped, name: str, schema: Schema | None = None, kinds: Mapping[str, Any] | None = None
+) -> pl.DataFrame:
+    """Read a table of the archive and check it against a schema, or use these column types if there is none."""
+    kinds = (kinds or {}) if schema is None else schema.columns
+    try:
+        data = io.BytesIO(archive.read(name))
+        frame = unescaped(pl.read_csv(data, schema_overrides=dict(kinds), infer_schema_length=None))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        words = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise InputError(f"'{name}' is not a table ({words})", field=str(archive.path)) from None
+    return frame if schema is None else check_table(frame, schema, f"{archive.path}: {name}", name)
+
+
+def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
+    """Rows of items' tables that show a cell must agree with the cell's own row."""
+    known = {tuple(row) for row in cells.select("scenario", *FIGURES[:2]).rows()}
+    wrong = []
+    for name in archive.names:
+        if not name.startswith("tables/"):
+            continue
+        table = _frame(archive, name, kinds={"scenario": pl.String})
+        if {"scenario", *FIGURES[:2]} <= set(table.columns):
+            odd = [row for row in table.select("scenario", *FIGURES[:2]).rows() if tuple(row) not in known]
+            wrong += [f"{name} has {len(odd)} rows that match no cell"] if odd else []
+    return wrong
+
+
+def _verdicts(archive: Zipped) -> list[str]:
+    """Verdicts must follow from the measured values."""
+    if "measured.csv" not in archive.names:
+        return []
+    measured = _frame(archive, "measured.csv", Schema(MEASURED, UNKNOWN))
+    texts = Schema(claims_table([]).schema)
+    told = _frame(archive, "claims.csv", Schema(texts.columns, frozenset(texts.columns), ("claim",)))
+    try:
+        here = claims_table(decide(measured.select(list(MEASURED))))
+    except InputError as error:
+        return [f"measured.csv: {error}"]
+    columns = ["claim", *COLUMNS]
+    same = here.select(columns).sort("claim").equals(told.select(columns).sort("claim"))
+    return [] if same else ["claims.csv: the verdicts do not follow from measured.csv"]
+
+
+def _chosen(cells: pl.DataFrame, count: int, text: str) -> list[dict[str, Any]]:
+    """Choose cells at random, seeded by the archive's own hash."""
+    seed = int(hashlib.sha256(text.encode()).hexdigest()[:12], 16)
+    order = generator(seed, "archive").permutation(cells.height)[:count]
+    return [cells.row(int(place), named=True) for place in sorted(order)]
+
+
+def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
+    """Rebuild an archived cell from its row and scenario."""
+    name = f"scenarios/{row['scenario']}.toml"
+    scenario = Scenario.from_toml(archive.read(name).decode("utf-8", "replace"), name=name)
+    sizes = {"robots": scenario.swarm.robots, "t_end_s": scenario.run.t_end_s, "runs": int(row["runs"])}
+    for what, value in sizes.items():
+        if value > LARGEST[what]:
+            raise InputError(f"{value} is too large to be recomputed here", field=f"{name} ({what})")
+    wanted = int(head["settings"]["runs"])
+    column = row["column"] if row["column"] in COLUMNS else COLUMNS[0]
+    runs = None if int(row["runs"]) == wanted else int(row["runs"])
+    cell = Cell(column, scenario, int(row["block"]), str(row["motion"]), runs)
+    if cell.scenario.hash != row["scenario"]:
+        raise InputError("does not match the scenario of that name", field=name)
+    return cell
+
+
+MOST_S: Final = 7200.0
+"""Most core seconds that a check may take."""
+MOST_SAMPLES: Final = 5_000_000
+"""Most samples of one run."""
+
+
+def check_work(cells: Iterable[Cell], runs: int, name: str) -> None:
+    """Refuse an archive whose cells would take too long to compute.
+
+    Raises:
+        InputError: with an estimate.
+    """
+    seconds = 0.0
+    for cell in cells:
+        scenario = cell.scenario
+        stop_s = max((scenario.sample.sample_interval_ms + scenario.sample.stop_ms) / 1000.0, scenario.tick_s)
+        samples = scenario.run.t_end_s / stop_s * scenario.swarm.robots
+        if samples > MOST_SAMPLES:
+            raise InputError(
+                f"cell {cell.key} has about {samples:.0e} samples a run; at most {MOST_SAMPLES} are allowed",
+                field=name,
+            )
+        seconds += min(cell.runs or runs, runs) * run_s(scenario, cell.motion, samples)
+    if seconds > MOST_S:
+        raise InputError(
+            f"recomputing its cells would take about {in_time(seconds)} of one core; at most "
+            f"{in_time(MOST_S)} is allowed: check fewer with --check N",
+            field=name,
+        )
+
+
+def run_s(scenario: Scenario, motion: str, samples: float) -> float:
+    """Estimate the time of a run on one core, s; rather too long than too short."""
+    robots, tiles = scenario.swarm.robots, scenario.floor.rows * scenario.floor.columns
+    moved = plan_of(Study.of(scenario, 1)).groups[0].run_s
+    if motion != "event":
+        moved += scenario.ticks * robots * (1 + robots / 10) * 1e-7
+    drawn = tiles * 2e-8 if scenario.floor.drawn_by_run else 0.0
+    return moved + drawn + samples * (1 + robots / 10) * 1e-6
+
+
+def in_time(seconds: float) -> str:
+    """Format a duration: 2 hours, 24 days."""
+    days = seconds / 86400
+    return f"{days:,.0f} days" if days >= 2 else f"{seconds / 3600:.2g} hours"
+
+
+def _differing(theirs: dict[str, str]) -> list[str]:
+    """Versions that differ from those of the archive."""
+    mine = versions()
+    return [
+        f"{name} {theirs.get(name)} there, {value} here"
+        for name, value in mine.items()
+        if theirs.get(name) != value
+    ]
+
+
+def _against(
+    row: dict[str, Any], robots: pl.DataFrame, cell: Cell, results: CellResults, *, exact: bool
+) -> list[str]:
+    """Differences between the archived cell and the one computed here."""
+    found, words = results[cell], f"cell {row['key']}"
+    figures = [name for name in FIGURES if not _same(row[name], found.row[name], exact)]
+    wrong = [f"{words}: {', '.join(figures)} differ"] if figures else []
+    if exact and row["digest"] != found.digest:
+        wrong.append(f"{words}: its robots differ")
+    runs = _runs_that_differ(robots, found.first, cell.scenario.tick_s / 2, exact)
+    if runs is None:
+        wrong.append(f"{words}: the robots of its first {FIRST_RUNS} runs are missing")
+    elif runs:
+        wrong.append(f"{words}: runs {', '.join(map(str, runs))} differ")
+    return wrong
+
+
+def _same(there: Any, here: Any, exact: bool) -> bool:
+    if there is None or here is None:
+        return there is here
+    return bool(there == here) if exact else bool(abs(there - here) <= _NEAR * max(1.0, abs(here)))
+
+
+def _runs_that_differ(
+    there: pl.DataFrame, here: pl.DataFrame, tick_s: float, exact: bool
+) -> list[int] | None:
+    """Runs whose robots differ: in any value, or in events beyond rounding; None if the robots are other ones."""
+    if not there.select("run", "robot").equals(here.select("run", "robot")):
+        return None
+    differs = np.zeros(here.height, dtype=np.bool_)
+    for name in here.columns:
+        one, other = there[name].cast(pl.Float64), here[name].cast(pl.Float64)
+        a, b = (column.fill_null(np.nan).to_numpy() for column in (one, other))
+        tolerance = 0.0 if exact or name in _WHOLE else tick_s if name == "decision_time_s" else _NEAR
+        differs |= ~np.isclose(a, b, rtol=0.0, atol=tolerance, equal_nan=True)
+    return sorted({int(run) for run in here["run"].to_numpy()[differs]})

@@ -1,0 +1,226 @@
+"""Comparisons of cells: forest pictures of paired differences, and bars of outcomes.
+
+Outcomes are right, wrong, split, incomplete and truth undefined; their bars always add up to all runs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy
+from vibroswarm.plots.layout import (
+    Rows,
+    hatched,
+    legend_below,
+    legend_lines,
+    number,
+    of_runs,
+    percent_axis,
+    plain,
+    rows_of,
+    share,
+)
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import FAINT, INK, OUTCOME_HATCHES, OUTCOMES, SERIES, Style, style_named
+
+
+@drawn
+def draw_forest(
+    frame: pl.DataFrame,
+    *,
+    label: str = "difference of decision time (s)",
+    interval: str = "95 % sign-flip interval",
+    better: str | None = None,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw one row per comparison: the difference, its interval, and counts of wins, ties and losses.
+
+    Marks are full if the interval excludes 0, else open.
+
+    Args:
+        frame: one row per comparison: ``comparison`` (text), ``difference, low, high`` (null: none), and where
+            known ``wins, ties, losses`` (counts of pairs) and ``runs`` (pairs).
+        label: of the axis, with its unit.
+        interval: what low and high are.
+        better: whether "low" or "high" differences are better; None: neither is marked.
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are the columns named above.
+
+    Raises:
+        InputError: the frame is not as described, or an interval does not contain its difference.
+    """
+    sizes = style_named(style)
+    counted = ("wins", "ties", "losses")
+    frame = tidy(
+        frame,
+        texts=("comparison",),
+        numbers=("difference", "low", "high"),
+        optional_numbers=(*counted, "runs"),
+    )
+    check_once(frame, ["comparison"])
+    check_bounds(frame, "low", "difference", "high")
+    rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title, furniture=2 if better else 1)
+    counts = frame["wins"].is_not_null().any()
+    for row, values in enumerate(frame.to_dicts()):
+        _row(rows, sizes, row, values, counts)
+    _axis(rows, frame, better)
+    if counts:
+        rows.heading("wins / ties / losses")
+    rows.settle(sizes)
+    runs = run_counts(frame)
+    caption = (
+        f"{label}, paired by run. Mark: mean difference, full where the interval does not hold 0; line: {interval}"
+        + (f" over {of_runs(runs, 'pair')}" if runs else "")
+        + "."
+        + (" At the right: pairs won, tied and lost." if counts else "")
+    )
+    numbers = frame.select("comparison", "difference", "low", "high", *counted, "runs")
+    return Picture(rows.figure, numbers, caption)
+
+
+def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: bool) -> None:
+    axes = rows.axes
+    if values["difference"] is None:
+        axes.annotate(
+            "no value", (0.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=rows.font_pt,
+            color=FAINT,
+        )  # fmt: skip
+    else:
+        if values["low"] is not None and values["high"] is not None:
+            axes.plot(
+                [values["low"], values["high"]], [row, row], color=INK, linewidth=rows.line_pt * 1.3, marker="|",
+                markersize=style.marker_pt, zorder=2,
+            )  # fmt: skip
+        is_open = values["low"] is None or values["high"] is None or values["low"] <= 0 <= values["high"]
+        axes.plot(
+            values["difference"], row, ls="", marker="D", markersize=style.marker_pt, markeredgecolor=SERIES[0],
+            markerfacecolor="#ffffff" if is_open else SERIES[0], markeredgewidth=rows.line_pt, zorder=3,
+        )  # fmt: skip
+    if counts:
+        rows.note(row, " / ".join(number(values[name], 7) for name in ("wins", "ties", "losses")))
+
+
+def _axis(rows: Rows, frame: pl.DataFrame, better: str | None) -> None:
+    axes = rows.axes
+    values = [0.0, *pl.concat([frame["low"], frame["difference"], frame["high"]]).drop_nulls()]
+    low, high = min(values), max(values)
+    span = (high - low) or 1.0
+    axes.set_xlim(low - 0.06 * span, high + 0.06 * span)
+    axes.axvline(0, color=INK, linewidth=rows.line_pt, zorder=1)
+    if better:
+        arrow = "← better" if better == "low" else "better →"
+        axes.annotate(
+            arrow, (0, 1), xycoords=("data", "axes fraction"), textcoords="offset points", va="bottom",
+            xytext=(-3 if better == "low" else 3, 1), ha="right" if better == "low" else "left",
+            fontsize=rows.font_pt, color=FAINT, annotation_clip=False,
+        )  # fmt: skip
+
+
+@drawn
+def draw_outcomes(
+    frame: pl.DataFrame,
+    *,
+    interval: str = "95 % interval",
+    unit: str = "run",
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw one bar per cell, divided by the outcomes of its runs.
+
+    Args:
+        frame: one row per cell: ``cell`` (text) and counts of runs ``right``, ``wrong``, ``split``, ``incomplete`` and
+            ``truth_undefined`` (missing columns count as 0). ``right_low`` and ``right_high`` (shares, 0 to 1) draw an
+            interval of the share right.
+        interval: what that interval is, for the caption, such as "95 % Wilson interval".
+        unit: what is counted, "run" or "robot".
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``cell, runs, right, ..., truth_undefined`` (shares) and ``right_low, right_high``.
+
+    Raises:
+        InputError: the frame is not as described, a count is negative, or a cell is repeated.
+    """
+    sizes = style_named(style)
+    kinds = list(OUTCOMES)
+    frame = tidy(frame, texts=("cell",), optional_numbers=(*kinds, "right_low", "right_high"))
+    check_once(frame, ["cell"])
+    frame = frame.with_columns(pl.col(kinds).fill_null(0.0))
+    if frame.select((pl.min_horizontal(kinds) < 0).any()).item():
+        raise InputError("a count of runs is negative", field="right")
+    frame = frame.with_columns(runs=pl.sum_horizontal(kinds))
+    seen = [kind for kind in kinds if frame[kind].sum() > 0] or kinds[:1]
+    words = [kind.replace("_", " ") for kind in seen]
+    names = words if unit == "run" else [f"{kind} ({unit}s)" for kind in words]
+    rows = rows_of(
+        sizes, frame["cell"].to_list(), f"share of {unit}s", title=title,
+        furniture=legend_lines(sizes, names) + 1,
+    )  # fmt: skip
+    shares = frame.with_columns(
+        pl.when(pl.col("runs") > 0).then(pl.col(kind) / pl.col("runs")).alias(kind) for kind in kinds
+    )
+    for row, values in enumerate(shares.to_dicts()):
+        _bar(rows, sizes, row, values, seen, unit)
+    rows.axes.set_xlim(0, 1)
+    rows.axes.set_xticks([0, 0.25, 0.5, 0.75, 1])
+    percent_axis(rows.axes.xaxis)
+    _legend(rows, sizes, seen, names)
+    rows.settle(sizes)
+    with_interval = frame["right_low"].is_not_null().any()
+    caption = (
+        f"What became of the {unit}s, by cell: {of_runs([int(runs) for runs in frame['runs']], unit)}."
+        + (f" The bracket is the {interval} of the share right." if with_interval else "")
+    )
+    numbers = shares.select("cell", pl.col("runs").cast(pl.UInt64), *kinds, "right_low", "right_high")
+    return Picture(rows.figure, numbers, caption)
+
+
+def _bar(
+    rows: Rows, style: Style, row: int, values: dict[str, float | None], seen: list[str], unit: str
+) -> None:
+    axes, height = rows.axes, rows.band
+    if not values["runs"]:
+        axes.text(0.5, row, f"no {unit}s", ha="center", va="center", fontsize=rows.font_pt)
+        return
+    left = 0.0
+    for kind in seen:
+        width = values[kind] or 0.0
+        if width:
+            axes.barh(
+                row, width, height, left=left, facecolor=OUTCOMES[kind], edgecolor=INK,
+                hatch=hatched(style, OUTCOME_HATCHES[kind]), linewidth=rows.line_pt * 0.6, zorder=2,
+            )  # fmt: skip
+        left += width
+    low, high = values["right_low"], values["right_high"]
+    if low is not None and high is not None:
+        for colour, width in (("#ffffff", 3.0), (INK, 1.2)):
+            axes.plot([low, high], [row, row], color=colour, linewidth=rows.line_pt * width, zorder=3)
+            for end in (low, high):
+                axes.plot(
+                    [end, end], [row - height * 0.28, row + height * 0.28], color=colour,
+                    linewidth=rows.line_pt * width, zorder=3, solid_capstyle="butt",
+                )  # fmt: skip
+    rows.note(row, plain(share(values["right"] or 0.0, 1.0)), colour=OUTCOMES["right"])
+
+
+def _legend(rows: Rows, style: Style, seen: list[str], names: list[str]) -> None:
+    from matplotlib.patches import Patch
+
+    handles = [
+        Patch(
+            facecolor=OUTCOMES[kind],
+            edgecolor=INK,
+            hatch=hatched(style, OUTCOME_HATCHES[kind]),
+            linewidth=style.line_pt / 2,
+        )
+        for kind in seen
+    ]
+    legend_below(rows.figure, style, handles, names)

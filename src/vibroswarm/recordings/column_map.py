@@ -1,0 +1,333 @@
+"""Read any CSV file by a column map in TOML; the robots' own format is one such map (``formats/rugbot.toml``).
+
+A map names for each column of ``log.SAMPLES`` the column of the file from which it is read:
+
+    missing = ["None", ""]              # cells that hold nothing
+    [columns]
+    robot = "ROV Number"
+    time_s = { name = "t_ms", times = 0.001 }
+    y_m = { name = "z", times = -1.0, plus = 1.0 }
+    sent = { name = "Swarm Send", wraps_at = 65536 }
+    decision = { name = "d_f", values = { "2" = -1, "0" = 0, "1" = 1 } }
+    [settings]                          # fields of the scenario that hold for every such file
+    "sample.stop_ms" = 1000.0
+
+``robot``, ``time_s``, ``x_m``, ``y_m`` and ``energy`` are required. A row with an energy is a sample, one without
+is a
+tracking row. ``tag`` names a column that identifies the robot (its marker): each robot has one. Errors name the row.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.untrusted_files import read_bytes
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.recordings.log import COUNTERS, REQUIRED, SAMPLES, TRACKS, Log, log_frame
+
+LARGEST_BYTES: Final = 64 * 2**20
+"""Largest log file; reading takes some 25 times as much memory. An hour of ten robots has 10 MB."""
+
+_ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
+    "robot": (0, 2**31, "a whole number from 0 on"),
+    "energy": (0.0, 1e9, "a number of 0 or more"),
+    "x_m": (-1e4, 1e4, "a length within 10 km, in metres"),
+    "y_m": (-1e4, 1e4, "a length within 10 km, in metres"),
+    "time_s": (0.0, 1e9, "a time in seconds from 0 on"),
+    "belief_below": (0.0, 1.0, "a probability"),
+    "observation": (0, 1, "0 or 1"),
+    "message": (0, 1, "0 or 1"),
+    "decision": (-1, 1, "-1, 0 or 1"),
+    "alpha": (1, 2**31, "a whole number from 1 on"),
+    "beta": (1, 2**31, "a whole number from 1 on"),
+    "sent": (0, 2**31, "a whole number from 0 on"),
+    "messages_received": (0, 2**31, "a whole number from 0 on"),
+    "avoid_total_s": (0.0, 1e9, "a time from 0 on"),
+    "stop_total_s": (0.0, 1e9, "a time from 0 on"),
+}
+
+
+def text_of(path: Path) -> str:
+    """Text of a log.
+
+    Raises:
+        InputError: not a plain file, larger than ``LARGEST_BYTES``, or not text.
+    """
+    name = str(path)
+    text = read_bytes(path, LARGEST_BYTES, "a log of one session").decode("utf-8-sig", errors="replace")
+    if "\0" in text[:4096]:
+        raise InputError("is a binary file; give a text log", field=name)
+    if not text.strip():
+        raise InputError("is empty", field=name)
+    return text
+
+
+def table_of(text: str, name: str) -> pl.DataFrame:
+    """Parse CSV text with a header into columns of strings, and ``line``.
+
+    Raises:
+        InputError: a row has another number of cells than the header.
+    """
+    lines = text.splitlines()
+    try:
+        head = next(csv.reader(lines[:1]))
+        rows = list(csv.reader(lines[1:]))
+    except (csv.Error, StopIteration) as error:
+        raise InputError(f"is not a CSV file: {error}", field=name) from None
+    head = [cell.strip() for cell in head]
+    kept = [(number, row) for number, row in enumerate(rows, start=2) if row]
+    for number, row in kept:
+        if len(row) != len(head):
+            raise InputError(
+                f"{len(row)} cells, but the first line has {len(head)}", field=f"{name}, row {number}"
+            )
+    columns = list(zip(*(row for _, row in kept), strict=True)) or [()] * len(head)
+    numbered = {f"{place}": list(cells) for place, cells in enumerate(columns)}
+    frame = pl.DataFrame(
+        {"line": [number for number, _ in kept], **numbered},
+        schema={"line": pl.UInt32, **dict.fromkeys(numbered, pl.String)},
+    )
+    # A repeated name in the header gets the column's number.
+    names = [
+        cell if head.index(cell) == place else f"{cell} ({place + 1})" for place, cell in enumerate(head)
+    ]
+    return frame.rename(dict(zip(numbered, names, strict=True)))
+
+
+def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> None:
+    """Refuse a file that lacks a column; ``wanted``: use of each column, and its name."""
+    missing = [(use, column) for use, column in wanted.items() if column not in there]
+    if missing:
+        use, column = missing[0]
+        others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
+        raise InputError(
+            f"has no column '{column}'{nearest(column, there)}, needed for {use}{others}; it has "
+            f"{', '.join(repr(one) for one in there[:20])}",
+            field=name,
+        )
+
+
+def numbers_of(
+    cells: pl.Series, lines: pl.Series, name: str, column: str, missing: tuple[str, ...]
+) -> pl.Series:
+    """Parse a column of text as numbers; null where a cell is one of ``missing``.
+
+    Raises:
+        InputError: a cell is neither a finite number nor missing; names the row.
+    """
+    stripped = cells.str.strip_chars()
+    empty = stripped.is_in(list(missing))
+    found = stripped.cast(pl.Float64, strict=False)
+    wrong = ~empty & ~found.is_finite().fill_null(False)
+    if wrong.any():
+        k = int(wrong.arg_true()[0])
+        raise InputError(
+            f"'{str(cells[k])[:40]}' in column '{column}' is not a number", field=f"{name}, row {lines[k]}"
+        )
+    return pl.select(pl.when(~empty).then(found)).to_series()
+
+
+def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
+    """Refuse numbers that are impossible for this use of a column; names the row."""
+    if use not in _ALLOWED:
+        return
+    low, high, words = _ALLOWED[use]
+    whole = isinstance(low, int)
+    numbers = values.to_numpy()
+    with np.errstate(invalid="ignore"):
+        wrong = (numbers < low) | (numbers > high)
+        if whole:
+            wrong |= numbers != np.rint(numbers)
+    wrong &= ~np.isnan(numbers)
+    if wrong.any():
+        k = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"{numbers[k]:g} in column '{column}' is not {words}", field=f"{name}, row {lines[k]}"
+        )
+
+
+def plain_number(value: Any, what: str, name: str) -> float:
+    """Check a number of a TOML file."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{value!r} is not a number", field=f"{name}, {what}")
+    return float(value)
+
+
+USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Source of a value: a column of the file times ``times`` plus ``plus``; or a table of values."""
+
+    name: str
+    times: float = 1.0
+    plus: float = 0.0
+    wraps_at: float | None = None
+    """In the file's unit."""
+    values: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """How a kind of CSV file is read."""
+
+    name: str
+    columns: Mapping[str, Column]
+    missing: tuple[str, ...] = ("", "None", "nan", "NaN")
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@cache
+def rugbot_map() -> ColumnMap:
+    """Column map of the study's robots."""
+    text = files("vibroswarm.recordings").joinpath("formats/rugbot.toml").read_text(encoding="utf-8")
+    return column_map(text, "rugbot")
+
+
+def column_map(text: str, name: str) -> ColumnMap:
+    """Parse a column map from TOML text.
+
+    Raises:
+        InputError: invalid TOML, an unknown column, or a required one missing.
+    """
+    try:
+        values = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not TOML: {error}", field=name) from None
+    unknown = set(values) - {"missing", "columns", "settings", "name", "about"}
+    if unknown:
+        raise InputError(f"unknown key '{min(unknown)}' of a column map", field=name)
+    columns = values.get("columns")
+    if not isinstance(columns, dict):
+        raise InputError("has no [columns]", field=name)
+    lacking = [use for use in REQUIRED if use not in columns]
+    if lacking:
+        raise InputError(f"does not name the column for {lacking[0]}", field=f"{name}, [columns]")
+    missing = values.get("missing", ["", "None", "nan", "NaN"])
+    if not isinstance(missing, list) or not all(isinstance(one, str) for one in missing):
+        raise InputError("must be a list of strings", field=f"{name}, missing")
+    settings = values.get("settings", {})
+    if not isinstance(settings, dict):
+        raise InputError("must be a table of fields of the scenario", field=f"{name}, settings")
+    return ColumnMap(
+        name=str(values.get("name", name)),
+        columns={use: _column(use, value, name) for use, value in columns.items()},
+        missing=tuple(one.strip() for one in missing),
+        settings=settings,
+    )
+
+
+def _column(use: str, value: Any, name: str) -> Column:
+    """Check the map of one column."""
+    where = f"{name}, columns.{use}"
+    if use not in USES:
+        raise InputError(f"unknown column{nearest(use, USES)}", field=where)
+    if isinstance(value, str):
+        return Column(value)
+    if not isinstance(value, dict) or not isinstance(value.get("name"), str):
+        raise InputError(
+            'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=where
+        )
+    unknown = set(value) - {"name", "times", "plus", "wraps_at", "values"}
+    if unknown:
+        raise InputError(f"unknown key '{min(unknown)}'", field=where)
+    table = value.get("values")
+    if table is not None and not isinstance(table, dict):
+        raise InputError("values must be a table from text to number", field=where)
+    wraps_at = value.get("wraps_at")
+    if wraps_at is not None and use not in COUNTERS:
+        raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=where)
+    return Column(
+        value["name"],
+        plain_number(value.get("times", 1.0), "times", where),
+        plain_number(value.get("plus", 0.0), "plus", where),
+        None if wraps_at is None else plain_number(wraps_at, "wraps_at", where),
+        None if table is None else {key: plain_number(one, key, where) for key, one in table.items()},
+    )
+
+
+def read_mapped(path: Path, by: ColumnMap) -> Log:
+    """Read a CSV file as a log.
+
+    Raises:
+        InputError: missing columns, text in place of numbers, impossible values, a robot with two tags; names the
+            row.
+    """
+    name = str(path)
+    table = table_of(text_of(path), name)
+    check_columns({use: column.name for use, column in by.columns.items()}, table.columns[1:], name)
+    lines = table["line"]
+    found: dict[str, pl.Series] = {"line": lines}
+    for use, column in by.columns.items():
+        found[use] = _converted(table[column.name], lines, name, use, column, by.missing)
+    for use in ("robot", "time_s", "x_m", "y_m"):
+        _check_there(found[use], lines, name, by.columns[use].name)
+    _check_tags(found, name)
+    is_sample = found["energy"].is_not_null()
+    frame = pl.DataFrame({use: one.alias(use) for use, one in found.items() if use != "tag"})
+    samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
+    wraps_at = {use: one.wraps_at * one.times for use, one in by.columns.items() if one.wraps_at is not None}
+    return Log(
+        name=path.name,
+        reader=by.name,
+        samples=log_frame(samples.to_dict(), SAMPLES),
+        tracks=log_frame({use: tracks[use] for use in TRACKS if use in tracks.columns}, TRACKS),
+        wraps_at=wraps_at,
+        settings=by.settings,
+        counts={"rows": table.height},
+    )
+
+
+def _converted(
+    cells: pl.Series, lines: pl.Series, name: str, use: str, column: Column, missing: tuple[str, ...]
+) -> pl.Series:
+    """Values of one column, converted and checked."""
+    if column.values is None:
+        numbers = numbers_of(cells, lines, name, column.name, missing)
+        if (column.times, column.plus) != (1.0, 0.0):
+            numbers = numbers * column.times + column.plus
+    else:
+        keys = cells.str.strip_chars().str.replace(r"\.0$", "")
+        unknown = ~keys.is_in(list(column.values)) & ~keys.is_in(list(missing))
+        if unknown.any():
+            k = int(unknown.arg_true()[0])
+            raise InputError(
+                f"'{str(cells[k])[:40]}' in column '{column.name}' is not one of {', '.join(column.values)}",
+                field=f"{name}, row {lines[k]}",
+            )
+        numbers = keys.replace_strict(dict(column.values), default=None, return_dtype=pl.Float64)
+    check_values(numbers, lines, name, use, column.name)
+    return numbers
+
+
+def _check_there(numbers: pl.Series, lines: pl.Series, name: str, column: str) -> None:
+    """Refuse a column with empty cells."""
+    if numbers.null_count():
+        k = int(numbers.is_null().arg_true()[0])
+        raise InputError(f"empty cell in column '{column}'", field=f"{name}, row {lines[k]}")
+
+
+def _check_tags(found: Mapping[str, pl.Series], name: str) -> None:
+    """Refuse a robot with two tags."""
+    if "tag" not in found:
+        return
+    pairs = pl.DataFrame({use: found[use].alias(use) for use in ("line", "robot", "tag")}).drop_nulls()
+    first = pairs.group_by("robot", maintain_order=True).agg(pl.col("tag").first().alias("first"))
+    other = pairs.join(first, on="robot", maintain_order="left").filter(pl.col("tag") != pl.col("first"))
+    if other.height:
+        line, robot, tag, known = other.row(0)
+        raise InputError(
+            f"robot {robot:g} has marker {tag:g}, but earlier {known:g}: unknown robot or marker",
+            field=f"{name}, row {line}",
+        )

@@ -1,0 +1,182 @@
+"""Write results as logs in the formats that ``readers`` read; what a format holds is read back equal.
+
+| format | holds | does not hold |
+|---|---|---|
+| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when within 0.22 s a sample was taken, driving apart from turning |
+| webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; whole-numbered settings | paths, headings, sessions without bits sent |
+| csv | every table of the result, a file each | - |
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.errors import InputError
+from vibroswarm.motion.pose import pose
+from vibroswarm.result import TABLES, Result
+
+CAMERA_S: Final = 0.22
+"""Duration of one loop of the camera."""
+WRAP_MS: Final = 65536
+MARKERS: Final = (10, 11, 6, 39, 14)
+_NOTHING: Final = ",None" * 9
+_FEEDBACK: Final = {"none": 0, "positive": 1, "soft": 2}
+
+
+def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
+    """Write one run as a CSV file of the study's robots.
+
+    Raises:
+        InputError: no segments, no energies, an arena that is not 1 m x 1 m, or ``path`` cannot be written.
+    """
+    arena = result.scenario.arena
+    if (arena.width_m, arena.height_m) != (1.0, 1.0):
+        raise InputError("stores positions relative to the arena, which must be 1 m x 1 m", field="rugbot")
+    if result.segments is None:
+        raise InputError("needs paths; simulate with segments=True", field="rugbot")
+    samples = _samples(result, run)
+    if samples["energy"].null_count():
+        raise InputError("needs energies, which this result lacks", field="rugbot")
+    ends = result.ends.filter(pl.col("run") == run)
+    loops = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
+    places = {
+        robot: np.clip(pose(result.segments, run, robot, loops), -10.0, 1.0)[:, :2]
+        for robot in ends["robot"].to_list()
+    }
+    lines: list[str] = []
+    due = samples.with_columns(
+        loop=pl.Series(np.minimum(np.searchsorted(loops, samples["time_s"].to_numpy()), loops.size - 1))
+    )
+    by_loop = {int(k[0]): frame.to_dicts() for k, frame in due.group_by("loop", maintain_order=True)}
+    for loop, time_s in enumerate(loops.tolist()):
+        for robot, where in places.items():
+            lines.append(f"{_place(time_s, robot, where[loop])}{_NOTHING}")
+        for row in by_loop.get(loop, []):
+            lines.append(_place(time_s, row["robot"], places[row["robot"]][loop]) + _mind(row))
+    head = (
+        ",Timestamp,ROV Number,Marker ID,X Meter,Y Meter,Energy,Alpha,Beta,Belief,d_f,"
+        "Swarm Send,Swarm Recv,Collision Time,Sense Time"
+    )
+    body = "\n".join(f"{number},{line}" for number, line in enumerate(lines))
+    with whole_file(path, replace=replace) as part:
+        part.write_text(f"{head}\n{body}\n", encoding="utf-8")
+
+
+def _place(time_s: float, robot: int, where: Any) -> str:
+    marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
+    return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
+
+
+def _mind(row: dict[str, Any]) -> str:
+    belief = math.floor(row["belief_below"] * 1000 + 1e-9) / 1000
+    decision = 2 if row["decision"] == -1 else row["decision"]
+    counters = [round(1000 * row[name]) % WRAP_MS for name in ("avoid_total_s", "stop_total_s")]
+    return (
+        f",{row['energy']:.3f},{row['alpha']},{row['beta']},{belief:g},{decision},"
+        f"{row['sample'] % WRAP_MS},{row['messages_received'] % WRAP_MS},{counters[0]},{counters[1]}"
+    )
+
+
+def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
+    """Write one run as a console log of the study's simulator.
+
+    Raises:
+        InputError: no energies or no bits sent, or ``path`` cannot be written.
+    """
+    samples = _samples(result, run)
+    for name in (
+        "energy",
+        "message",
+        "alpha",
+        "beta",
+        "belief_below",
+        "decision",
+        "avoid_total_s",
+        "stop_total_s",
+    ):
+        if samples[name].null_count():
+            raise InputError(f"needs '{name}', which this result lacks", field="webots")
+    decided = {
+        row["robot"]: row["decision_time_s"] for row in result.robots.filter(pl.col("run") == run).to_dicts()
+    }
+    logged = samples.with_columns(
+        own_ones=pl.col("observation").cast(pl.Int64).cum_sum().over("robot"),
+    ).filter(pl.col("time_s") > 5.0)
+    lines = [_console(row, decided[row["robot"]]) for row in logged.to_dicts()]
+    lines += [
+        _console(row, decided[row["robot"]])
+        for row in logged.group_by("robot", maintain_order=True).last().sort("robot").to_dicts()
+    ]
+    with whole_file(path, replace=replace) as part:
+        part.write_text("\n".join([*_settings(result), *lines]) + "\n", encoding="utf-8")
+
+
+def _settings(result: Result) -> list[str]:
+    """Settings line of a console log."""
+    s = result.scenario
+    numbers = (
+        s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, s.sample.sample_interval_ms,
+        s.walk.avoidance_threshold_mm, s.decision.min_observations, _FEEDBACK[s.strategy.name],
+        s.strategy.table("soft").eta,
+        result.seed or 0,
+    )  # fmt: skip
+    if any(number != int(number) for number in numbers):
+        return ["INFO: settings are not whole numbers and are not logged"]
+    robots = s.swarm.robots
+    return [f"{' '.join(str(int(one)) for one in numbers)} 1 {robots} {int(numbers[2])} 0 0 "]
+
+
+def _console(row: dict[str, Any], decided_s: float | None) -> str:
+    counts = row["alpha"] + row["beta"]
+    decided = decided_s is not None and row["time_s"] >= decided_s
+    walking_s = row["walk_total_s"] or 0.0
+    return (
+        f"1,{row['time_s']:.6f},{row['robot']},{row['energy']:.6f},{row['message']},{row['belief_below']:.6f},"
+        f"{row['alpha']},{row['beta']},{row['sample']},{row['messages_received']},{row['alpha'] / counts:.6f},"
+        f"{(1 + row['own_ones']) / (row['sample'] + 3):.6f},{row['x_m']:.6f},{1.0 - row['y_m']:.6f},"
+        f"{round(1000 * walking_s)},{round(1000 * row['avoid_total_s'])},{round(1000 * row['stop_total_s'])},"
+        f"{int(decided_s) if decided and decided_s is not None else 0},{row['decision']}"
+    )
+
+
+def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = False) -> None:
+    """Write every table of the result as a CSV file."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in TABLES:
+        frame = getattr(result, name)
+        if frame is not None:
+            with whole_file(folder / f"{name}.csv", replace=replace) as part:
+                part.write_bytes(csv_bytes(frame))
+
+
+def _samples(result: Result, run: int) -> pl.DataFrame:
+    """Motion, observation and inference joined, with cumulative times."""
+    if result.runs.filter(pl.col("run") == run).is_empty():
+        raise InputError(f"there is no run {run} in this result", field="--run")
+    key = ["run", "robot", "sample"]
+    table = result.motion.filter(pl.col("run") == run)
+    for other in (result.observations, result.inference):
+        table = table.join(other, on=key, how="left", maintain_order="left")
+    spent = {
+        f"{name}_total_s": pl.col(f"{name}_s").cast(pl.Float64).cum_sum().over("robot")
+        for name in ("avoid", "stop")
+    }
+    walked = sum((pl.col(f"{name}_s").cast(pl.Float64) for name in ("drive", "turn", "avoid")), pl.lit(0.0))
+    return table.with_columns(**spent, walk_total_s=walked.cum_sum().over("robot"))
+
+
+WRITERS: Final[dict[str, Callable[..., None]]] = {
+    "rugbot": write_rugbot,
+    "webots": write_webots,
+    "csv": write_csv,
+}

@@ -1,0 +1,257 @@
+"""Define a log: one session's samples and tracks in SI units, with counts of what was repaired.
+
+A reader is a function from a path to a ``Log`` (see ``readers``). It converts units only; order, counters and
+robots are
+checked here by ``in_order``, for all readers alike.
+
+| column | unit | content |
+|---|---|---|
+| line | - | line of the file, from 1; for messages |
+| robot | - | as the log names it |
+| time_s | s | since the start of the session; for a sample, when its row was written |
+| x_m, y_m, heading_rad | m, rad | x to the right, y up |
+| energy | RMS | of the sample just taken |
+| observation, message | 0, 1 | the bit read, the bit sent |
+| alpha, beta, belief_below | - | after the sample; belief that the fill ratio is below the boundary |
+| decision | - | -1 undecided, 0, 1 |
+| sent | - | messages sent before this sample, which is the number of the sample |
+| messages_received | - | messages received so far |
+| avoid_total_s, stop_total_s | s | time spent avoiding and standing so far |
+
+All but the first six columns of a sample and the first five of a track may be null.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.errors import InputError
+
+SAMPLES: Final[dict[str, Any]] = {
+    "line": pl.UInt32,
+    "robot": pl.Int64,
+    "time_s": pl.Float64,
+    "x_m": pl.Float64,
+    "y_m": pl.Float64,
+    "energy": pl.Float64,
+    "heading_rad": pl.Float64,
+    "observation": pl.Int64,
+    "message": pl.Int64,
+    "alpha": pl.Int64,
+    "beta": pl.Int64,
+    "belief_below": pl.Float64,
+    "decision": pl.Int64,
+    "sent": pl.Int64,
+    "messages_received": pl.Int64,
+    "avoid_total_s": pl.Float64,
+    "stop_total_s": pl.Float64,
+}
+TRACKS: Final[dict[str, Any]] = {
+    name: SAMPLES[name] for name in ("line", "robot", "time_s", "x_m", "y_m", "heading_rad")
+}
+REQUIRED: Final = ("robot", "time_s", "x_m", "y_m", "energy")
+COUNTERS: Final = ("sent", "messages_received", "avoid_total_s", "stop_total_s")
+"""Columns that only grow, and may wrap."""
+
+COUNTED: Final[dict[str, str]] = {
+    "rows": "rows read",
+    "rows_repeated": "repeated rows: removed",
+    "rows_late": "late rows (by up to a second): sorted in",
+    "samples": "samples",
+    "samples_lost": "samples without a row, by the count of messages sent",
+    "counters_wrapped": "wraps of counters: unwrapped",
+    "counters_odd": "steps of a time counter that exceed the time passed: set null",
+    "posteriors_odd": "samples whose alpha + beta is not the prior, the samples and the messages received",
+    "tracking_gaps": "gaps in tracking of more than half a second: interpolated linearly",
+    "tracking_gap_longest_s": "s, the longest such gap",
+    "positions_old": "samples whose position is more than a quarter of a second older than usual",
+    "position_oldest_s": "s, the oldest position beyond the usual age",
+    "off_the_floor": "samples off all tiles",
+}
+"""What is counted while a log is read, and the description of each count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One session as it was read."""
+
+    name: str
+    """Name of the file."""
+    reader: str
+    samples: pl.DataFrame
+    """Columns of ``SAMPLES``, in the order of the file."""
+    tracks: pl.DataFrame
+    """Columns of ``TRACKS``; empty if positions are known at samples only."""
+    wraps_at: Mapping[str, float] = field(default_factory=dict)
+    """Counters that return to 0 at this value (in the column's unit)."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the scenario stated in the log."""
+    counts: Mapping[str, float] = field(default_factory=dict)
+    """Counts by key of ``COUNTED``."""
+
+
+def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataFrame:
+    """Table with the columns of a schema; missing ones are null."""
+    frame = pl.DataFrame(dict(columns))
+    return frame.select(
+        frame[name].cast(kind) if name in columns else pl.lit(None, dtype=kind).alias(name)
+        for name, kind in schema.items()
+    )
+
+
+LATE_S: Final = 1.0
+"""A row may come this much after a later one; beyond it, the file is out of order."""
+RARE: Final = 0.01
+"""A robot with a smaller share of rows than this, relative to the others, is a misread number."""
+SLACK_S: Final = 1.0
+"""A counter of time may run ahead of the rows' times by this (rows are late, not early)."""
+MOST_LOST: Final = 1000
+"""If a count of messages jumps by more, it is wrong; no rows were lost."""
+
+
+def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
+    """Sort a log by time, drop repeated rows and unwrap its counters.
+
+    Args:
+        robots: the robots in the arena; None: those in the log.
+    Raises:
+        InputError: rows more than a second out of order, two different rows of one robot at one time, unknown
+            robots, a counter that falls; names the row.
+    """
+    counts = dict(log.counts)
+    samples, late = _sorted(log.samples, log.name)
+    tracks, late_tracks = _sorted(log.tracks, log.name)
+    samples, again = _once(samples, log.name)
+    tracks, again_tracks = _once(tracks, log.name)
+    counts |= {"rows_late": late + late_tracks, "rows_repeated": again + again_tracks}
+    _check_robots(samples, tracks, robots, log.name)
+    samples, more = _counted(samples, log)
+    counts |= more | {"samples": samples.height}
+    return replace(log, samples=samples, tracks=tracks, counts=counts)
+
+
+def _sorted(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
+    """Sort rows by time and count late ones; refuse rows that are too late."""
+    time = frame["time_s"].to_numpy()
+    # A repeated row (such as a robot's last line) is not late: ``_once`` removes it.
+    seen = frame.select(pl.exclude("line")).is_duplicated().to_numpy()
+    behind = np.maximum.accumulate(np.where(seen, -np.inf, time)) - time if time.size else time
+    behind = np.where(seen, 0.0, behind)
+    if time.size and float(behind.max()) > LATE_S:
+        k = int(np.argmax(behind > LATE_S))
+        raise InputError(
+            f"its time, {time[k]:g} s, is {behind[k]:.3g} s before that of an earlier row: the file is not ordered by "
+            "time, or holds two sessions",
+            field=f"{name}, row {frame['line'][k]}",
+        )
+    return frame.sort("time_s", "line", maintain_order=True), int((behind > 0).sum())
+
+
+def _once(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
+    """Remove repeated rows and count them; refuse two different rows of a robot at one time."""
+    content = [one for one in frame.columns if one != "line"]
+    kept = frame.unique(content, keep="first", maintain_order=True)
+    twice = kept.filter(kept.select("robot", "time_s").is_duplicated()).sort("robot", "time_s", "line")
+    if twice.height:
+        robot, time_s = twice["robot"][0], twice["time_s"][0]
+        raise InputError(
+            f"robot {robot} is in two places, or took two samples, at {time_s:g} s (also in row {twice['line'][0]})",
+            field=f"{name}, row {twice['line'][1]}",
+        )
+    return kept, frame.height - kept.height
+
+
+def _check_robots(
+    samples: pl.DataFrame, tracks: pl.DataFrame, robots: Sequence[int] | None, name: str
+) -> None:
+    """Refuse robots that are not in ``robots``, or without it those with hardly any rows."""
+    both = pl.concat([samples.select("robot", "line"), tracks.select("robot", "line")])
+    rows = both.group_by("robot").agg(pl.len().alias("rows"), pl.col("line").min()).sort("line")
+    if robots is not None:
+        unknown = rows.filter(~pl.col("robot").is_in(list(robots)))
+        words = f"there are {', '.join(map(str, robots))}"
+    else:
+        usual = float(rows["rows"].median() or 0.0)  # type: ignore[arg-type]
+        unknown = rows.filter(pl.col("rows") < RARE * usual)
+        words = f"the others have about {usual:.0f} rows each; name the robots with --robots"
+    if unknown.height:
+        robot, count, line = unknown.row(0)
+        raise InputError(
+            f"unknown robot {robot}, in {count} row{'' if count == 1 else 's'}; {words}",
+            field=f"{name}, row {line}",
+        )
+
+
+def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, float]]:
+    """Unwrap counters, robot by robot."""
+    wrapped = odd = lost = 0
+    columns = {name: samples[name].cast(pl.Float64).to_numpy().copy() for name in COUNTERS}
+    robot, time_s, line = (samples[name].to_numpy() for name in ("robot", "time_s", "line"))
+    for one in np.unique(robot):
+        own = np.flatnonzero(robot == one)
+        for name, values in columns.items():
+            if np.isnan(values[own]).all():
+                continue
+            of_time = name.endswith("_s")
+            unknown = own[np.isnan(values[own])]
+            if name == "sent" and unknown.size:
+                raise InputError(
+                    f"lacks the number of messages sent by robot {one}, which its other rows have",
+                    field=f"{log.name}, row {line[unknown[0]]}",
+                )
+            values[own], times, wrong = unwrapped(
+                values[own], log.wraps_at.get(name), time_s[own] if of_time else None
+            )
+            wrapped, odd = wrapped + times, odd + int(wrong.sum())
+            if not of_time:
+                step = np.diff(values[own])
+                fallen = step < (1 if name == "sent" else 0)
+                if fallen.any() or (step > MOST_LOST).any():
+                    k = int(np.argmax(fallen | (step > MOST_LOST))) + 1
+                    raise InputError(
+                        f"robot {one} has {name} {values[own][k - 1]:g} messages, and then "
+                        f"{samples[name][int(own[k])]:g}",
+                        field=f"{log.name}, row {line[own[k]]}",
+                    )
+            if name == "sent":
+                lost += int((step - 1).sum() + values[own][0])
+    counts: dict[str, float] = {"counters_wrapped": wrapped, "counters_odd": odd, "samples_lost": lost}
+    found = {
+        name: pl.Series(name, values, nan_to_null=True).cast(samples.schema[name])
+        for name, values in columns.items()
+    }
+    return samples.with_columns(**found), counts
+
+
+def unwrapped(
+    values: NDArray[np.float64], wraps_at: float | None, time_s: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], int, NDArray[np.bool_]]:
+    """Unwrap a counter: its values, the number of wraps, and the rows that are set to nan.
+
+    Args:
+        values: (rows,), nan where missing. wraps_at: value at which it returns to 0; None: never.
+        time_s: (rows,): times, for a counter of time. A step longer than the time passed is impossible: that row
+            becomes
+            nan, and the counter continues from its last value.
+    """
+    out, odd = values.copy(), np.zeros(values.size, dtype=np.bool_)
+    read = np.flatnonzero(~np.isnan(values))
+    total, times = values[read[0]], 0
+    for before, k in pairwise(read.tolist()):
+        step = values[k] - values[before]
+        if step < 0 and wraps_at is not None:
+            turns = np.ceil(-step / wraps_at)
+            step += turns * wraps_at
+            times += int(turns)
+        if time_s is not None and not 0.0 <= step <= time_s[k] - time_s[before] + SLACK_S:
+            odd[k], step = True, 0.0
+        total += step
+        out[k] = np.nan if odd[k] else total
+    return out, times, odd

@@ -1,0 +1,188 @@
+"""Read logs by format name; a new reader is a function from a path to a ``Log`` and one ``register`` call.
+
+The console log of the study's simulator has lines of numbers among others, and samples only. A data line is ``1,
+time s,
+robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean, x m, z m, walking ms,
+avoiding ms,
+pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are not printed, and each robot's
+last line
+is repeated. One of the first lines has the settings: ``gamma_0 gamma tau theta_c O_c feedback eta seed ...``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.recordings.column_map import (
+    check_values,
+    column_map,
+    numbers_of,
+    read_mapped,
+    rugbot_map,
+    text_of,
+)
+from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
+
+CELLS: Final = 19
+_PLACES: Final = {
+    "time_s": 1, "robot": 2, "energy": 3, "message": 4, "belief_below": 5, "alpha": 6, "beta": 7, "sent": 8,
+    "messages_received": 9, "x_m": 12, "y_m": 13, "avoid_total_s": 15, "stop_total_s": 16, "decision": 18,
+}  # fmt: skip
+_SETTINGS: Final = re.compile(
+    r"^(\d+) (\d+) (\d+) (\d+) (\d+) ([012]) (\d+) (\d+) 1 (\d+) (\d+) 0 0\s*$", re.M
+)
+_FEEDBACK: Final = ("none", "positive", "soft")
+
+
+def looks_like_webots(head: str) -> bool:
+    """Whether a text is a console log: one of its lines is a data line."""
+    return any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in head.splitlines())
+
+
+def read_webots(path: Path) -> Log:
+    """Read a console log.
+
+    Raises:
+        InputError: no data line, a data line of another length, text in place of numbers; names the line.
+    """
+    name, text = str(path), text_of(path)
+    rows: list[list[str]] = []
+    numbers: list[int] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.count(",") < 10 or not line.startswith("1,"):
+            continue
+        cells = line.split(",")
+        if len(cells) != CELLS:
+            raise InputError(
+                f"{len(cells)} cells, but a data line has {CELLS}", field=f"{name}, row {number}"
+            )
+        rows.append(cells)
+        numbers.append(number)
+    if not rows:
+        raise InputError("has no data line (19 numbers separated by commas)", field=name)
+    lines = pl.Series("line", numbers, dtype=pl.UInt32)
+    table = [
+        numbers_of(pl.Series(cells), lines, name, f"{place}", ())
+        for place, cells in enumerate(zip(*rows, strict=True), start=1)
+    ]
+    found: dict[str, Any] = {"line": lines} | {use: table[place].alias(use) for use, place in _PLACES.items()}
+    found["y_m"] = 1.0 - found["y_m"]
+    for use in ("avoid_total_s", "stop_total_s"):
+        found[use] = pl.Series(found[use].to_numpy() / 1000.0)  # polars would multiply by 0.001
+    for use, place in _PLACES.items():
+        check_values(found[use], lines, name, use, f"{place + 1}")
+    settings = _settings(text)
+    found["observation"] = _bits_read(settings.get("strategy.name"), found["message"], found["decision"])
+    return Log(
+        name=path.name,
+        reader="webots",
+        samples=log_frame(found, SAMPLES),
+        tracks=log_frame({}, TRACKS).clear(),
+        settings=settings,
+        counts={"rows": len(rows)},
+    )
+
+
+def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl.Series:
+    """Bits read, as far as the bits sent determine them, else null.
+
+    Always without feedback; with positive feedback until the robot decides; never otherwise."""
+    known = pl.lit(strategy == "none") | (pl.lit(strategy == "positive") & (pl.col("decision") == -1))
+    frame = pl.DataFrame([sent.alias("sent"), decision.alias("decision")])
+    return frame.select(pl.when(known).then("sent").alias("observation")).to_series()
+
+
+def _settings(text: str) -> dict[str, Any]:
+    """Settings stated in the log; empty if there are none."""
+    found = _SETTINGS.search(text)
+    if found is None:
+        return {}
+    location, scale, tau, theta_c, least, feedback, eta, *_ = (int(one) for one in found.groups())
+    return {
+        "walk.walk_duration_location_ms": float(location),
+        "walk.walk_duration_scale_ms": float(scale),
+        "sample.sample_interval_ms": float(tau),
+        "walk.avoidance_threshold_mm": float(theta_c),
+        "decision.min_observations": least,
+        "strategy.name": _FEEDBACK[feedback],
+        "strategy.soft.eta": float(eta),
+    }
+
+
+HEAD: Final = 2**20
+"""Characters of a file that are examined to recognise its format."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A log format."""
+
+    name: str
+    about: str
+    recognises: Callable[[str], bool]
+    """Whether a file that begins like this has the format."""
+    read: Callable[[Path], Log]
+
+
+_READERS: dict[str, Reader] = {}
+
+
+def register(reader: Reader) -> None:
+    """Register a reader by its name."""
+    _READERS[reader.name] = reader
+
+
+def readers() -> list[Reader]:
+    """All registered readers."""
+    return list(_READERS.values())
+
+
+def read_log(path: str | Path, reader: str | None = None, columns: str | Path | None = None) -> Log:
+    """Read a log with the named reader, a column map, or the reader that recognises it.
+
+    Raises:
+        InputError: no reader recognises it, or the reader's own error.
+    """
+    path = Path(path)
+    if columns is not None:
+        return read_mapped(path, column_map(text_of(Path(columns)), str(columns)))
+    if reader is not None:
+        if reader not in _READERS:
+            raise InputError(
+                f"there is no reader '{reader}'{nearest(reader, _READERS)} (there are {', '.join(_READERS)})",
+                field="--reader",
+            )
+        return _READERS[reader].read(path)
+    head = text_of(path)[:HEAD]
+    for one in _READERS.values():
+        if one.recognises(head):
+            return one.read(path)
+    raise InputError(
+        f"is not in a known log format ({', '.join(_READERS)}); any CSV can be read with --columns MAP.toml",
+        field=str(path),
+    )
+
+
+def _has_head(head: str) -> bool:
+    """Whether the header has enough of the names to report the missing ones."""
+    first = head.split("\n", 1)[0].split(",")
+    names = {column.name for column in rugbot_map().columns.values()}
+    return len(names & {cell.strip() for cell in first}) >= 5
+
+
+register(
+    Reader(
+        "rugbot",
+        "CSV of the study's real robots (tracking rows and sample rows)",
+        _has_head,
+        lambda path: read_mapped(path, rugbot_map()),
+    )
+)
+register(Reader("webots", "console log of the study's simulator", looks_like_webots, read_webots))

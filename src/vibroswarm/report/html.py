@@ -1,0 +1,369 @@
+"""Write a report as one self-contained HTML file: text, sortable tables, and pictures with their numbers.
+
+    write_report("report.html", Report("What feedback buys", sections=(
+        Section("Outcomes", text=("Soft feedback decides sooner.",), parts=(
+            ReportTable(frame, {"right": Column("right", percent=True)}),
+            picture_of(draw_outcomes(counts), "outcomes"),
+        )),
+    )))
+
+All text is plain and is escaped; words between backticks become code.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import polars as pl
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.report.svg import inline_svg
+
+TONES: Final = ("good", "fair", "bad", "open")
+"""Marks of cells; each has a sign and a colour of its own."""
+WORDY_FROM: Final = 26
+"""Letters from which a heading above numbers gets extra width; otherwise each word would take a line."""
+CSV_UP_TO: Final = 500_000
+"""Most bytes of a table that the page contains for saving."""
+
+
+def escape(text: object) -> str:
+    """Escape text for HTML elements and attributes; replace lone surrogates and drop control characters."""
+    whole = str(text).encode("utf-8", "replace").decode("utf-8")
+    return html.escape(re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", "", whole))
+
+
+def code_html(text: str) -> str:
+    """Escape text, mark words between backticks as code, and keep numbers and units on one line."""
+    kept = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm)(?!\w))", "\u00a0", text)
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(kept))
+
+
+def table_html(table: ReportTable, key: str) -> str:
+    """Write a table whose headings are buttons that sort it."""
+
+    shown = table.frame.head(table.rows_up_to)
+    kinds = {name: table.columns.get(name, Column()) for name in table.frame.columns}
+    numeric = {name: table.frame.schema[name].is_numeric() for name in kinds}
+    head = "".join(_heading(name, kind, numeric[name]) for name, kind in kinds.items())
+    body = "".join(
+        "<tr>" + "".join(_cell(value, kinds[name], numeric[name]) for name, value in row.items()) + "</tr>\n"
+        for row in shown.iter_rows(named=True)
+    )
+    caption = f"<caption><span>{code_html(table.caption)}</span></caption>" if table.caption else ""
+    label = escape(table.caption or table.name)
+    note = (
+        f"First {shown.height:,} of {table.frame.height:,} rows. "
+        if shown.height < table.frame.height
+        else ""
+    )
+    return (
+        f'<div class="part">\n<div class="sideways" role="region" tabindex="0" aria-label="{label}">\n'
+        f'<table class="sortable" id="{key}">{caption}\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n'
+        f'</table>\n</div>\n<p class="below">{note}{csv_link(table.frame, table.name)}</p>\n</div>\n'
+    )
+
+
+def _heading(name: str, column: Column, numeric: bool) -> str:
+    unit = "%" if column.percent else column.unit
+    tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
+    title = column.title or name
+    kind = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _kind(column, numeric)
+    return (
+        f'<th scope="col" aria-sort="none"{kind}><button type="button">{_broken(title)}{tail}'
+        '<span class="arrow" aria-hidden="true"></span></button></th>'
+    )
+
+
+def _kind(column: Column, numeric: bool, words: str = "") -> str:
+    """Write the classes of a cell as an attribute."""
+    fitting = [start for start in column.tones if words.startswith(start)] if words else []
+    tone = column.tones[max(fitting, key=len)] if fitting else ""
+    kinds = [kind for kind, of in (("number", numeric), ("prose", column.prose), (tone, tone in TONES)) if of]
+    return f' class="{" ".join(kinds)}"' if kinds else ""
+
+
+def _cell(value: Any, column: Column, numeric: bool) -> str:
+    missing = value is None or (isinstance(value, float) and math.isnan(value))
+    if not numeric:
+        words = "–" if missing else "yes" if value is True else "no" if value is False else value
+        kind = _kind(column, numeric, "" if missing else str(words))
+        return f"<td{kind}{' data-missing' if missing else ''}>{_broken(words)}</td>"
+    if missing:
+        return '<td class="number" data-missing>–</td>'
+    return f'<td class="number" data-value="{value!r}">{number_text(value, column)}</td>'
+
+
+def _broken(text: object) -> str:
+    """Escape text and allow line breaks at the underscores of long names."""
+    return re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text))
+
+
+def number_text(value: float, column: Column) -> str:
+    """Write a number in the format of its column: whole, with significant digits, or in percent."""
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if column.percent:
+        value = 100 * value
+    if isinstance(value, int) or (float(value).is_integer() and abs(value) < 10**12):
+        text = f"{int(value)}"
+    elif abs(value) >= 10**column.digits and abs(value) < 10**12:
+        text = f"{value:.0f}"
+    else:
+        text = f"{value:.{column.digits}g}"
+    return text.replace("-", "−")
+
+
+def picture_html(picture: ReportPicture, key: str) -> str:
+    """Write a picture with its caption and a link to save its numbers."""
+    svg, width = inline_svg(picture.svg, f"{key}-", picture.caption)
+    # It may grow by half, but shrinks only as long as its text is legible; then it scrolls in its frame.
+    size = f"clamp({0.8 * width:.0f}px, 100%, {1.5 * width:.0f}px)"
+    return (
+        f'<figure class="part" id="{key}">\n<div class="sideways" role="region" tabindex="0" '
+        f'aria-label="{escape(picture.name)}">\n<div style="width: {size}">'
+        f"{svg}</div>\n</div>\n"
+        f"<figcaption>{code_html(picture.caption)} {csv_link(picture.numbers, picture.name)}</figcaption>\n</figure>\n"
+    )
+
+
+def lines_html(code: ReportCode, key: str) -> str:
+    """Write preformatted text that scrolls sideways in its frame."""
+    return (
+        f'<pre class="part" id="{key}" role="region" tabindex="0" aria-label="{escape(code.name)}">'
+        f"<code>{escape(code.text)}</code></pre>\n"
+    )
+
+
+def csv_link(frame: pl.DataFrame, name: str) -> str:
+    """Write a link that saves a table as CSV from the page itself, or a note if it is too large."""
+    if frame.estimated_size() <= 20 * CSV_UP_TO:
+        data = csv_bytes(_flat(frame))
+        if len(data) <= CSV_UP_TO:
+            coded = base64.b64encode(data).decode("ascii")
+            file = re.sub(r"[^\w.-]+", "-", name) or "numbers"
+            return (
+                f'<a class="csv" download="{escape(file)}.csv" href="data:text/csv;charset=utf-8;base64,{coded}">'
+                f'Numbers<span class="unseen"> of {escape(name)}</span> (CSV)</a>'
+            )
+    return f'<span class="csv">{frame.height:,} rows of numbers, too many to include in this page.</span>'
+
+
+def _flat(frame: pl.DataFrame) -> pl.DataFrame:
+    """Convert nested columns, which CSV cannot hold, to text."""
+    nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
+    return frame.with_columns(
+        pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
+        for name in nested
+    )
+
+
+CONTENTS_FROM = 4
+"""Sections, including subsections, from which there is a table of contents."""
+LONG_FROM = 30
+"""Entries of a table of contents from which only the current part is unfolded."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """The heading of a column and the format of its numbers."""
+
+    title: str = ""
+    """Heading; empty: the column's name."""
+    unit: str = ""
+    digits: int = 3
+    """Significant digits of a number that is not whole; the CSV has all."""
+    percent: bool = False
+    """Whether a share from 0 to 1 is written in percent."""
+    prose: bool = False
+    """Whether it holds sentences, which get extra width."""
+    tones: Mapping[str, str] = field(default_factory=dict)
+    """Tones of cells, of ``TONES``, by the longest matching beginning of their text."""
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table of a section; missing values are dashes and are sorted last."""
+
+    frame: pl.DataFrame
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    """By name; others are formatted as ``Column()``."""
+    caption: str = ""
+    name: str = "table"
+    """File name of the CSV that can be saved, without suffix."""
+    rows_up_to: int = 500
+    """Rows shown; the CSV has all."""
+
+
+@dataclass(frozen=True)
+class ReportPicture:
+    """A picture of a section, with its numbers to be saved as CSV."""
+
+    svg: str
+    """An SVG document; ``vibroswarm.plots.Picture.svg()`` gives one that follows light and dark."""
+    caption: str
+    numbers: pl.DataFrame
+    name: str = "picture"
+    """File name of the CSV that can be saved, without suffix."""
+
+
+@dataclass(frozen=True)
+class ReportCode:
+    """Text of a section that stands as it is, line by line: a file, a command."""
+
+    text: str
+    name: str = "text"
+    """What it is, for those who do not see it."""
+
+
+class _Drawn(Protocol):
+    @property
+    def numbers(self) -> pl.DataFrame: ...
+    @property
+    def caption(self) -> str: ...
+    def svg(self) -> str: ...
+
+
+def picture_of(drawn: _Drawn, name: str) -> ReportPicture:
+    """What a ``draw_*`` of ``vibroswarm.plots`` gave, for a report; ``name`` is that of its CSV."""
+    return ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, name)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report with a heading; sections may hold sections, down to three levels."""
+
+    title: str
+    text: tuple[str, ...] = ()
+    """Paragraphs."""
+    parts: tuple[ReportTable | ReportPicture | ReportCode, ...] = ()
+    sections: tuple[Section, ...] = ()
+    folded: bool = False
+    """Whether it is closed until it is asked for (in print it is open)."""
+    side_by_side: bool = False
+    """Whether its sections stand two in a row where there is room, but for folded ones."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report."""
+
+    title: str
+    lead: tuple[str, ...] = ()
+    """First paragraphs: what was found."""
+    warnings: tuple[str, ...] = ()
+    """What a reader must know before believing it; each stands in a frame above all else."""
+    sections: tuple[Section, ...] = ()
+    details: Mapping[str, str] = field(default_factory=dict)
+    """How it was made: seed, versions, command; at the end."""
+
+
+def write_report(path: Path | str, report: Report) -> None:
+    """Write ``report_html`` to ``path``, whole or not at all; a file that is there is replaced.
+
+    Raises:
+        InputError: a picture is no plain SVG or too large, or the folder cannot be written.
+        RunError: the disk is full or failed.
+    """
+    text = report_html(report)
+    with whole_file(Path(path)) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def report_html(report: Report) -> str:
+    """The report as a whole HTML document that needs nothing else: no server, no network, no other file.
+
+    The same report gives the same text.
+
+    Raises:
+        InputError: a picture is no plain SVG, or too large.
+    """
+    script = _asset("report.js")
+    digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
+    parts = {
+        "title": escape(report.title),
+        "script_hash": f"sha256-{digest}",
+        "style": _asset("report.css"),
+        "script": script,
+        "contents": _contents(report.sections),
+        "warnings": "".join(
+            f'<aside class="warning" role="note"><strong>Warning.</strong> {code_html(text)}</aside>\n'
+            for text in report.warnings
+        ),
+        "lead": _paragraphs(report.lead, "lead"),
+        "sections": "".join(
+            _section(section, f"s{place}", 2) for place, section in enumerate(report.sections, start=1)
+        ),
+        "details": _details(report.details),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
+
+
+def _asset(name: str) -> str:
+    return files("vibroswarm.report").joinpath("assets", name).read_text(encoding="utf-8").strip()
+
+
+def _paragraphs(texts: tuple[str, ...], kind: str = "") -> str:
+    opening = f'<p class="{kind}">' if kind else "<p>"
+    return "".join(f"{opening}{code_html(text)}</p>\n" for text in texts)
+
+
+def _section(section: Section, key: str, level: int) -> str:
+    heading = f'<h{level} id="{key}">{escape(section.title)}</h{level}>'
+    inner = _paragraphs(section.text)
+    for place, part in enumerate(section.parts, start=1):
+        at = f"{key}p{place}"
+        if isinstance(part, ReportTable):
+            inner += table_html(part, at)
+        else:
+            inner += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
+    below = "".join(
+        _section(one, f"{key}-{place}", min(level + 1, 4))
+        for place, one in enumerate(section.sections, start=1)
+    )
+    inner += f'<div class="beside">\n{below}</div>\n' if section.side_by_side else below
+    folded = f"<details>\n<summary>{heading}</summary>\n{inner}</details>\n"
+    inner = folded if section.folded else f"{heading}\n{inner}"
+    return f'<section aria-labelledby="{key}">\n{inner}</section>\n'
+
+
+def _contents(sections: tuple[Section, ...]) -> str:
+    count = sum(1 + len(section.sections) for section in sections)
+    if count < CONTENTS_FROM:
+        return ""
+    kind = "contents long" if count >= LONG_FROM else "contents"
+    return (
+        f'<nav class="{kind}" aria-labelledby="contents">\n<h2 id="contents">Contents</h2>\n'
+        f"{_entries(sections, 's')}</nav>\n"
+    )
+
+
+def _entries(sections: tuple[Section, ...], key: str) -> str:
+    lines = []
+    for place, section in enumerate(sections, start=1):
+        at = f"{key}{place}"
+        below = _entries(section.sections, f"{at}-") if section.sections and key == "s" else ""
+        lines.append(f'<li><a href="#{at}">{escape(section.title)}</a>{below}</li>\n')
+    return f"<ol>\n{''.join(lines)}</ol>\n"
+
+
+def _details(details: Mapping[str, str]) -> str:
+    if not details:
+        return ""
+    rows = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>\n" for name, text in details.items()
+    )
+    return (
+        '<section class="made" aria-labelledby="made">\n<h2 id="made">How this was made</h2>\n'
+        f"<dl>\n{rows}</dl>\n</section>\n"
+    )

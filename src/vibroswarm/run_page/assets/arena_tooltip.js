@@ -1,0 +1,84 @@
+// What lies under the pointer on the floor: a robot, else a sample, else the tile.
+
+function robotNear(place, t, reach) {
+  const { view } = arena;
+  let best = null;
+  for (const robot of robots) {
+    const pose = poseAt(robot, t);
+    if (!pose) continue;
+    const far = Math.hypot(view.x(pose.x) - place.x, view.y(pose.y) - place.y);
+    if (far < reach && (!best || far < best.far)) best = { robot, pose, far };
+  }
+  return best;
+}
+
+function sampleNear(place, t, reach) {
+  const { view } = arena, count = lastAtMost(sampleTimes, t, 0, sampleTimes.length) + 1;
+  let best = -1, nearest = reach;
+  for (let i = count - 1; i >= 0; i--) {
+    const row = samplesByTime[i];
+    const far = Math.hypot(view.x(run.samples.x_m[row]) - place.x, view.y(run.samples.y_m[row]) - place.y);
+    if (far < nearest) [best, nearest] = [row, far];
+  }
+  return best;
+}
+
+function robotNote({ robot, pose }, t) {
+  const mind = mindAt(robot, t);
+  return [`Robot ${robot.name}, ${stateWord(pose.kind)}`, [
+    ["decision", DECISION_WORDS[mind.decision]], ["p", probability(mind.belief)],
+    ["\u03b1, \u03b2", `${mind.alpha}, ${mind.beta}`], ["own samples", String(mind.samples)],
+    ["at", `${pose.x.toFixed(3)} m, ${pose.y.toFixed(3)} m`],
+  ]];
+}
+
+function sampleNote(row) {
+  const s = run.samples, tile = s.tile[row];
+  const rows = [
+    ["read as", s.observation[row] ? "vibrating" : "still"],
+    ["tile", tile < 0 ? "none" : tileIsVibrating(tile) ? "vibrating" : "still"],
+    ["bit sent", s.message[row] > 1 ? "not known" : String(s.message[row])], ["p after it", probability(s.belief_below[row])],
+  ];
+  if (!Number.isNaN(s.energy[row])) rows.splice(1, 0, ["RMS", s.energy[row].toFixed(2)]);
+  const heading = `Sample ${s.sample[row] + 1} of robot ${s.robot[row]}, ${seconds(s.time_s[row])}`;
+  return [isMisread(row) ? `${heading}: misread` : heading, rows];
+}
+
+function tileNote(tile, t) {
+  if (tile < 0) return ["No tile here", []];
+  let taken = 0, shaking = 0;
+  for (let i = lastAtMost(sampleTimes, t, 0, sampleTimes.length); i >= 0; i--) {
+    const row = samplesByTime[i];
+    if (run.samples.tile[row] !== tile) continue;
+    taken++;
+    shaking += run.samples.observation[row];
+  }
+  const column = tile % run.floor.columns, row = (tile - column) / run.floor.columns;
+  const rows = [["samples so far", String(taken)]];
+  if (taken) rows.push(["read as vibrating", `${shaking} (${percent(shaking / taken)})`]);
+  return [`${tileIsVibrating(tile) ? "Vibrating" : "Still"} tile, row ${row + 1}, column ${column + 1}`, rows];
+}
+
+function arenaNote(place, t) {
+  const near = robotNear(place, t, Math.max(bodyRadius(arena.view) * 1.3, 12));
+  if (near) return robotNote(near, t);
+  const row = sampleNear(place, t, 7);
+  if (row >= 0) return sampleNote(row);
+  const { scale, height } = arena.view;
+  return tileNote(tileAt(place.x / scale, (height - place.y) / scale), t);
+}
+
+function watchArena(timeNow, onChoose) {
+  const canvas = byId("actors");
+  canvas.addEventListener("pointermove", (event) => {
+    const place = placeIn(canvas, event);
+    showTooltip(event, ...arenaNote(place, timeNow()));
+    canvas.style.cursor = robotNear(place, timeNow(), 16) ? "pointer" : "default";
+  });
+  canvas.addEventListener("pointerleave", hideTooltip);
+  canvas.addEventListener("click", (event) => {
+    const place = placeIn(canvas, event), near = robotNear(place, timeNow(), 16);
+    if (near) onChoose(near.robot);
+    else showTooltip(event, ...arenaNote(place, timeNow()));
+  });
+}

@@ -1,0 +1,131 @@
+// The belief chart's frame: scales, bands beyond the thresholds, ticks, and flags where robots decided.
+
+const FLAG_RADIUS = 8, FLAG_STEP = 19, FLAG_ROOM = 42;
+const MOST_HIDDEN = 4;
+const WORDS_FONT = `600 11.5px ${FONT}`;
+
+// Even steps for an axis of time, at most `most` of them.
+function timeSteps(end, most) {
+  const step = [1, 2, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000].find((s) => end / s <= most)
+    ?? 1000 * Math.ceil(end / 1000 / most);
+  return Array.from({ length: Math.floor(end / step + 1e-9) + 1 }, (_, i) => i * step);
+}
+
+// Places as near as can be to those wanted (rising), at least a step apart, within low and high.
+function spreadOut(wanted, step, low, high) {
+  const gap = Math.min(step, (high - low) / Math.max(wanted.length - 1, 1));
+  const groups = [];
+  wanted.forEach((x, i) => {
+    let group = { sum: x - i * gap, count: 1 };
+    while (groups.length && groups[groups.length - 1].sum / groups[groups.length - 1].count > group.sum / group.count) {
+      const before = groups.pop();
+      group = { sum: before.sum + group.sum, count: before.count + group.count };
+    }
+    groups.push(group);
+  });
+  const most = high - gap * (wanted.length - 1);
+  const places = groups.flatMap(({ sum, count }) => Array(count).fill(Math.min(Math.max(sum / count, low), most)));
+  return places.map((place, i) => place + i * gap);
+}
+
+// A flag for each decision, in order of time, side by side where they come together.
+function decisionFlags(left, width) {
+  const decided = robots.filter(({ final }) => final.decision >= 0 && final.decision_time_s !== null)
+    .sort((a, b) => a.final.decision_time_s - b.final.decision_time_s);
+  const x = decided.map(({ final }) => left + width * final.decision_time_s / END_S);
+  const places = spreadOut(x, FLAG_STEP, left + FLAG_RADIUS, left + width - FLAG_RADIUS);
+  return decided.map((robot, i) => ({
+    robot, time: robot.final.decision_time_s, belief: robot.final.belief_at_decision, x: x[i], place: places[i],
+  }));
+}
+
+function beliefBox(width, height) {
+  const left = 34, right = 10;
+  const flags = decisionFlags(left, width - left - right);
+  const top = flags.length ? FLAG_ROOM : 10;
+  const box = { left, top, width: width - left - right, height, flags };
+  box.x = (t) => box.left + box.width * t / END_S;
+  box.y = (p) => box.top + box.height * (1 - p);
+  box.time = (x) => Math.min(Math.max((x - box.left) / box.width, 0), 1) * END_S;
+  box.total = box.top + box.height + 26;
+  return box;
+}
+
+function drawBeliefFrame(context, box) {
+  const limit = run.rule.credible_threshold, right = box.left + box.width;
+  context.fillStyle = colours["still-soft"];
+  context.fillRect(box.left, box.y(1), box.width, box.y(limit) - box.y(1));
+  context.fillStyle = colours["vibrating-soft"];
+  context.fillRect(box.left, box.y(1 - limit), box.width, box.y(0) - box.y(1 - limit));
+  context.lineWidth = 1;
+  for (const [p, colour] of [[0, "line-strong"], [0.5, "line"], [1, "line-strong"]]) {
+    context.strokeStyle = colours[colour];
+    line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
+  }
+  context.setLineDash([5, 3]);
+  for (const [p, colour] of [[limit, colours.still], [1 - limit, colours.vibrating]]) {
+    context.strokeStyle = colour;
+    line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
+  }
+  context.setLineDash([]);
+  drawBeliefTicks(context, box);
+}
+
+function drawBeliefTicks(context, box) {
+  context.font = `11.5px ${FONT}`;
+  context.fillStyle = colours["ink-2"];
+  context.textBaseline = "middle";
+  context.textAlign = "right";
+  for (const p of [0, 0.5, 1]) context.fillText(String(p), box.left - 7, box.y(p));
+  context.textBaseline = "top";
+  const steps = timeSteps(END_S, Math.max(box.width / 70, 2));
+  context.strokeStyle = colours["line-strong"];
+  steps.forEach((t, i) => {
+    line(context, crisp(box.x(t)), box.y(0), crisp(box.x(t)), box.y(0) + 4);
+    context.textAlign = i === 0 ? "left" : box.x(t) > box.left + box.width - 18 ? "right" : "center";
+    context.fillText(i === steps.length - 1 ? `${t} s` : String(t), box.x(t), box.y(0) + 8);
+  });
+}
+
+// Where along the chart a text of some width at height y hides the fewest points of the curves, and how many.
+function quietPlace(box, width, y) {
+  const s = run.samples, room = box.width - width - 14;
+  let best = { count: Infinity, x: 0 };
+  for (let i = 0; i <= 6; i++) {
+    const x = box.left + 7 + room * i / 6;
+    let count = 0;
+    for (let row = 0; row < s.belief_below.length; row++) {
+      const px = box.x(s.time_s[row]);
+      if (px > x - 4 && px < x + width + 4 && Math.abs(box.y(s.belief_below[row]) - y) < 9) count++;
+    }
+    if (count < best.count) best = { count, x };
+  }
+  return best;
+}
+
+// What lies beyond the thresholds: two texts, where the curves leave room; none where they would be hidden.
+function beliefWords(context, box) {
+  const limit = run.rule.credible_threshold;
+  context.font = WORDS_FONT;
+  return [
+    [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
+    [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],
+  ].map(([text, y, decision]) => {
+    const { width } = context.measureText(text);
+    return { text, y, decision, width, ...quietPlace(box, width, y) };
+  }).filter(({ count }) => count <= MOST_HIDDEN);
+}
+
+function drawBeliefWords(context, words) {
+  context.font = WORDS_FONT;
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  for (const { text, x, y, width, decision } of words) {
+    context.globalAlpha = 0.8;
+    context.fillStyle = colours.paper;
+    context.fillRect(x - 3, y - 8, width + 6, 16);
+    context.globalAlpha = 1;
+    context.fillStyle = colours.of[decision];
+    context.fillText(text, x, y);
+  }
+}

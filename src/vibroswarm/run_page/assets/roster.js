@@ -1,0 +1,71 @@
+// The table, robot by robot: what it does now, what it decided, and its counts over the run.
+
+const ROSTER_HEADS = [
+  ["", ["#"]], ["Now", ["doing", "p"]], ["Decision", ["", "after", "p then"]],
+  ["By the end", ["\u03b1", "\u03b2", "samples", "sent", "received"]],
+];
+const rosterRows = [];
+
+function buildRoster(onChoose) {
+  const groups = make("tr", ""), names = make("tr", "");
+  for (const [group, columns] of ROSTER_HEADS) {
+    const head = make("th", "group", group);
+    head.colSpan = columns.length;
+    head.scope = "colgroup";
+    groups.append(head);
+    columns.forEach((name, i) => {
+      const cell = make("th", i === 0 && group ? "first" : "", name || "says");
+      cell.scope = "col";
+      names.append(cell);
+    });
+  }
+  const body = make("tbody", "");
+  for (const robot of robots) body.append(rosterRow(robot, onChoose));
+  byId("roster").replaceChildren(make("caption", "unseen", "Robots"), make("thead", "", groups, names), body);
+}
+
+function rosterRow(robot, onChoose) {
+  const { final } = robot;
+  const row = make("tr", "");
+  const choose = make("button", "pip", robot.name);
+  choose.type = "button";
+  choose.setAttribute("aria-label", `Follow robot ${robot.name}`);
+  row.addEventListener("click", () => onChoose(robot));
+  const cell = (name, content, className = "") => {
+    const element = make("td", className, ...[content].flat());
+    element.dataset.column = name;
+    return element;
+  };
+  const head = make("th", "", choose);
+  head.scope = "row";
+  const state = cell("state", "", "first words"), belief = cell("belief", "");
+  row.append(head, state, belief,
+    cell("decision", verdictOf(final), "first words"),
+    cell("decision_time_s", final.decision_time_s === null ? "\u2013" : exactSeconds(final.decision_time_s)),
+    cell("belief_at_decision", final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision)),
+    cell("alpha", String(final.alpha), "first"));
+  for (const name of ["beta", "samples", "sent", "messages_received"]) row.append(cell(name, String(final[name])));
+  rosterRows.push({ robot, row, choose, state, belief });
+  return row;
+}
+
+// The decision in a word, with a tick or a cross; said in full to those who do not see it.
+function verdictOf(final) {
+  const words = VOTE_WORDS[final.decision];
+  if (final.decision < 0 || run.truth.decision === null) return [words];
+  const right = final.decision === run.truth.decision;
+  const sign = make("span", "", right ? "\u2713" : "\u2717");
+  sign.setAttribute("aria-hidden", "true");
+  return [`${words} `, sign, make("span", "unseen", right ? "right" : "wrong")];
+}
+
+function drawRoster(t, followed) {
+  for (const { robot, row, choose, state, belief } of rosterRows) {
+    const mind = mindAt(robot, t), pose = poseAt(robot, t);
+    say(state, pose ? stateWord(pose.kind) : "\u2013");
+    say(belief, probability(mind.belief));
+    choose.dataset.decision = mind.decision;
+    choose.setAttribute("aria-pressed", String(robot === followed));
+    row.classList.toggle("followed", robot === followed);
+  }
+}

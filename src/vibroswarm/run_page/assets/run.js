@@ -1,0 +1,117 @@
+// Questions to the run: where is a robot at a time, what was its latest sample, who has decided.
+
+const run = readRun();
+const END_S = run.time.end_s;
+const STILL = 0, VIBRATING = 1;
+
+// The last index in [from, to) whose value is at most x; from - 1 if there is none.
+function lastAtMost(values, x, from, to) {
+  let low = from, high = to;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (values[middle] <= x) low = middle + 1; else high = middle;
+  }
+  return low - 1;
+}
+
+// Robots in the order of the table, each with its samples' range [first, end) and its track.
+const robots = (() => {
+  const rows = run.samples.robot;
+  let at = 0;
+  return run.robots.map((final, index) => {
+    while (at < rows.length && rows[at] < final.robot) at++;
+    const first = at;
+    while (at < rows.length && rows[at] === final.robot) at++;
+    return { index, id: final.robot, name: String(final.robot), final, first, end: at, track: run.tracks.get(final.robot) };
+  });
+})();
+
+// Sample rows in the order in which they were taken.
+const samplesByTime = Uint32Array.from(run.samples.time_s.keys()).sort(
+  (a, b) => run.samples.time_s[a] - run.samples.time_s[b] || a - b);
+const sampleTimes = Float64Array.from(samplesByTime, (row) => run.samples.time_s[row]);
+
+// The row of a robot's latest own sample, or -1 before its first.
+function latestSample(robot, t) {
+  const row = lastAtMost(run.samples.time_s, t, robot.first, robot.end);
+  return row < robot.first ? -1 : row;
+}
+
+const PRIOR = {
+  alpha: run.rule.prior_alpha, beta: run.rule.prior_beta, belief: run.rule.prior_belief,
+  decision: -1, samples: 0, received: 0,
+};
+
+// What a robot believed after its latest own sample.
+function mindAt(robot, t) {
+  const row = latestSample(robot, t);
+  if (row < 0) return PRIOR;
+  const s = run.samples;
+  return {
+    alpha: s.alpha[row], beta: s.beta[row], belief: s.belief_below[row], decision: s.decision[row],
+    samples: row - robot.first + 1, received: s.messages_received[row],
+  };
+}
+
+// The pose between knots k and k + 1: on a circular arc in time (trajectory_thinning.py says why).
+function poseBetween(track, k, t) {
+  const last = track.time.length - 1;
+  if (k >= last) return { x: track.x[last], y: track.y[last], heading: track.heading[last] };
+  const lasting = track.time[k + 1] - track.time[k];
+  const share = lasting > 0 ? Math.min(Math.max((t - track.time[k]) / lasting, 0), 1) : 0;
+  const turned = track.heading[k + 1] - track.heading[k];
+  const half = turned / 2;
+  const bent = Math.abs(half) > 1e-6 && Math.abs(half) <= Math.PI / 2;
+  const reach = bent ? Math.sin(half * share) / Math.sin(half) : share;
+  const tilt = bent ? half * (share - 1) : 0;
+  const dx = track.x[k + 1] - track.x[k], dy = track.y[k + 1] - track.y[k];
+  const cos = reach * Math.cos(tilt), sin = reach * Math.sin(tilt);
+  return {
+    x: track.x[k] + dx * cos - dy * sin,
+    y: track.y[k] + dx * sin + dy * cos,
+    heading: track.heading[k] + turned * share,
+  };
+}
+
+// Where a robot is and what it does: its kind of movement, how far that is done (0 to 1), the way it turns.
+function poseAt(robot, t) {
+  const track = robot.track;
+  if (!track) return null;
+  const k = Math.max(lastAtMost(track.time, t, 0, track.time.length), 0);
+  const pose = poseBetween(track, k, t);
+  const next = Math.min(k + 1, track.time.length - 1);
+  pose.kind = run.poses.kinds[track.kind[k]];
+  pose.turning = Math.sign(track.heading[next] - track.heading[k]);
+  pose.knot = k;
+  return pose;
+}
+
+// Share of the stop that has passed, for a robot that samples.
+function stopShare(robot, t) {
+  const row = Math.max(latestSample(robot, t) + 1, robot.first);
+  if (row >= robot.end) return 0;
+  const begin = run.samples.stop_start_s[row], end = run.samples.time_s[row];
+  return t < begin ? 0 : (t - begin) / (end - begin);
+}
+
+function decidedCount(t) {
+  return robots.reduce((count, robot) => count + (mindAt(robot, t).decision >= 0 ? 1 : 0), 0);
+}
+
+function tileIsVibrating(tile) {
+  return run.floor.tiles.charCodeAt(tile) === 49;
+}
+
+// A reading is wrong when it is not what the tile under the robot is; without a tile it is neither.
+function isMisread(row) {
+  const tile = run.samples.tile[row];
+  return tile >= 0 && (run.samples.observation[row] === 1) !== tileIsVibrating(tile);
+}
+
+// Index of the tile at a place, -1 where there is none.
+function tileAt(x, y) {
+  const f = run.floor;
+  const column = Math.floor((x - f.left_m) / f.tile_width_m);
+  const row = Math.floor((f.bottom_m + f.rows * f.tile_height_m - y) / f.tile_height_m);
+  return column >= 0 && column < f.columns && row >= 0 && row < f.rows ? row * f.columns + column : -1;
+}

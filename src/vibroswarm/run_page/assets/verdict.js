@@ -1,0 +1,110 @@
+// The header: what the swarm came to, when, how sure; and how many have decided by now.
+
+const SIGNS = {
+  right: "M4 10.5l4 4 8-9", wrong: "M5 5l10 10M15 5L5 15", split: "M10 17v-6L4 4M10 11l6-7",
+  incomplete: "M5 3h10M5 17h10M6 3c0 7 8 7 8 14M14 3c0 7-8 7-8 14", truth_undefined: "M4 8h12M4 13h12",
+};
+const BADGES = {
+  right: "Consensus, right", wrong: "Consensus, wrong", split: "No consensus: split",
+  incomplete: "No consensus: undecided", truth_undefined: "Consensus",
+};
+
+function byDecision(decision) {
+  return robots.filter((robot) => robot.final.decision === decision);
+}
+
+function verdictLine() {
+  const side = DECISION_WORDS[robots[0]?.final.decision];
+  const still = byDecision(STILL).length, vibrating = byDecision(VIBRATING).length, open = byDecision(-1).length;
+  return {
+    right: `The swarm is right: ${ANSWERS ? "it says" : "the floor is"} ${side}.`,
+    wrong: `The swarm is wrong: it says ${side}.`,
+    split: `The swarm is split: ${still}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[STILL] : "still"}, `
+      + `${vibrating}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[VIBRATING] : "vibrating"}.`,
+    incomplete: open === robots.length ? "No robot has decided." : `${open} of ${robots.length} robots never decided.`,
+    truth_undefined: `The swarm agrees: ${side}.`,
+  }[run.outcome.consensus];
+}
+
+function verdictMore() {
+  const fill = run.truth.fill_ratio, edge = run.rule.boundary;
+  const share = `${percent(fill)} of the tiles vibrate`;
+  if (ANSWERS) {
+    const right = run.truth.decision;
+    return `${share}. ${right === null ? "Neither answer is right." : `Right is ${DECISION_WORDS[right]}.${rightAndWrong()}`}`;
+  }
+  return run.truth.decision === null
+    ? `${share}: exactly the boundary, so there is no majority to be right about.`
+    : `${share}, ${run.truth.decision === STILL ? "below" : "above"} the boundary of ${percent(edge)}.${rightAndWrong()}`;
+}
+
+// Where there is no consensus: how those that decided did.
+function rightAndWrong() {
+  const right = byDecision(run.truth.decision).length, wrong = byDecision(1 - run.truth.decision).length;
+  if (!["split", "incomplete"].includes(run.outcome.consensus) || right + wrong === 0) return "";
+  return ` Decided right: ${right}, wrong: ${wrong}.`;
+}
+
+// Belief in the own decision when it was made.
+function certainties() {
+  return robots.filter((robot) => robot.final.belief_at_decision !== null && robot.final.decision >= 0)
+    .map(({ final }) => (final.decision === STILL ? final.belief_at_decision : 1 - final.belief_at_decision));
+}
+
+function verdictFacts() {
+  const sure = certainties(), count = run.samples.time_s.length;
+  const misread = run.samples.time_s.reduce((n, _, row) => n + (isMisread(row) ? 1 : 0), 0);
+  const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
+  const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
+  const votes = [STILL, VIBRATING, -1].map((decision) => [decision, VOTE_WORDS[decision]])
+    .map(([decision, word]) => [byDecision(decision).length, word]).filter(([count]) => count > 0);
+  return [
+    [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus"],
+    ["Sure of it", sure.length ? probability(mean) : "none",
+      "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
+    ["Robots", votes.map(([count, word]) => `${count} ${word}`).join(", "), "votes"],
+    ["Samples", whole(count), "samples", `${percent(misread / Math.max(count, 1))} misread`],
+  ];
+}
+
+function signOf(outcome) {
+  const space = "http://www.w3.org/2000/svg";
+  const sign = document.createElementNS(space, "svg"), path = document.createElementNS(space, "path");
+  sign.setAttribute("viewBox", "0 0 20 20");
+  sign.setAttribute("aria-hidden", "true");
+  path.setAttribute("d", SIGNS[outcome]);
+  sign.append(path);
+  return sign;
+}
+
+function buildVerdict() {
+  const outcome = run.outcome.consensus;
+  document.querySelector(".verdict").dataset.outcome = outcome;
+  byId("run-name").textContent = run.title;
+  byId("verdict-badge").replaceChildren(signOf(outcome), BADGES[outcome]);
+  say(byId("verdict-line"), verdictLine());
+  say(byId("verdict-more"), verdictMore());
+  byId("facts").replaceChildren(...verdictFacts().map(([term, value, name, more]) => {
+    const fact = make("div", "fact", make("dt", "", term), make("dd", "", make("span", "", value)));
+    fact.dataset.fact = name;
+    if (more) fact.lastChild.append(" ", make("small", "", more));
+    return fact;
+  }));
+  say(byId("now-robots"), String(robots.length));
+  byId("pips").replaceChildren(...robots.map((robot) => make("li", "pip", robot.name)));
+}
+
+function drawVerdict(t) {
+  say(byId("now-time"), seconds(t));
+  let count = 0;
+  robots.forEach((robot, i) => {
+    const { decision } = mindAt(robot, t), pip = byId("pips").children[i];
+    count += decision >= 0 ? 1 : 0;
+    if (pip.dataset.decision === String(decision)) return;
+    pip.dataset.decision = decision;
+    pip.setAttribute("aria-label", `Robot ${robot.name}: ${DECISION_WORDS[decision]}`);
+  });
+  if (byId("now-decided").textContent === String(count)) return;
+  say(byId("now-decided"), String(count));
+  say(byId("announce"), `${count} of ${robots.length} robots have decided.`);
+}

@@ -1,0 +1,54 @@
+// How numbers and findings are said.
+
+const STATE_WORDS = { drive: "driving", turn: "turning", avoid: "avoiding", stop: "sampling" };
+const STRATEGY_WORDS = { none: "no feedback", positive: "positive feedback", soft: "soft feedback" };
+
+const seconds = (value) => `${value.toFixed(1)} s`;
+const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
+const whole = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
+const ratio = (share) => String(Number(share.toFixed(6)));
+
+// A decision is about the boundary: "mostly" only where that is one half.
+const ANSWERS = run.rule.answers;
+const DECISION_WORDS = ANSWERS
+  ? { "-1": "undecided", 0: `\u201c${ANSWERS[0]}\u201d`, 1: `\u201c${ANSWERS[1]}\u201d` }
+  : run.rule.boundary === 0.5 ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
+  : {
+    "-1": "undecided",
+    0: `less than ${percent(run.rule.boundary)} vibrating`,
+    1: `more than ${percent(run.rule.boundary)} vibrating`,
+  };
+// The same in one word, where the boundary goes without saying.
+const VOTE_WORDS = { "-1": "undecided", 0: ANSWERS ? ANSWERS[0] : "still", 1: ANSWERS ? ANSWERS[1] : "vibrating" };
+
+// Three places, and never a certainty that is not there.
+function probability(value) {
+  if (value > 0.9995 && value < 1) return "> 0.999";
+  if (value < 0.0005 && value > 0) return "< 0.001";
+  return value.toFixed(3);
+}
+
+// "0, 2 and 5"
+function listed(words) {
+  return words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words[words.length - 1]}`;
+}
+
+function stateWord(kind) {
+  return STATE_WORDS[kind] ?? kind;
+}
+
+// An element with a class, attributes and children; text is always text.
+function make(tag, className, ...children) {
+  const element = document.createElement(tag);
+  if (className) element.className = className;
+  element.append(...children);
+  return element;
+}
+
+// Text is set only where it changes, which spares the browser a layout.
+function say(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+const byId = (id) => document.getElementById(id);

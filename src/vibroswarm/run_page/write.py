@@ -1,0 +1,167 @@
+"""Write a run's page: one file with the assets, the scripts and the run's data."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import math
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.analysis.verdict import answers_of
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.errors import InputError
+from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
+from vibroswarm.result import Result
+from vibroswarm.run_page.payload import payload
+from vibroswarm.run_page.record import RunRecord
+
+SCRIPTS = (
+    "decode.js",
+    "run.js",
+    "beta.js",
+    "rays.js",
+    "words.js",
+    "theme.js",
+    "canvas.js",
+    "glyphs.js",
+    "floor_layer.js",
+    "samples_layer.js",
+    "trails.js",
+    "robots.js",
+    "arena.js",
+    "belief_axes.js",
+    "belief_chart.js",
+    "posteriors.js",
+    "verdict.js",
+    "roster.js",
+    "details.js",
+    "tooltip.js",
+    "arena_tooltip.js",
+    "player.js",
+    "keyboard.js",
+    "address.js",
+    "main.js",
+)
+"""The scripts in the order of the page: each uses only earlier ones."""
+
+
+def page_html(record: RunRecord) -> str:
+    """One run as an HTML document that needs no server, network or other file."""
+    script = "\n".join(_asset(name) for name in SCRIPTS)
+    document = _asset("page.html")
+    parts = {
+        "title": html.escape(record.title.encode("utf-8", "replace").decode("utf-8")),
+        "style": _asset("page.css"),
+        "script": script,
+        "script_hash": _script_hash(document, script),
+        "data": script_json(payload(record)),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], document)
+
+
+def _script_hash(document: str, script: str) -> str:
+    """Hash of the page's script element, so that no other script runs in the page."""
+    (inner,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
+    digest = hashlib.sha256(inner.replace("{{script}}", script).encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
+
+
+def write_page(record: RunRecord, path: Path) -> None:
+    """Write ``page_html`` to ``path``, completely or not at all; replaces an existing file.
+
+    Raises:
+        InputError: the folder cannot be written.
+        RunError: the disk is full or failed.
+    """
+    text = page_html(record)
+    with whole_file(Path(path)) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def script_json(value: Any) -> str:
+    """JSON for a script element: nothing in it can end the element or open a comment.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII only: U+2028 is escaped too
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _asset(name: str) -> str:
+    return files("vibroswarm.run_page").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
+    """Make the content of the page of one run.
+
+    Raises:
+        InputError: the result has no such run, or was made without segments.
+    """
+    if result.segments is None:
+        raise InputError("the page needs positions at all times; simulate with segments=True")
+    floor = result.floor(run)
+    scenario = result.scenario
+    rays, decision = scenario.rays, scenario.decision
+    size = (scenario.arena.width_m, scenario.arena.height_m)
+    boundary, tested = decision.decision_boundary, readings_boundary(scenario)
+    of_run = pl.col("run") == run
+    summary = result.runs.filter(of_run).to_dicts()[0]
+    names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
+    return RunRecord(
+        title=title or f"{scenario.swarm.robots} robots on {floor.name}",
+        arena_width_m=scenario.arena.width_m,
+        arena_height_m=scenario.arena.height_m,
+        floor=floor,
+        t_end_s=summary["end_s"],
+        strategy=scenario.strategy.name,
+        seed=result.seed,
+        run=run,
+        fill_ratio=summary["fill_ratio"],
+        consensus=summary["consensus"],
+        consensus_time_s=summary["consensus_time_s"],
+        motion=result.motion.filter(of_run),
+        segments=result.segments.filter(of_run),
+        observations=result.observations.filter(of_run),
+        inference=result.inference.filter(of_run),
+        robots=result.robots.filter(of_run),
+        min_observations=decision.min_observations,
+        gate=decision.gate,
+        credible_threshold=decision.credible_threshold,
+        decision_boundary=boundary,
+        readings_boundary=tested,
+        expected_ones=expected_ones_on(scenario.sensor, floor, size) if tested != boundary else None,
+        prior_alpha=decision.prior_alpha,
+        prior_beta=decision.prior_beta,
+        tick_s=scenario.tick_s,
+        body_radius_m=scenario.robot.body_radius_m,
+        ray_forward_m=rays.forward_m,
+        ray_sides_m=tuple(rays.side_m),
+        ray_angles_rad=tuple(math.radians(angle) for angle in rays.angle_deg),
+        ray_range_m=rays.range_m,
+        ray_disc_radius_m=rays.disc_radius_m,
+        avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
+        truth=summary["truth"],
+        answers=None if scenario.task.name == "fill_ratio" else answers_of(scenario),
+        details={
+            "scenario": scenario.hash,
+            "motion": result.source,
+            **{name: result.versions[name] for name in names if name in result.versions},
+        },
+    )
+
+
+def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
+    """Write the page of one run: a single file that opens from disk.
+
+    Raises:
+        InputError: the result has no such run, was made without segments, or ``path`` cannot be written.
+    """
+    write_page(record_of(result, run), Path(path))

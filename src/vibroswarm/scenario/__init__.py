@@ -1,0 +1,1 @@
+"""Scenarios: their fields, their files, and the users' code that they name."""

@@ -1,0 +1,333 @@
+"""The fields of a scenario, section by section; what each is, its default and its bounds.
+
+Every default is what the paper's simulations really did (preset ``paper``). Units stand in the names.
+Field to paper:
+
+| field | symbol | unit |
+|---|---|---|
+| walk.walk_duration_location_ms, walk.walk_duration_scale_ms | gamma_0, gamma | ms |
+| walk.avoidance_threshold_mm | theta_c | mm |
+| sample.sample_interval_ms | tau | ms |
+| sensor.rms_threshold | theta_E | - |
+| decision.credible_threshold, decision.min_observations | p_c, O_c | - |
+| decision.decision_boundary | 0.5 in the paper | - |
+| decision.boundary_of, decision.assumed_false_positive, decision.assumed_false_negative | not in the paper | - |
+| strategy.soft.eta, strategy.soft.kappa | eta, kappa | - |
+| robot.misalignment_min, robot.misalignment_max | m_d ~ U(min, max) | - |
+| robot.speed_factor_shape, _scale, _location | s_d ~ Gamma(shape, scale) + location | - |
+| sensor.edge_reach_m, sensor.edge_blur_m, sensor.tile_spread, sensor.robot_spread | not in the paper | m, m, -, - |
+| robot.battery_life_s | b_d = 1 - t / battery_life_s | s |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor, as_tiles
+from vibroswarm.floors.source import is_random, named_tiles
+from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
+
+Length = Annotated[float, Field(gt=0, le=1e4)]
+Duration = Annotated[float, Field(ge=0, le=1e9)]
+Lengths = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=10)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
+Factors = Annotated[
+    tuple[Annotated[float, Field(gt=0, le=100)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
+Bends = Annotated[
+    tuple[Annotated[float, Field(gt=-1, lt=1)], ...], Field(min_length=1, max_length=10_000, strict=False)
+]
+RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict=False)]
+Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
+
+
+UNNAMED = "tiles"
+"""Name of a floor whose tiles are given without one."""
+
+
+class Arena(FrozenModel):
+    """The walls, a rectangle with its lower left corner at the origin."""
+
+    width_m: Length = 1.0
+    """Inner width, m."""
+    height_m: Length = 1.0
+    """Inner height, m."""
+
+
+class FloorField(FrozenModel):
+    """The tiles in the arena, and their position."""
+
+    source: str = Field(default="random:0.48", min_length=1)
+    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, or the name of the floor in ``tiles``."""
+    rows: Annotated[int, Field(ge=1, le=2000)] = 5
+    """Rows of a random floor; patterns and `tiles` have their own."""
+    columns: Annotated[int, Field(ge=1, le=2000)] = 5
+    """Columns of a random floor."""
+    tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """The floor itself, one string of 0 and 1 per row, top row first; takes precedence over ``source``."""
+    redraw: Literal["run", "study"] = "run"
+    """Draw a random floor anew for each run, or once (that of run 0) for all."""
+    tile_width_m: Length | None = None
+    """Width of one tile; if omitted, the tiles are stretched over the arena."""
+    tile_height_m: Length | None = None
+    """Height of one tile; if omitted, likewise."""
+    left_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """The floor's left edge in the arena; parts outside the arena are cut off."""
+    bottom_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """The floor's lower edge."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, values: Any) -> Any:
+        """Give unnamed tiles a name of their own, not that of the default random floor."""
+        if isinstance(values, dict) and values.get("tiles") is not None and "source" not in values:
+            return values | {"source": UNNAMED}
+        return values
+
+    @property
+    def drawn_by_run(self) -> bool:
+        """Whether each run has a floor of its own."""
+        return self.tiles is None and self.redraw == "run" and is_random(self.source)
+
+    def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
+        """Return the floor of ``run`` in an arena: fixed, or the random one of (seed, run)."""
+        tiles, name = self.tiles_for(seed, run if self.redraw == "run" else 0)
+        rows, columns = tiles.shape
+        width_m, height_m = (
+            self.tile_width_m or arena.width_m / columns,
+            self.tile_height_m or arena.height_m / rows,
+        )
+        return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
+
+    def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
+        """Return the tiles of ``run``, (rows, columns), and their name."""
+        if self.tiles is not None:
+            if len({len(row) for row in self.tiles}) > 1:
+                raise InputError("the rows are not of one length", field="floor.tiles")
+            if set("".join(self.tiles)) - {"0", "1"}:
+                raise InputError("a row is a string of 0 and 1", field="floor.tiles")
+            return as_tiles([[int(tile) for tile in row] for row in self.tiles]), self.source
+        return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
+
+
+class Swarm(FrozenModel):
+    """Number of robots, and their start."""
+
+    robots: Annotated[int, Field(ge=1, le=10_000)] = 5
+    """Number of robots."""
+    start_margin_m: Annotated[float, Field(ge=0, le=1e4)] = 0.05
+    """Centres start uniform in the arena minus this margin (never nearer to a wall than the body allows)."""
+
+
+class Robot(FrozenModel):
+    """The body and its imperfections, fitted to the simulator's logs."""
+
+    body_radius_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.015
+    """Bodies are discs of this radius to each other and to walls."""
+    full_speed_m_s: Annotated[float, Field(gt=0, le=10)] = 0.0549
+    """Speed at full command (55 mm/s nominal)."""
+    drive_track_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.0394
+    """Wheel distance that determines the veer when driving."""
+    turn_track_m: Annotated[float, Field(ge=1e-4, le=10)] = 0.046
+    """Wheel distance that determines the turn rate in place."""
+    misalignment_min: Annotated[float, Field(gt=-1, lt=1)] = -0.1
+    """m_d ~ U(min, max), one per robot: left wheel 1 - m_d, right wheel 1 + m_d."""
+    misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
+    """Upper end of that range."""
+    misalignments: Bends | None = None
+    """m_d per robot, instead of drawing it; the list repeats beyond its end. None in the paper."""
+    speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
+    """s_d ~ Gamma(shape, scale) + location, clipped."""
+    speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
+    """Its scale."""
+    speed_factor_location: Annotated[float, Field(ge=-100, le=100)] = 0.8
+    """Its shift."""
+    speed_factor_min: Annotated[float, Field(gt=0, le=100)] = 0.9
+    """Lower clip of s_d."""
+    speed_factor_max: Annotated[float, Field(gt=0, le=100)] = 1.5
+    """Upper clip of s_d."""
+    speed_redraw: Literal["sample", "robot"] = "sample"
+    """Draw s_d anew at every sample (as in the simulations) or once per robot (as in the text)."""
+    speed_factors: Factors | None = None
+    """s_d per robot, instead of drawing it (``speed_redraw`` must be "robot"); the list repeats beyond its end."""
+    speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
+    """Variation of a robot's speed about its own: s_d is also multiplied by a factor drawn at every sample,
+    triangular with mean 1 and this standard deviation; the product is clipped too. If omitted (the paper),
+    there is none."""
+    battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
+    """Battery factor is 1 - t / battery_life_s, updated at samples."""
+
+
+class Rays(FrozenModel):
+    """The three distance sensors. They start ahead of the centre and detect walls and other robots' discs."""
+
+    forward_m: Annotated[float, Field(ge=0, le=10)] = 0.008
+    """Distance of the rays' starts ahead of the centre."""
+    forward_each_m: Lengths | None = None
+    """The same per robot, instead; the list repeats beyond its end. None in the paper."""
+    side_m: RayList = (0.0, 0.0075, -0.0075)
+    """Distance of their starts to the left, one entry per ray."""
+    angle_deg: RayList = (0.0, 27.0, -27.0)
+    """Their directions, anticlockwise from ahead, one entry per ray."""
+    range_m: Annotated[float, Field(gt=0, le=100)] = 0.15
+    """Range of the rays."""
+    disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
+    """Radius of other robots as the rays detect them."""
+
+
+class Walk(FrozenModel):
+    """The random walk and the turns."""
+
+    walk_duration_location_ms: Annotated[float, Field(ge=0, le=1e9)] = 7860.0
+    """gamma_0: location of the Cauchy distribution of leg times."""
+    walk_duration_scale_ms: Annotated[float, Field(ge=0, le=1e9)] = 10725.0
+    """gamma: its scale."""
+    leg_min_ms: Duration = 1000.0
+    """Lower clip of leg times."""
+    leg_max_ms: Duration = 30_000.0
+    """Upper clip of leg times."""
+    turn_max_deg: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Turns are uniform between minus and plus this."""
+    avoidance_threshold_mm: Annotated[float, Field(ge=0, le=1e5)] = 55.0
+    """theta_c: a ray shorter than this starts an avoidance turn."""
+    turn_gain_percent_per_deg: Annotated[float, Field(gt=0, le=1e4)] = 2.5
+    """Command of a turn: this times the angle still to turn,"""
+    turn_integral_gain_percent_per_deg_s: Annotated[float, Field(ge=0, le=1e4)] = 0.15
+    """plus this times its integral over time."""
+    turn_tolerance_deg: Annotated[float, Field(gt=0, le=90)] = 2.5
+    """A turn is done when at most this angle is left."""
+    blind_after_turn_ms: Annotated[float, Field(gt=0, le=60_000)] | None = None
+    """How long the robot ignores its rays after a turn. If omitted (the paper), it never does."""
+
+
+class Sample(FrozenModel):
+    """When a robot stops to sample, and for how long."""
+
+    sample_interval_ms: Annotated[float, Field(ge=0, le=1e9)] = 3778.0
+    """tau: a sample is due when the timer exceeds it."""
+    stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
+    """How long the robot stands before the sample is taken."""
+    signal_ms: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    """How long the accelerometer is read, at the end of the stop (``observation.sensed_floor.sense_program``); if
+    omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
+    them."""
+    timer: Literal["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"] = "reset_after_turn"
+    """The timer counts driving and avoiding. In a turn at the end of a leg it pauses and then restarts from 0
+    (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text);
+    ``frozen_in_avoidance`` is like the first, but avoidance is not counted either."""
+    interrupts_avoidance: bool = True
+    """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
+
+
+class Sensor(FrozenModel):
+    """The reading of a sample: an energy E (RMS of the filtered acceleration) and the bit O = (E > theta_E)."""
+
+    model: Literal["gamma", "energies"] = "gamma"
+    """Draw energies from Gamma distributions, or from measured ones."""
+    rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
+    """theta_E: a sample reads as vibrating when E exceeds it."""
+    vibrating_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.33497
+    """E on a vibrating tile ~ Gamma(shape, scale) + location."""
+    vibrating_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.5132
+    """Its scale."""
+    vibrating_location: Annotated[float, Field(ge=-1e6, le=1e6)] = -0.2001
+    """Its shift."""
+    still_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 2.52194
+    """E on a still tile ~ Gamma(shape, scale) + location."""
+    still_scale: Annotated[float, Field(gt=0, le=1e6)] = 0.28754
+    """Its scale."""
+    still_location: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.13731
+    """Its shift."""
+    vibrating_energies: Energies | None = None
+    """Measured energies of vibrating tiles, for model = "energies"."""
+    still_energies: Energies | None = None
+    """Measured energies of still tiles."""
+    edge_reach_m: Annotated[float, Field(ge=-1, le=1)] | None = None
+    """How far vibrating tiles reach beyond their edges: at this distance every second sample reads as on the tile.
+    If this and ``edge_blur_m`` are omitted, a sample reads the tile under the centre, as in the paper."""
+    edge_blur_m: Annotated[float, Field(ge=0, le=1)] | None = None
+    """How gradual that is: standard deviation of the distance at which it happens, m."""
+    tile_spread: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Differences between tiles: energies on each tile are multiplied by a factor of mean 1, log-normal with this
+    standard deviation of its logarithm, drawn per tile and run (per study with ``floor.redraw = "study"``)."""
+    robot_spread: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Differences between the robots' sensors, likewise; drawn per robot and run."""
+
+
+class Decision(FrozenModel):
+    """When a robot decides."""
+
+    decision_boundary: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """The question: does more than this share vibrate?"""
+    boundary_of: Literal["tiles", "readings"] = "readings"
+    """What the boundary is a share of. "readings": robots test the share of ones against ``decision_boundary``
+    itself, as the study did, which is right only if the sensor's errors balance at it. "tiles": robots test it
+    against the share of ones expected of a floor at the boundary, given the error rates that they assume."""
+    assumed_false_positive: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """For "tiles": the share of samples at still places that robots expect to read as vibrating. If omitted, they
+    know their sensor: its true rate, averaged over uniformly random places, edges included."""
+    assumed_false_negative: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """For "tiles": the share of samples on vibrating tiles that they expect to read as still; likewise."""
+    credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    """p_c: a robot decides when its belief exceeds this."""
+    min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
+    """O_c: strictly more observations are needed to decide."""
+    gate: Literal["total", "received", "own"] = "total"
+    """Which observations count towards ``min_observations``."""
+    gate_counts_current: bool = False
+    """Whether the current sample counts."""
+    revise: bool = False
+    """Whether a robot under ``soft`` may change its decision, as Algorithm 1 allows u^s."""
+    prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
+    """The prior is Beta(prior_alpha, prior_beta)."""
+    prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
+    """Its second parameter."""
+    hold_s: Annotated[float, Field(ge=0, le=1e7)] = 30.0
+    """For strategies whose opinions may change: the swarm has decided when all have agreed for this long, s."""
+
+
+class Run(FrozenModel):
+    """Duration and time step."""
+
+    t_end_s: Annotated[float, Field(gt=0, le=1e7)] = 1200.0
+    """End of the run."""
+    stop: Literal["t_end", "all_decided"] = "t_end"
+    """Run to the end, or until all robots have decided (which biases motion statistics)."""
+    control_period_ms: Annotated[int, Field(ge=1, le=10_000)] = 20
+    """Period at which the robot reads clock, gyro and rays."""
+
+
+class Sections(FrozenModel):
+    """All sections of a scenario."""
+
+    arena: Arena = Arena()
+    floor: FloorField = FloorField()
+    swarm: Swarm = Swarm()
+    robot: Robot = Robot()
+    rays: Rays = Rays()
+    walk: Walk = Walk()
+    sample: Sample = Sample()
+    sensor: Sensor = Sensor()
+    strategy: StrategyChoice = StrategyChoice()
+    decision: Decision = Decision()
+    network: NetworkChoice = NetworkChoice()
+    task: TaskChoice = TaskChoice()
+    run: Run = Run()
+
+    @property
+    def tick_s(self) -> float:
+        """The control period, s."""
+        return self.run.control_period_ms / 1000.0
+
+    @property
+    def ticks(self) -> int:
+        """Number of control periods that begin before the end."""
+        return math.ceil(self.run.t_end_s * 1000.0 / self.run.control_period_ms - 1e-9)

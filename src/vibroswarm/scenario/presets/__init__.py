@@ -1,0 +1,37 @@
+"""Scenarios by name: ``paper``, ``paper-empirical`` (P0) and ``text``."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+
+from vibroswarm.errors import InputError, nearest
+
+
+def preset_names() -> list[str]:
+    """Return the names of all presets, sorted."""
+    return sorted(p.name.removesuffix(".toml") for p in files(__name__).iterdir() if p.name.endswith(".toml"))
+
+
+def preset_text(name: str) -> str:
+    """Return a preset's file as text.
+
+    Raises:
+        InputError: there is no such preset; the nearest is named.
+    """
+    known = preset_names()
+    if name not in known:
+        raise InputError(
+            f"there is no preset '{name}'{nearest(name, known)} (there are {', '.join(known)})",
+            field="preset",
+        )
+    return (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+
+
+@cache
+def describe(name: str) -> str:
+    """Return a one-line description of a preset: the comment at its top."""
+    text = (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+    tomllib.loads(text)
+    return text.splitlines()[0].removeprefix("# ")

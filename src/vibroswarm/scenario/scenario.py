@@ -1,0 +1,275 @@
+"""Scenarios: frozen, validated, hashable, TOML in and out.
+
+A scenario consists of the sections of ``fields``. Every default is what the paper's simulations really did
+(preset ``paper``), so a scenario file need only give what differs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ValidationError, model_validator
+
+from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.patterns import family
+from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.scenario import plugins, validation
+from vibroswarm.scenario.choices import Choice, field_error
+from vibroswarm.scenario.fields import Sections
+from vibroswarm.scenario.presets import preset_text
+
+SCHEMA_VERSION = 2
+
+
+class Scenario(Sections):
+    """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
+
+    Raises (through ``read``, ``from_toml`` and ``with_values``):
+        InputError: naming the field, its value and what would be right.
+    """
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for check in validation.ALL:
+            check(self)
+        return self
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Scenario:
+        """Build a scenario from nested mappings, as TOML gives them; omitted fields are as in preset ``paper``.
+
+        Args:
+            values: section to field to value.
+        Raises:
+            InputError: an unknown field, or a value that is wrong.
+        """
+        try:
+            return cls.model_validate(dict(values))
+        except ValidationError as error:
+            raise field_error(error, _nearest_field) from None
+
+    @classmethod
+    def from_toml(cls, text: str, *, name: str = "scenario", folder: str | Path | None = None) -> Scenario:
+        """Parse a scenario from TOML text; ``preset = "text"`` at the top makes that preset the base.
+
+        Args:
+            text: TOML. name: what errors call it.
+            folder: ``floor.source`` may also name a floor file in this folder; its tiles are taken into the
+                scenario (``floor.rows`` and ``floor.columns`` are those of a coordinate list).
+        Raises:
+            InputError: not TOML, or a field, a value or a floor that is wrong.
+        """
+        try:
+            values = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # not TOML, or a number with thousands of digits
+            raise InputError(f"is not TOML: {error}", field=name) from None
+        if folder is not None:
+            _read_floor_file(values, Path(folder))
+        with plugins.search_beside(folder):
+            return cls.from_base(values)
+
+    @classmethod
+    def from_base(cls, values: Mapping[str, Any]) -> Scenario:
+        """Build a scenario as ``from_values`` does; ``preset = "text"`` among the ``values`` makes that preset the
+        base.
+
+        Raises:
+            InputError: an unknown preset or field, or a value that is wrong.
+        """
+        values = dict(values)
+        base = values.pop("preset", None)
+        if base is None:
+            return cls.from_values(values)
+        if not isinstance(base, str):
+            raise InputError(f"{base!r} is not the name of a preset", field="preset")
+        merged = preset(base).model_dump(exclude_none=True)
+        for section, fields in values.items():
+            if isinstance(fields, dict) and isinstance(merged.get(section), dict):
+                if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
+                    merged[section].pop("source")  # the floor of that name is replaced
+                merged[section] = _merged(merged[section], fields)
+            else:
+                merged[section] = fields
+        return cls.from_values(merged)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Scenario:
+        """Read a scenario from the TOML file ``path``; a floor file that it names is looked for beside it.
+
+        Raises:
+            InputError: it cannot be read, or something in it is wrong.
+        """
+        path = Path(path)
+        text = read_text(path, "a scenario")
+        return cls.from_toml(text, name=str(path), folder=path.parent)
+
+    def to_toml(self) -> str:
+        """Return the whole scenario as TOML; ``from_toml`` gives back an equal one."""
+        import tomli_w
+
+        return tomli_w.dumps(self.model_dump(mode="python", exclude_none=True))
+
+    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+        """Return a copy with some fields replaced.
+
+        Args:
+            values: by dotted name: ``{"walk.leg_min_ms": 500}``.
+        Raises:
+            InputError: an unknown field (the nearest is named), or a value that is wrong.
+        """
+        data = self.model_dump(exclude_none=True)
+        for name, value in values.items():
+            section, _, field = name.partition(".")
+            if not field and section in data:
+                raise InputError(
+                    f"is a section; name one of its fields, such as {next(iter(data[section]))}", field=name
+                )
+            if not field or not isinstance(data.get(section), dict):
+                raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+            *tables, last = field.split(".")
+            place = data[section]
+            for table in tables:
+                place = place.setdefault(table, {})
+                if not isinstance(place, dict):
+                    raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+            if value is None:
+                place.pop(last, None)
+            elif type(value) is int and isinstance(place.get(last), float) and abs(value) <= 2**53:
+                place[last] = float(value)  # also for code that is not loaded, whose types are unknown
+            else:
+                place[last] = value
+        if (
+            values.get("floor.tiles") is not None
+            and "floor.source" not in values
+            and self.floor.tiles is None
+        ):
+            data["floor"].pop("source")  # the floor of that name is replaced
+        return Scenario.from_values(data)
+
+    def floor_for(self, seed: int, run: int) -> Floor:
+        """Return the floor of ``run``: fixed, or the random one of (seed, run)."""
+        return self.floor.placed_in(self.arena, seed, run)
+
+    @property
+    def hash(self) -> str:
+        """16 hexadecimal digits that change with any field, and with nothing else."""
+        data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
+        data |= {one.kind: one.effective for one in self.choices}
+        text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """Sections that select an entry by name: strategy, network and task."""
+        return tuple(
+            one for name in type(self).model_fields if isinstance(one := getattr(self, name), Choice)
+        )
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Users' files that it needs, as ``plugins`` names them."""
+        return tuple(one.code for one in self.choices if one.code is not None)
+
+
+@cache
+def preset(name: str) -> Scenario:
+    """Return the preset of that name.
+
+    Raises:
+        InputError: there is no such preset; the nearest is named.
+    """
+    return Scenario.from_toml(preset_text(name), name=name)
+
+
+def field_names() -> list[str]:
+    """Return the dotted names of all fields."""
+    found = []
+    for section, info in Scenario.model_fields.items():
+        kind: Any = info.annotation
+        names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
+        found += [f"{section}.{name}" for name in names]
+    return found
+
+
+def value_of(scenario: Scenario, name: str) -> Any:
+    """Return the value of a field, by its dotted name.
+
+    Raises:
+        InputError: there is no such field.
+    """
+    section, _, field = name.partition(".")
+    found = getattr(scenario, section, None)
+    table, separator, last = field.partition(".")
+    if isinstance(found, Choice) and separator:
+        found, field = found.table(table), last
+    if isinstance(found, Mapping):
+        return found.get(field)
+    if not isinstance(found, BaseModel) or not hasattr(found, field):
+        raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+    return getattr(found, field)
+
+
+def kind_of(name: str) -> Any:
+    """Return the type of a field, by its dotted name; None if there is no such field."""
+    section, _, field = name.partition(".")
+    if name not in field_names():
+        return None
+    kind: Any = Scenario.model_fields[section].annotation
+    return kind.kind_of(field) if issubclass(kind, Choice) else kind.model_fields[field].annotation
+
+
+def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one table overlaid with another, nested tables included."""
+    found = dict(base)
+    for key, value in more.items():
+        inner = found.get(key)
+        both = isinstance(inner, Mapping) and isinstance(value, Mapping)
+        found[key] = _merged(inner, value) if both else value  # type: ignore[arg-type]
+    return found
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Parse ``"walk.leg_min_ms=500"`` into name and value; the value is TOML, or a bare word."""
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
+    try:
+        parsed = tomllib.loads(f"value = {value.strip()}")
+    except (ValueError, RecursionError):  # not TOML, or a number with thousands of digits
+        return name.strip(), value.strip()
+    if set(parsed) != {"value"}:
+        raise InputError(f"'{text}' sets more than one value", field="--set")
+    return name.strip(), parsed["value"]
+
+
+def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
+    """Replace a floor file named by ``floor.source`` by its tiles."""
+    floor = values.get("floor")
+    if not isinstance(floor, dict) or "tiles" in floor or not isinstance(floor.get("source"), str):
+        return
+    source = floor["source"]
+    if is_random(source) or family(source) is not None:
+        return
+    size = (floor.get("rows"), floor.get("columns"))
+    given = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+    path = folder / source
+    grid, name = resolve(str(path) if path.is_file() else source, given)  # type: ignore[arg-type]
+    floor["source"] = name
+    floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+
+
+def _nearest_field(name: str) -> str:
+    known = field_names()
+    last = name.rpartition(".")[2]
+    same = [k for k in known if k.rpartition(".")[2] == last] or [
+        k for k in known if last in k.split(".")[1:-1]
+    ]
+    return f", did you mean '{same[0]}'?" if same else nearest(name, known + list(Scenario.model_fields))

@@ -1,0 +1,200 @@
+"""Checks across the fields of a scenario; each raises an ``InputError`` that names the field to fix."""
+
+from __future__ import annotations
+
+from vibroswarm import strategies
+from vibroswarm.errors import InputError
+from vibroswarm.floors.source import shadows
+from vibroswarm.scenario.fields import Sections
+
+
+def _check_ranges(s: Sections) -> None:
+    pairs = (
+        ("robot.misalignment", s.robot.misalignment_min, s.robot.misalignment_max),
+        ("robot.speed_factor", s.robot.speed_factor_min, s.robot.speed_factor_max),
+        ("walk.leg", s.walk.leg_min_ms, s.walk.leg_max_ms),
+    )
+    for name, low, high in pairs:
+        if low > high:
+            unit = "_ms" if name == "walk.leg" else ""
+            raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
+    if len(s.rays.side_m) != len(s.rays.angle_deg):
+        raise InputError(
+            f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg; give equal numbers",
+            field="rays.side_m",
+        )
+
+
+def start_region(s: Sections) -> tuple[float, float, float, float]:
+    """Return the range of the robots' centres at the start, m: x from, x to, y from, y to."""
+    margin = max(s.swarm.start_margin_m, s.robot.body_radius_m)
+    return margin, s.arena.width_m - margin, margin, s.arena.height_m - margin
+
+
+def lattice_sites(s: Sections) -> tuple[int, int]:
+    """Return the numbers of columns and rows of robots that fit side by side in the start region.
+
+    Robots start on this lattice if random placement fails. More robots than sites are refused, although tighter
+    arrangements, such as offset rows, may hold a few more.
+    """
+    left, right, low, high = start_region(s)
+    pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
+    return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
+
+
+def _check_each(s: Sections) -> None:
+    robot = s.robot
+    if robot.speed_factors is not None and robot.speed_redraw == "sample":
+        raise InputError(
+            'they are the robots\' own; set robot.speed_redraw to "robot"', field="robot.speed_factors"
+        )
+    for value in robot.speed_factors or ():
+        if not robot.speed_factor_min <= value <= robot.speed_factor_max:
+            raise InputError(
+                f"{value:g} is outside of robot.speed_factor_min to speed_factor_max, which are "
+                f"{robot.speed_factor_min:g} and {robot.speed_factor_max:g}",
+                field="robot.speed_factors",
+            )
+
+
+def _check_places(s: Sections) -> None:
+    left, right, low, high = start_region(s)
+    size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
+    if left > right or low > high:
+        shorter = min(s.arena.width_m, s.arena.height_m) / 2
+        if s.robot.body_radius_m > shorter:
+            raise InputError(
+                f"a robot of radius {s.robot.body_radius_m:g} m does not fit into an arena of {size}",
+                field="arena.width_m" if s.arena.width_m <= s.arena.height_m else "arena.height_m",
+            )
+        raise InputError(
+            f"{s.swarm.start_margin_m:g} leaves no place in an arena of {size}; at most {shorter:g}",
+            field="swarm.start_margin_m",
+        )
+    columns, rows = lattice_sites(s)
+    if s.swarm.robots > columns * rows:
+        raise InputError(
+            f"{s.swarm.robots} robots of radius {s.robot.body_radius_m:g} m do not fit into an arena of "
+            f"{size} with a start margin of {s.swarm.start_margin_m:g} m: at most {columns * rows} start side by side, "
+            "in rows and columns (other arrangements, which are not tried, may hold more)",
+            field="swarm.robots",
+        )
+
+
+def longest_step_m(s: Sections) -> float:
+    """Return an upper bound on the distance a robot drives between two ticks, m."""
+    bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
+    wheel = 1 + max(abs(one) for one in bent)
+    return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
+
+
+def _check_time(s: Sections) -> None:
+    if s.run.t_end_s >= s.robot.battery_life_s:
+        raise InputError(
+            f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
+            "the battery would be empty",
+            field="robot.battery_life_s",
+        )
+    if s.ticks > 2**31 - 2:
+        raise InputError(
+            f"{s.run.t_end_s:g} s is over 2^31 control periods; make one of them larger", field="run.t_end_s"
+        )
+    if s.sample.sample_interval_ms + s.sample.stop_ms < s.run.control_period_ms:
+        raise InputError(
+            f"{s.sample.sample_interval_ms:g} with stop_ms {s.sample.stop_ms:g} is less than one control "
+            f"period ({s.run.control_period_ms} ms)",
+            field="sample.sample_interval_ms",
+        )
+    step_m = longest_step_m(s)
+    if step_m > s.robot.body_radius_m:
+        raise InputError(
+            f"{s.run.control_period_ms} ms is too long: a robot could drive {step_m * 1000:.3g} mm, more "
+            "than its radius, between two control periods",
+            field="run.control_period_ms",
+        )
+
+
+def _check_signal(s: Sections) -> None:
+    if s.sample.signal_ms is not None and s.sample.signal_ms > s.sample.stop_ms:
+        raise InputError(
+            f"{s.sample.signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
+            field="sample.signal_ms",
+        )
+
+
+def _check_sensor(s: Sections) -> None:
+    if s.sensor.model == "energies":
+        for field in ("vibrating_energies", "still_energies"):
+            if getattr(s.sensor, field) is None:
+                raise InputError(
+                    'missing; model = "energies" draws from measured energies', field=f"sensor.{field}"
+                )
+
+
+def is_neutral_at_half_only(s: Sections) -> bool:
+    """Return whether a scenario's strategy works only for a boundary of 1/2."""
+    known = strategies.known().get(s.strategy.name)
+    return known is not None and known.boundary_half
+
+
+def _check_boundary(s: Sections) -> None:
+    decision = s.decision
+    positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
+    taken_at_word = decision.boundary_of == "readings"
+    if is_neutral_at_half_only(s) and taken_at_word and decision.decision_boundary != 0.5:
+        raise InputError(
+            f"{s.strategy.name} feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
+            f"{decision.decision_boundary:g}; choose another strategy",
+            field="strategy.name",
+        )
+    if positive is not None and negative is not None and positive + negative >= 1.0:
+        raise InputError(
+            f"{positive:g} and assumed_false_negative {negative:g} sum to 1 or more: such readings tell nothing, or "
+            "the opposite; give rates that sum to less than 1",
+            field="decision.assumed_false_positive",
+        )
+
+
+FACTOR_LIMIT = 10_000_000
+"""Limit on the sensor and tile factors of a run."""
+
+
+def _check_factors(s: Sections) -> None:
+    robots = s.swarm.robots if s.sensor.robot_spread else 1
+    tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
+    if robots * tiles > FACTOR_LIMIT:
+        raise InputError(
+            f"{robots} robots and {tiles} tiles that all differ are too many; at most {FACTOR_LIMIT} pairs",
+            field="sensor.tile_spread",
+        )
+
+
+def _check_floor(s: Sections) -> None:
+    tiles = s.floor.tiles_for(0, 0)[0]
+    if s.floor.tiles is not None and shadows(s.floor.source, tiles):
+        raise InputError(
+            f"'{s.floor.source}' is the name of a pattern or of a random floor, and floor.tiles gives another; "
+            "give the tiles a name of their own",
+            field="floor.source",
+        )
+    rows, columns = tiles.shape
+    width = s.floor.tile_width_m or s.arena.width_m / columns
+    height = s.floor.tile_height_m or s.arena.height_m / rows
+    right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
+    if right <= 0 or top <= 0 or s.floor.left_m >= s.arena.width_m or s.floor.bottom_m >= s.arena.height_m:
+        raise InputError(
+            "the floor lies outside the arena; no robot could sample a tile", field="floor.left_m"
+        )
+
+
+ALL = (
+    _check_ranges,
+    _check_each,
+    _check_places,
+    _check_time,
+    _check_signal,
+    _check_sensor,
+    _check_boundary,
+    _check_factors,
+    _check_floor,
+)

@@ -1,0 +1,128 @@
+"""Errors in the functions of a strategy or a network that can be found before they are compiled.
+
+Numba would refuse most of them too, but with messages about types. Messages here name the file and the line.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from types import FunctionType
+from typing import Any, Final
+
+from vibroswarm.errors import InputError, nearest
+
+PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
+    "begin": ("s", "a", "d", "p", "w"),
+    "on_counts": ("s", "ones", "zeros", "p", "w"),
+    "on_message": ("s", "a", "m", "sender", "t_s", "d", "p", "w"),
+    "on_sample": ("s", "a", "x", "out", "d", "p", "w"),
+    "on_timer": ("s", "a", "t_s", "out", "d", "p", "w"),
+    "decision": ("s", "a", "p", "w"),
+    "belief": ("s", "a", "p", "w"),
+    "steer": ("s", "a", "x", "d", "p", "w"),
+    "lost": ("sender", "receiver", "d", "p", "w"),
+    "send": ("n", "sender", "tick", "number", "bytes_on_air", "x_m", "y_m", "arrival_tick", "d", "p", "w"),
+}
+"""Arguments of each function, in this order; the names are free."""
+CHANCE: Final = ("random", "secrets", "uuid")
+"""Modules of random numbers that our seeds do not repeat."""
+
+
+def where(function: Callable[..., Any], line: int | None = None) -> str:
+    """Return a place as ``voter.py, line 12, in on_sample``."""
+    code = function.__code__
+    return f"{code.co_filename}, line {line or code.co_firstlineno}, in {function.__name__}"
+
+
+def check_function(name: str, function: Callable[..., Any], fields: Mapping[str, tuple[str, ...]]) -> None:
+    """Refuse certain errors in a function, and in those of its file that it calls.
+
+    Args:
+        name: of the hook. fields: fields of each row, by its name in ``PARAMETERS``, such as ``s``.
+    Raises:
+        InputError: wrong arguments, an unknown field of a row, a changed global, or random numbers of its own.
+    """
+    wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
+    if len(given) != len(wanted):
+        raise InputError(
+            f"takes {len(given)} arguments ({', '.join(given)}); {name} is given {len(wanted)}: {', '.join(wanted)}",
+            field=where(function),
+        )
+    rows = {mine: ours for mine, ours in zip(given, wanted, strict=True) if ours in fields}
+    for attribute, line in _attributes(function):
+        row, field = attribute
+        if row in rows and field not in fields[rows[row]]:
+            known = fields[rows[row]]
+            raise InputError(
+                f"{row}.{field}: no such field{nearest(field, known)} (there are {', '.join(known) or 'none'})",
+                field=where(function, line),
+            )
+    for one in _with_callees(function, set()):
+        _check_means(one)
+
+
+def _check_means(function: Callable[..., Any]) -> None:
+    tree = _tree(function)
+    if tree is None:
+        return
+    first = function.__code__.co_firstlineno - 1
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global | ast.Nonlocal):
+            raise InputError(
+                f"changes the global {', '.join(node.names)}; keep it in State",
+                field=where(function, first + node.lineno),
+            )
+        if isinstance(node, ast.Attribute | ast.Name) and _is_chance(node, function):
+            raise InputError(
+                "draws random numbers of its own, so that runs could not be repeated; use u(d, k)",
+                field=where(function, first + node.lineno),
+            )
+
+
+def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> bool:
+    names: list[str] = []
+    inner: ast.expr = node
+    while isinstance(inner, ast.Attribute):
+        names.append(inner.attr)
+        inner = inner.value
+    if not isinstance(inner, ast.Name) or inner.id not in function.__globals__:
+        return False
+    found = function.__globals__[inner.id]
+    module = getattr(found, "__module__", None) or getattr(found, "__name__", "")
+    root = str(getattr(found, "__name__", "")) if inspect.ismodule(found) else str(module)
+    if root.partition(".")[0] in CHANCE:
+        return True
+    return root.startswith("numpy") and ("random" in names or root.startswith("numpy.random"))
+
+
+def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Callable[..., Any]]:
+    """Yield the function and the plain ones of its file that it calls."""
+    if function in seen:
+        return
+    seen.add(function)
+    yield function
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        if isinstance(value, FunctionType) and value.__module__ == function.__module__:
+            yield from _with_callees(value, seen)
+
+
+def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int]]:
+    """Return every ``name.field`` of a function, with its line."""
+    tree = _tree(function)
+    first = function.__code__.co_firstlineno - 1
+    return [
+        ((node.value.id, node.attr), first + node.lineno)
+        for node in (ast.walk(tree) if tree is not None else ())
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+    ]
+
+
+def _tree(function: Callable[..., Any]) -> ast.AST | None:
+    try:
+        return ast.parse(textwrap.dedent(inspect.getsource(function)))
+    except (OSError, SyntaxError, TypeError):  # typed in, so that its source cannot be read
+        return None

@@ -1,0 +1,215 @@
+"""Compare cells in pairs, run by run, and again on a second block of seeds.
+
+Each cell is compared with the one that differs from it in a single field, which has its first value there: each
+strategy with the first strategy, on the same floor. Compared are fields whose values are words (strategies, presets,
+labels); numeric fields only if nothing else is varied, since several of them make a curve; floors never, since nobody
+chooses them. The p-values are corrected over all comparisons of a study.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.study.factors import LABEL, flat
+from vibroswarm.study.runner import Progress
+from vibroswarm.study.spec import SOURCE, Cell, Study
+from vibroswarm.study.study_result import StudyResult, run
+
+SECOND: Final = "second-block"
+MOST_AGAIN: Final = 1000
+"""Most runs of the second block, which only has to confirm a difference."""
+MOST_VALUES: Final = 8
+"""A field with more values makes a curve and is not compared value by value."""
+MOST_PAIRS: Final = 200
+KEPT: Final = 3
+"""Number of cells whose figures are cached."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One figure compared between two cells, with its second block if there is one."""
+
+    cell: Cell
+    reference: Cell
+    field: str
+    first: Paired
+    replicate: Confirmation | None
+
+    @property
+    def name(self) -> str:
+        """The name of the comparison: ``soft - none (random:0.48)``."""
+        rest = self.cell.words_of(k for k in self.cell.point if k != self.field)
+        if self.field == LABEL:
+            return f"{self.cell.name} - {self.reference.name}"
+        mine, theirs = (cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference))
+        if mine == theirs:
+            return f"{self.cell.name} - {self.reference.name}"
+        return f"{mine} - {theirs}" + (f" ({rest})" if rest else "")
+
+    def as_row(self) -> dict[str, Any]:
+        """Flat, for a table."""
+        row: dict[str, Any] = {
+            "name": self.name,
+            "cell": self.cell.number,
+            "reference": self.reference.number,
+        }
+        row |= self.first.as_row()
+        if self.replicate is not None:
+            replicate = {
+                f"again_{k}": v
+                for k, v in self.replicate.second.as_row().items()
+                if k.startswith("difference")
+            }
+            row |= {
+                **replicate,
+                "again_pairs": self.replicate.second.pairs,
+                "confirmed": self.replicate.confirmed,
+            }
+            row["says"] = self.replicate.says
+        return row
+
+
+def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
+    """List cells with their references and the field in which they differ; none if there are too many pairs."""
+    by_point: dict[str, Cell] = {}
+    for cell in study.cells:
+        by_point.setdefault(_key(cell.point), cell)
+    labelled = _fields_of_labels(study)
+    pairs = []
+    for name in _compared_fields(study):
+        first = study.cells[0].point.get(name)
+        of_others: dict[str, Cell] = {}
+        for cell in by_point.values():  # of equal points the first
+            if name == LABEL:  # the first label's cell that is equal in all that labels do not say
+                others = _key({k: v for k, v in cell.point.items() if k not in labelled})
+                there: Cell | None = of_others.setdefault(others, cell)
+            else:
+                there = by_point.get(_key(cell.point | {name: first}))
+            if there is not None and there.number != cell.number:
+                pairs.append((cell, there, name))
+    return pairs if len(pairs) <= MOST_PAIRS else []
+
+
+def _compared_fields(study: Study) -> list[str]:
+    if LABEL in study.varied:
+        beside = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
+        return [LABEL, *beside]
+    values = {name: {repr(cell.point.get(name)) for cell in study.cells} for name in study.varied}
+    several = [name for name, found in values.items() if 1 < len(found) <= MOST_VALUES and name != SOURCE]
+    return _word_fields(study) or (
+        several if len([name for name, found in values.items() if len(found) > 1]) == 1 else []
+    )
+
+
+def _word_fields(study: Study) -> list[str]:
+    """List the varied fields whose few values are words; the floor is not one of them."""
+    found = []
+    for name in study.varied:
+        values = {repr(cell.point.get(name)) for cell in study.cells}
+        if name not in (SOURCE, LABEL) and 1 < len(values) <= MOST_VALUES:
+            found += [name] if isinstance(study.cells[0].point.get(name), str | bool) else []
+    return found
+
+
+def _fields_of_labels(study: Study) -> set[str]:
+    """Return the fields that the entries of a list set, in which their labels differ."""
+    return {LABEL} | {name for entry in study.vary.get("list", ()) for name in flat(entry)}
+
+
+def second_seed(seed: int) -> int:
+    """Derive the seed of the second block."""
+    return int.from_bytes(hashlib.sha256(f"second block of {seed}".encode()).digest()[:7])
+
+
+def second_block(
+    result: StudyResult,
+    *,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+    mixed: bool = False,
+    progress: Progress | None = None,
+    allow_failures: bool = False,
+) -> StudyResult:
+    """Run the study on another seed, with fresh motion, floors and noise, in a folder inside its own."""
+    runs = min(min(result.runs_of(cell) for cell in result.selected), MOST_AGAIN)
+    study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
+    folder: Path = result.store.folder / SECOND
+    replicate = run(
+        study,
+        folder,
+        executor=executor,
+        workers=workers,
+        mixed=mixed,
+        progress=progress,
+        allow_failures=allow_failures,
+    )
+    return replace(replicate, selected=result.selected)
+
+
+def comparisons(result: StudyResult, replicate: StudyResult | None = None) -> list[Compared]:
+    """Compare all pairs of the selected cells in all figures."""
+    pairs = [p for p in pairs_of(result.study) if {p[0].number, p[1].number} <= set(result.selected)]
+    if not pairs:
+        return []
+    first, second = _Figures(result), None if replicate is None else _Figures(replicate)
+    found = []
+    for cell, reference, name in pairs:
+        blocks = [_pair(of, cell, reference) for of in (first, second)]
+        for k, paired in enumerate(blocks[0] or ()):
+            found.append((cell, reference, name, paired, blocks[1][k] if blocks[1] else None))
+    corrected = holm([paired.p_value for *_, paired, _ in found])
+    return [_compared(*entry, p) for entry, p in zip(found, corrected, strict=True)]
+
+
+def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
+    """Compare two cells in all figures; None if they have no run in common."""
+    if of is None or not {cell.number, reference.number} <= set(of.result.selected):
+        return None
+    one, other = of(cell), of(reference)
+    if one.join(other, on="run", how="semi").is_empty():
+        return None
+    return compare(one, other, tuple(FIGURES))
+
+
+def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
+    """Tabulate comparisons, one row a pair of cells and figure."""
+    return pl.DataFrame([one.as_row() for one in compared], infer_schema_length=None)
+
+
+def _compared(
+    cell: Cell, reference: Cell, name: str, paired: Paired, replicate: Paired | None, p: float
+) -> Compared:
+    paired = replace(paired, p_holm=p)
+    return Compared(
+        cell, reference, name, paired, None if replicate is None else confirmed(paired, replicate)
+    )
+
+
+class _Figures:
+    """Figures of runs by cell; the last few cells are cached, since pairs share their reference."""
+
+    def __init__(self, result: StudyResult) -> None:
+        self.result, self.found = result, dict[int, pl.DataFrame]()
+
+    def __call__(self, cell: Cell) -> pl.DataFrame:
+        figures = self.found.pop(cell.number, None)
+        if figures is None:
+            robots, runs = self.result.tables(cell.number)
+            figures = run_figures(robots, runs, cell.scenario.run.t_end_s)
+        self.found[cell.number] = figures  # the newest is last
+        if len(self.found) > KEPT:
+            del self.found[next(iter(self.found))]
+        return figures
+
+
+def _key(point: dict[str, Any]) -> str:
+    return repr(sorted((k, repr(v)) for k, v in point.items()))

@@ -1,0 +1,220 @@
+"""Summarise a study: figures of its cells with intervals, comparisons, and warnings."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.cell_summary import CellSummary, summary
+from vibroswarm.analysis.decidability import Decidability, decidability
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
+from vibroswarm.study.sequential_stopping import Settled, figure_of
+from vibroswarm.study.spec import Cell
+from vibroswarm.study.study_result import StudyResult
+
+WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
+"""Figures of a run's walk that the store saves."""
+
+
+@dataclass(frozen=True)
+class CellOutcome:
+    """The figures of a cell; times in s, lengths in m."""
+
+    cell: Cell
+    summary: CellSummary
+    walk: dict[str, Any]
+    """Means over runs, with ``_low`` and ``_high``."""
+    decidable: Decidability
+    settled: Settled | None = None
+    """After how many runs the cell reached the precision, and at which level its figure is reported."""
+
+    def as_row(self) -> dict[str, Any]:
+        """Flat, for a table."""
+        return {**self.summary.as_row(), **self.walk}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The summary of a study."""
+
+    result: StudyResult
+    replicate: StudyResult | None
+    cells: tuple[CellOutcome, ...]
+    comparisons: tuple[Compared, ...]
+    without_runs: tuple[Cell, ...] = ()
+    """Cells without runs; they are in no table."""
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """One row a cell: its varied values, then all figures with their limits."""
+        varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
+        figures = pl.DataFrame([one.as_row() for one in self.cells], infer_schema_length=None)
+        return varied.hstack(figures)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Facts that may invalidate the figures, such as failed or missing runs."""
+        found = list(dict.fromkeys(
+            f"{_floor_words(one)}: {one.decidable.says}" for one in self.cells if one.decidable.is_warning
+        ))  # fmt: skip
+        store = self.result.store
+        cells = self.result.cells
+        if store.failures:
+            found.append(_failed_words(self.result))
+        if self.replicate is not None and self.replicate.store.failures:
+            found.append(f"on other seeds, {_failed_words(self.replicate)}")
+        if self.without_runs:
+            names = ", ".join(cell.name for cell in self.without_runs)
+            found.append(f"there are no runs of {names}.")
+        lost = int((cells["wanted"] - cells["there"]).sum())
+        if lost and not store.failures:
+            found.append(
+                f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing; run the same command again."
+            )
+        found += [f"a damaged shard was left out: {words}" for words in store.damaged]
+        if len(store.made_by) > 1:
+            found.append(
+                "runs were made by different versions of the software; they may not be repeatable as a whole."
+            )
+        until = self.result.study.until
+        short = [one for one in self.cells if one.settled is not None and not one.settled.reached]
+        if until is not None and short:
+            found.append(
+                f"in {len(short)} of {len(self.cells)} cells {until.figure} is not known to "
+                f"{100 * until.half_width:g} % after {until.max_runs:,} runs, the most that were allowed."
+            )
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        study = self.result.study
+        return {
+            "study_hash": study.hash,
+            "name": study.name,
+            "seed": study.seed,
+            "cells": [
+                {
+                    "cell": one.cell.number,
+                    "name": one.cell.name,
+                    "varied": one.cell.point,
+                    "scenario_hash": one.cell.scenario.hash,
+                    **one.summary.as_dict(),
+                    "walk": one.walk,
+                    "decidability": one.decidable.as_dict(),
+                    "settled": None if one.settled is None else one.settled._asdict(),
+                }
+                for one in self.cells
+            ],
+            "comparisons": [one.as_row() for one in self.comparisons],
+            "second_block_seed": None if self.replicate is None else self.replicate.study.seed,
+            "warnings": self.warnings,
+            "versions": self.result.store.made_by,
+        }
+
+
+def outcome_of(result: StudyResult, replicate: StudyResult | None = None) -> Outcome:
+    """Summarise a study, with one cell at a time in memory.
+
+    Args:
+        replicate: the second block of seeds, see ``cell_comparison``.
+    """
+    cells = []
+    result, without_runs = _with_runs(result)
+    replicate = None if replicate is None or not replicate.cells["there"].sum() else _with_runs(replicate)[0]
+    for number in result.selected:
+        cell = result.study.cells[number]
+        robots, runs = result.tables(number)
+        settled = result.settled(number)
+        figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
+        cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), settled))
+    return Outcome(result, replicate, tuple(cells), tuple(comparisons(result, replicate)), without_runs)
+
+
+def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
+    """Separate the cells with runs from those without."""
+    stored = dict(result.cells.select("cell", "there").iter_rows())
+    if all(stored.values()) or not any(stored.values()):
+        return result, ()
+    with_runs = tuple(number for number in result.selected if stored[number])
+    without = tuple(result.cell(number) for number in stored if not stored[number])
+    return replace(result, selected=with_runs), without
+
+
+def _failed_words(result: StudyResult) -> str:
+    """Say how many runs of which cells failed, and why the first one did."""
+    failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
+    names = dict.fromkeys(cell.name for one in failures for cell in groups[one["group"]].cells)
+    runs = sum(one["last"] - one["first"] for one in failures)
+    return (
+        f"{runs:,} runs of {', '.join(names)} failed and are in no figure, so that figures of the others may be biased "
+        f"({failures[0]['why']})."
+    )
+
+
+_SETTLED: Final = {
+    "right": "robots_right",
+    "wrong": "robots_wrong",
+    "undecided": "robots_undecided",
+    "consensus_right": "swarm_right",
+    "consensus_wrong": "swarm_wrong",
+}
+"""Figures whose names in a summary differ from those of a precision."""
+
+
+def _at_the_level(
+    figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
+) -> CellSummary:
+    """Give the figure of the precision the interval of its last look, corrected for repeated looks."""
+    until = result.study.until
+    if settled is None or until is None:
+        return figures
+    t_end_s = result.study.cells[cell].scenario.run.t_end_s
+    found = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
+    changed: dict[str, Any] = {_SETTLED.get(until.figure, until.figure): found}
+    return replace(figures, **changed)
+
+
+def _walk(runs: pl.DataFrame) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in WALK:
+        values = runs[name].drop_nulls().to_numpy()
+        values = values[[math.isfinite(value) for value in values]] if name == "effective_samples" else values
+        interval = mean_interval(values)
+        for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
+            found[f"{name}{end}"] = value if math.isfinite(value) else None
+    return found
+
+
+def _floor_words(one: CellOutcome) -> str:
+    floor = one.cell.scenario.floor
+    return f"floor {floor.source}, threshold {one.cell.scenario.sensor.rms_threshold:g}"
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> None:
+    """Write ``summary`` and ``comparisons`` as CSV and Parquet into a study's folder."""
+    tables = {"summary": outcome.table}
+    if outcome.comparisons:
+        tables["comparisons"] = comparison_table(outcome.comparisons)
+    for name, table in tables.items():
+        write_table(table, folder / name)
+
+
+def write_table(table: pl.DataFrame, path: Path) -> None:
+    """Write a table as CSV and Parquet; ``path`` is without a suffix.
+
+    Raises:
+        RunError: the disk is full or failed.
+    """
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    contents = {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": buffer.getvalue()}
+    write_files(path.parent, contents)

@@ -1,0 +1,234 @@
+"""Checks of the tables of every motion source, as functions that raise ``AssertionError``."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.testing.findings import require
+from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Check, motion_of, part_of, same, ticks_of
+
+KINDS: Final = ("drive", "turn", "avoid", "stop")
+
+
+def check_schema(source: Source) -> None:
+    """Columns, types, and no null but where it means something."""
+    for case in CASES[:3]:
+        motion = motion_of(source, case)
+        for name, schema, nullable in (
+            ("samples", MOTION, []),
+            ("ends", ENDS, ["stop_start_s"]),
+            ("segments", SEGMENTS, []),
+            ("moves", MOVES, ["ray_m"]),
+        ):
+            frame = getattr(motion, name)
+            if frame is None:
+                continue
+            where = f"{case.name}: the table {name}"
+            require(
+                list(frame.columns) == list(schema), f"{where} has the columns {', '.join(frame.columns)}"
+            )
+            for column, kind in schema.items():
+                require(
+                    frame.schema[column] == kind, f"{where}: '{column}' is {frame.schema[column]}, not {kind}"
+                )
+            require(frame.height > 0, f"{where} is empty")
+            for column in frame.select(pl.selectors.float()):
+                require(column.is_finite().fill_null(True).all(), f"{where}: '{column.name}' is not finite")
+            for column in frame.drop(nullable):
+                require(column.null_count() == 0, f"{where}: '{column.name}' has values that are missing")
+        plain = source.batch(case.scenario, case.seed, case.runs[:1])
+        for name in ("segments", "moves"):
+            require(getattr(plain, name) is None, f"{case.name}: {name} are given although not requested")
+
+
+def check_order(source: Source) -> None:
+    """Sorted by run, time and robot; at most one row of a robot at a time."""
+    for case in CASES:
+        motion = motion_of(source, case)
+        for name, by in (
+            ("samples", ["run", "time_s", "robot"]),
+            ("segments", ["run", "start_s", "robot"]),
+            ("moves", ["run", "start_s", "robot"]),
+            ("ends", ["run", "robot"]),
+        ):
+            frame = getattr(motion, name)
+            if frame is None:
+                continue
+            keys, words = frame.select(by), ", ".join(by)
+            require(keys.equals(keys.sort(by)), f"{case.name}: the {name} are not sorted by {words}")
+            require(not keys.is_duplicated().any(), f"{case.name}: twice the same {words} in the {name}")
+
+
+def check_sample_numbers(source: Source) -> None:
+    """Samples are numbered 0, 1, 2, ... for each run and robot, in the order of time."""
+    for case in CASES:
+        samples = motion_of(source, case).samples
+        expected = samples.select(pl.int_range(pl.len(), dtype=pl.UInt32).over("run", "robot")).to_series()
+        require(samples["sample"].equals(expected), f"{case.name}: a number is left out, or stands twice")
+
+
+def check_accounts_add_up(source: Source) -> None:
+    """drive_s + turn_s + avoid_s + stop_s is all the time since the robot's last sample, or the start."""
+    for case in CASES:
+        s = case.scenario
+        for (run, robot), rows in motion_of(source, case).samples.group_by(
+            "run", "robot", maintain_order=True
+        ):
+            where = f"{case.name}: run {run}, robot {robot}"
+            spent = sum(ticks_of(rows[f"{kind}_s"], s) for kind in KINDS)
+            passed = np.diff(ticks_of(rows["time_s"], s), prepend=0)
+            require(
+                np.array_equal(spent, passed),
+                f"{where}: the times do not add up to that since the last sample",
+            )
+            require(
+                (rows["stop_start_s"] <= rows["time_s"]).all(), f"{where}: a stop begins after its sample"
+            )
+
+
+def check_whole_runs(source: Source) -> None:
+    """A row of ends for each robot, at the scenario's end; samples before it; robots numbered from 0."""
+    for case in CASES:
+        s, motion = case.scenario, motion_of(source, case)
+        for run in case.runs:
+            ends = motion.ends.filter(pl.col("run") == run)
+            numbered = ends["robot"].to_list() == list(range(s.swarm.robots))
+            require(numbered, f"{case.name}: the ends have not one row for each of {s.swarm.robots} robots")
+            at_end = (ticks_of(ends["end_s"], s) == s.ticks).all()
+            require(at_end, f"{case.name}: a run does not end at {s.ticks * s.tick_s:g} s")
+        late = ticks_of(motion.samples["time_s"], s) >= s.ticks
+        require(not late.any(), f"{case.name}: a sample is taken at or after the end")
+        require(
+            (motion.samples["robot"] < s.swarm.robots).all(), f"{case.name}: a sample is of an unknown robot"
+        )
+        require(
+            motion.samples["run"].is_in(case.runs).all(),
+            f"{case.name}: a sample is of a run that was not requested",
+        )
+
+
+def pieces(end_s: float) -> list[float]:
+    """Return times at which to stop, s: odd ones, one twice, and between two periods."""
+    shares = (0.0, 1e-4, 0.013, 0.013, 0.3001, 0.31, 0.77777, 1.0)
+    return [share * end_s for share in shares]
+
+
+def check_pieces(source: Source) -> None:
+    """A run that is advanced in odd pieces is the run of a batch."""
+    for case in CASES:
+        s = case.scenario
+        for run in case.runs:
+            where = f"{case.name}, run {run}, in pieces and in one"
+            state = source.init(s, case.seed, run, segments=True, moves=True)
+            require(state.time_s == 0.0, f"{where}: a run begins at {state.time_s:g} s, not at 0")
+            parts = []
+            for until_s in pieces(s.run.t_end_s):
+                parts.append(state.advance(until_s))
+                now_s = state.time_s
+                reached = until_s - 1e-9 <= now_s < until_s + s.tick_s
+                require(reached, f"{where}: after advance({until_s:g}) it is at {now_s:g} s")
+                off_s: Any = (parts[-1].ends["end_s"] - now_s).abs().max()
+                require(off_s < 1e-9, f"{where}: after advance({until_s:g}) the ends are not of {now_s:g} s")
+            same(join(parts), part_of(motion_of(source, case), run), where)
+
+
+def check_copies(source: Source) -> None:
+    """A branch goes on in the same way, whichever goes first, and neither changes the other."""
+    case = SHORT_CASE
+    s, run = case.scenario, case.runs[0]
+    whole = part_of(motion_of(source, case), run)
+    state = source.init(s, case.seed, run, segments=True, moves=True)
+    first = state.advance(0.4 * s.run.t_end_s)
+    branch = state.copy()
+    second_branch = [branch.advance(0.5 * s.run.t_end_s), branch.advance(s.run.t_end_s)]
+    require(state.time_s < 0.5 * s.run.t_end_s, "a state has moved on because its copy has")
+    third = state.copy()
+    same(join([first, state.advance(s.run.t_end_s)]), whole, "a state that was copied")
+    same(join([first, *second_branch]), whole, "a copy")
+    same(join([first, third.advance(s.run.t_end_s)]), whole, "a copy of a state that has gone on since")
+
+
+def _short() -> Scenario:
+    return CASES[0].scenario.with_values({"run.t_end_s": 40.0})
+
+
+def check_runs_are_their_own(source: Source) -> None:
+    """A run is the same again, alone, in a batch, and in whatever order."""
+    s = _short()
+    alone = source.batch(s, 4, [7], True)
+    for runs in ([7, 2], [2, 7], [0, 1, 2, 7, 9]):
+        batch = source.batch(s, 4, runs, True)
+        require(sorted(batch.ends["run"].unique()) == sorted(runs), f"a batch of runs {runs} has others")
+        same(part_of(batch, 7), alone, f"run 7 alone and among {runs}")
+    same(source.batch(s, 4, [7], True), alone, "run 7 once more")
+
+
+def check_runs_differ(source: Source) -> None:
+    """Other runs and other seeds are different."""
+    s = _short()
+    one, other = (source.batch(s, 4, [run], True).samples.drop("run") for run in (7, 2))
+    require(not one.equals(other), "runs 7 and 2 of a seed are alike")
+    require(
+        not source.batch(s, 5, [7], True).samples.drop("run").equals(one), "a run is alike with seeds 4 and 5"
+    )
+
+
+FOREIGN: Final[dict[str, Any]] = {
+    "floor.source": "diagonal:0.46",
+    "sensor.rms_threshold": 1.55,
+    "sensor.still_shape": 3.0,
+    "strategy.name": "soft",
+    "strategy.soft.eta": 10.0,
+    "strategy.soft.kappa": 0.5,
+    "decision.decision_boundary": 0.4,
+    "decision.credible_threshold": 0.6,
+    "decision.min_observations": 3,
+    "decision.gate": "own",
+    "decision.gate_counts_current": True,
+    "decision.revise": True,
+    "decision.prior_alpha": 9,
+    "network.name": "loss",
+    "network.loss.share": 0.4,
+    "run.stop": "all_decided",
+}
+"""Values of floor, sensor, messages and decisions, none of which may matter."""
+
+
+def check_nothing_foreign_matters(source: Source) -> None:
+    """Motion depends on no field of floor, sensor, strategy, decision or network."""
+    s = _short()
+    base = source.batch(s, 4, [1], True)
+    for name, value in FOREIGN.items():
+        same(source.batch(s.with_values({name: value}), 4, [1], True), base, f"motion depends on {name}")
+
+
+def check_segments_and_moves_are_only_written_down(source: Source) -> None:
+    """Whether segments and moves are wanted changes nothing else."""
+    case = SHORT_CASE
+    both = motion_of(source, case)
+    for segments in (False, True):
+        for moves in (False, True):
+            some = source.batch(case.scenario, case.seed, case.runs, segments=segments, moves=moves)
+            wanted = (both.segments if segments else None, both.moves if moves else None)
+            same(some, Motion(both.samples, both.ends, *wanted), f"with {segments=}, {moves=}")
+
+
+TABLE_CHECKS: Final[tuple[Check, ...]] = (
+    check_schema,
+    check_order,
+    check_sample_numbers,
+    check_accounts_add_up,
+    check_whole_runs,
+    check_pieces,
+    check_copies,
+    check_runs_are_their_own,
+    check_runs_differ,
+    check_nothing_foreign_matters,
+    check_segments_and_moves_are_only_written_down,
+)
+"""For every source."""

@@ -1,0 +1,193 @@
+"""Replay over a recording: without loss what was, with loss as many heard as counted, and other rules."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.replay import _one, _rows_of, logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import replay, simulate
+
+KEY = ["run", "robot", "sample"]
+RULES = (
+    "sensor.rms_threshold",
+    "strategy.name",
+    "decision.min_observations",
+    "decision.gate",
+    "decision.credible_threshold",
+)
+
+
+def replayed_table(
+    recording: Recording, scenario: Scenario, run: int = 0, seed: int = 1
+) -> tuple[pl.DataFrame, int]:
+    """Inference table of one draw with run, robot and sample, lost samples restored; and messages that nobody sent."""
+    rows = _rows_of(recording, run)
+    _, missing, columns = _one(recording, scenario, rows, run, seed)
+    frame = pl.DataFrame(
+        {
+            "run": np.full(rows.energy.size, run, dtype=np.uint32),
+            "robot": rows.session.robot.astype(np.uint16),
+            "sample": rows.session.sample.astype(np.uint32),
+            **{column.name: column for column in columns},
+        }
+    )
+    return frame, missing
+
+
+def rules(told: Scenario) -> dict[str, object]:
+    return {name: getattr(getattr(told, name.split(".")[0]), name.split(".")[1]) for name in RULES}
+
+
+def described(told: Scenario) -> Scenario:
+    return preset("paper").with_values(rules(told))
+
+
+@pytest.fixture(scope="module")
+def recording(logs: list[Path], ground: Floor, told: Scenario) -> Recording:
+    return recording_of([read_log(path) for path in logs], ground, described(told), RULES)
+
+
+MAP = """
+name = "exact"
+[columns]
+robot = "robot"
+time_s = "time_s"
+x_m = "x_m"
+y_m = "y_m"
+energy = "energy"
+alpha = "alpha"
+beta = "beta"
+belief_below = "belief_below"
+decision = "decision"
+sent = "sample"
+messages_received = "messages_received"
+stop_total_s = "stopped"
+"""
+
+
+@pytest.mark.parametrize("strategy", ["none", "positive", "soft"])
+def test_without_loss_a_replay_is_what_was(
+    told: Scenario, ground: Floor, tmp_path: Path, strategy: str
+) -> None:
+    """With exact times, row for row and bit for bit, soft feedback's numbers too (they are addressed alike)."""
+    result = simulate(told.with_values({"strategy.name": strategy}), 9, 1)
+    table = result.motion.join(result.observations, on=KEY).join(result.inference, on=KEY)
+    table.with_columns(
+        stopped=pl.col("stop_s").cast(pl.Float64).cum_sum().over("robot"), energy=pl.col("energy").cast(float)
+    ).drop("heading_rad").write_csv(tmp_path / "exact.csv")
+    (tmp_path / "map.toml").write_text(MAP)
+    log = read_log(tmp_path / "exact.csv", columns=tmp_path / "map.toml")
+    found = recording_of([log], ground, described(told), RULES)
+    scenario = scenario_of(found, told).with_values({"strategy.name": strategy})
+    frame, unsent = replayed_table(found, scenario, seed=9)
+    assert unsent == 0
+    assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
+
+
+def test_of_rows_that_are_not_printed_little_is_lost(
+    console_logs: list[Path], ground: Floor, made: Result
+) -> None:
+    """The console log lacks the first five seconds; they are put back with energies that are drawn."""
+    found = recording_of([read_log(path) for path in console_logs], ground, described(made.scenario), RULES)
+    frame, unsent = replayed_table(found, scenario_of(found, made.scenario), run=1)
+    both = frame.join(made.inference, on=KEY, suffix="_made").join(made.motion, on=KEY)
+    late = both.filter(pl.col("time_s") > 60.0)
+    assert late.height > 400
+    assert unsent <= 4 * int(found.rows.filter(pl.col("run") == 1)["lost_before"].sum())
+    off = (late["alpha"].cast(int) - late["alpha_made"].cast(int)).abs()
+    assert off.max() <= 5
+    assert (late["decision"] == late["decision_made"]).mean() > 0.98
+
+
+def scenario_of(found: Recording, told: Scenario) -> Scenario:
+    return found.scenario.with_values(rules(told))
+
+
+def test_the_robots_log_gives_the_same_decisions(recording: Recording, told: Scenario, made: Result) -> None:
+    replayed = replay_recording(recording, scenario_of(recording, told), draws=3)
+    assert replayed.put_back == 0
+    for draw in range(3):
+        robots = replayed.robots.filter(pl.col("draw") == draw)
+        assert robots["decision"].to_list() == made.robots["decision"].to_list()
+        differ = (robots["decision_time_s"] - made.robots["decision_time_s"]).abs()
+        assert differ.max() < 12.0  # a message counted a sample later may move a decision by some samples
+        assert differ.median() < 0.25
+
+
+@pytest.mark.parametrize("strategy", ["none", "soft"])
+def test_another_strategy_decides_as_its_simulation_does(
+    recording: Recording, told: Scenario, made: Result, strategy: str
+) -> None:
+    """``simulation.replay`` puts the same motion and the same readings under another strategy."""
+    wanted = replay(made, told.with_values({"strategy.name": strategy}))
+    found = replay_recording(
+        recording, scenario_of(recording, told).with_values({"strategy.name": strategy}), draws=8
+    )
+    robots = (
+        found.robots.group_by("run", "robot").agg(pl.col("alpha").cast(float).mean()).sort("run", "robot")
+    )
+    off = (robots["alpha"] - wanted.robots["alpha"].cast(float)) / wanted.robots["alpha"].cast(float)
+    assert off.abs().max() < (0.03 if strategy == "none" else 0.2)
+    other = replay_recording(
+        recording, scenario_of(recording, told).with_values({"sensor.rms_threshold": 0.5}), draws=1
+    )
+    assert other.robots["alpha"].mean() > 1.5 * robots["alpha"].mean()  # negative control
+
+
+def test_as_many_are_heard_as_the_log_counts(told: Scenario, ground: Floor, tmp_path: Path) -> None:
+    result = simulate(
+        told.with_values({"network.name": "loss", "network.loss.share": 0.2}), 5, 1, segments=True
+    )
+    write_rugbot(result, tmp_path / "lossy.csv")
+    found = recording_of([read_log(tmp_path / "lossy.csv")], ground, described(told), RULES)
+    one, _ = replayed_table(found, scenario_of(found, told), seed=1)
+    two, _ = replayed_table(found, scenario_of(found, told), seed=2)
+    logged = found.inference.join(one, on=KEY, suffix="_replayed")
+    assert (logged["messages_received"] == logged["messages_received_replayed"]).all()
+    assert not one["alpha"].equals(two["alpha"])  # which ones is drawn
+    again, _ = replayed_table(found, scenario_of(found, told), seed=1)
+    assert one.equals(again)
+
+
+def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario, tmp_path: Path) -> None:
+    lines = logs[0].read_text().splitlines()
+    samples = [k for k, line in enumerate(lines) if k and ",None" not in line]
+    for k in (samples[200], samples[150]):
+        lines.pop(k)
+    (tmp_path / "short.csv").write_text("\n".join(lines) + "\n")
+    found = recording_of([read_log(tmp_path / "short.csv")], ground, described(told), RULES)
+    frame, unsent = replayed_table(found, scenario_of(found, told))
+    assert frame.height == found.motion.height + 2
+    assert unsent <= 8  # when it was sent is not known to a second
+    assert replay_recording(found, scenario_of(found, told), draws=1).put_back == 2
+
+
+def test_what_is_told(recording: Recording) -> None:
+    logged = logged_outcomes(recording)
+    replayed = session_outcomes(recording, replay_recording(recording, recording.scenario, draws=4))
+    assert [one.session for one in logged] == [one.session for one in replayed] == [1, 2]
+    for one in replayed:
+        assert sum(one.consensus.values()) == pytest.approx(1.0)
+        assert one.decision_time_low_s <= one.decision_time_s <= one.decision_time_high_s
+    assert np.isclose(logged[0].decision_time_s, recording.robots["decision_time_s"][:5].mean())
+
+
+def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:
+    with pytest.raises(InputError, match="cannot be changed in the replay"):
+        replay_recording(
+            recording, recording.scenario.with_values({"network.name": "loss", "network.loss.share": 0.5})
+        )
+    with pytest.raises(InputError, match="was recorded: what its robots read cannot be drawn anew"):
+        replay(recording, recording.scenario)

@@ -1,0 +1,108 @@
+"""theta_E from labelled samples: where it is known, how sure, and what edges do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.threshold import (
+    at_threshold,
+    edge_distance,
+    edge_profile,
+    equal_error,
+    error_curves,
+    find_thresholds,
+    labelled,
+    least_cost,
+)
+from vibroswarm.scenario.scenario import preset
+
+
+@pytest.fixture(scope="module")
+def recording(logs: list[Path], ground: Floor) -> Recording:
+    return recording_of([read_log(path) for path in logs], ground, preset("paper"))
+
+
+STILL = stats.gamma(2.52194, scale=0.28754, loc=0.13731)
+VIBRATING = stats.gamma(5.33497, scale=0.5132, loc=-0.2001)
+
+
+def test_many_samples_of_the_papers_gammas_give_their_thresholds() -> None:
+    rng = np.random.default_rng(3)
+    kind = np.arange(200_000) % 100 < 48
+    energy = np.where(
+        kind, VIBRATING.rvs(kind.size, random_state=rng), STILL.rvs(kind.size, random_state=rng)
+    )
+    one = np.ones(kind.size)
+    cross = optimize.brentq(lambda t: STILL.sf(t) - VIBRATING.cdf(t), 0.5, 3)
+    assert equal_error(energy, kind, one) == pytest.approx(cross, abs=0.01)
+    for costs in ((1.0, 1.0), (1.0, 4.0), (5.0, 1.0)):
+
+        def cost(t: float, of: tuple[float, float] = costs) -> float:
+            return float(of[0] * 0.52 * STILL.sf(t) + of[1] * 0.48 * VIBRATING.cdf(t))
+
+        best = optimize.minimize_scalar(cost, bounds=(0.4, 3.5), method="bounded")
+        found = least_cost(*costs, 0.48)(energy, kind, one)
+        assert cost(found) <= cost(float(best.x)) + 0.001  # its place is flat, its cost is not
+
+
+def test_the_curves_count() -> None:
+    thresholds, positive, negative = error_curves(
+        np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True]), np.ones(4)
+    )
+    assert thresholds.tolist() == [1.5, 2.5, 3.5]
+    assert positive.tolist() == [0.5, 0.0, 0.0]
+    assert negative.tolist() == [0.0, 0.5, 1.0]
+    doubled = error_curves(
+        np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True]), np.array([2.0, 0, 1, 1])
+    )
+    assert doubled[1].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_recording_gives_it_with_its_uncertainty(recording: Recording) -> None:
+    equal, least, costly = find_thresholds(recording, 1.0, 5.0)
+    cross = optimize.brentq(lambda t: STILL.sf(t) - VIBRATING.cdf(t), 0.5, 3)
+    for found in (equal, least):
+        assert found.low < found.value < found.high
+    assert equal.low < cross < equal.high
+    assert equal.all_samples.false_positive == pytest.approx(equal.all_samples.false_negative, abs=0.005)
+    assert costly.value < least.value
+    assert costly.all_samples.false_negative < least.all_samples.false_negative
+    # The simulated floor does not reach across edges: leaving them out changes nothing. A negative control.
+    assert equal.inner_samples.false_positive == pytest.approx(equal.all_samples.false_positive, abs=0.03)
+    assert equal.inner_samples.still < equal.all_samples.still
+
+
+def test_a_floor_that_reads_to_the_wrong_side_is_told(recording: Recording) -> None:
+    told = at_threshold(recording, 0.6).decidable
+    assert told.verdict == "wrong side", told.says
+    assert at_threshold(recording, 2.2).decidable.verdict == "decidable"
+
+
+def test_distance_to_the_other_kind() -> None:
+    floor = Floor.filling([[0, 1], [0, 0]])
+    x, y = np.array([0.4, 0.45, 0.6, 0.1]), np.array([0.6, 0.3, 0.9, 0.1])
+    kinds = np.array([False, False, True, False])
+    found = edge_distance(floor, x, y, kinds)[0]
+    assert found == pytest.approx([0.1, np.hypot(0.05, 0.2), 0.1, np.hypot(0.4, 0.4)])
+    alike = edge_distance(Floor.filling([[1, 1]]), x, y, np.ones(4, dtype=bool))[0]
+    assert np.isinf(alike).all()
+
+
+def test_the_profile_holds_every_sample(recording: Recording) -> None:
+    data = labelled(recording)
+    profile = edge_profile(data, 1.33)
+    assert (profile["still"] + profile["vibrating"]).sum() == data.energy.size
+    assert profile["from_m"].to_list()[0] == 0.0
+
+
+def test_wrong_costs(recording: Recording) -> None:
+    with pytest.raises(InputError, match="is not a cost"):
+        find_thresholds(recording, 0.0, 1.0)

@@ -1,0 +1,71 @@
+"""Fields of a scenario by their kind, and a good other value of each. A test registers the task ``another_task``."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args, get_origin
+
+from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
+
+DEFAULT = Scenario()
+
+
+def default(name: str) -> Any:
+    return value_of(DEFAULT, name)
+
+
+def annotation(name: str) -> Any:
+    return kind_of(name)
+
+
+FLOATS = [name for name in field_names() if isinstance(default(name), float)]
+INTS = [name for name in field_names() if type(default(name)) is int]
+FLAGS = [name for name in field_names() if isinstance(default(name), bool)]
+WORDS = [name for name in field_names() if get_origin(annotation(name)) is Literal]
+LISTS = ["rays.side_m", "rays.angle_deg"]
+OTHERS = {
+    "task.name": "another_task",
+    "floor.source": "stripe:0.46",
+    "floor.tiles": ("101", "010"),
+    "floor.tile_width_m": 0.1,
+    "floor.tile_height_m": 0.1,
+    "sensor.vibrating_energies": (1.0, 2.0),
+    "sensor.still_energies": (0.5,),
+    "robot.speed_wander": 0.06,
+    "sensor.edge_reach_m": 0.01,
+    "sensor.edge_blur_m": 0.02,
+    "sensor.tile_spread": 0.2,
+    "sensor.robot_spread": 0.1,
+    "robot.misalignments": (0.01, -0.02),
+    "robot.speed_factors": (1.0, 1.2),
+    "rays.forward_each_m": (0.01, 0.02),
+    "walk.blind_after_turn_ms": 100.0,
+    "sample.signal_ms": 400.0,
+    "decision.assumed_false_positive": 0.1,
+    "decision.assumed_false_negative": 0.2,
+    "rays.side_m": (0.0, 0.007, -0.0075),
+    "rays.angle_deg": (0.0, 27.0, -28.0),
+    "strategy.name": "soft",
+    "network.name": "loss",
+}
+MODEL: dict[str, Any] = {"sensor.vibrating_energies": [1.0, 2.0], "sensor.still_energies": [0.5]}
+
+
+def another(name: str) -> Any:
+    """A good value that is not the default."""
+    if name in OTHERS:
+        return OTHERS[name]
+    if name in FLAGS:
+        return not default(name)
+    if name in WORDS:
+        return next(word for word in get_args(annotation(name)) if word != default(name))
+    if name in INTS:
+        return default(name) + 20
+    return default(name) * 0.999 if default(name) else 1e-3
+
+
+def changed(name: str) -> Scenario:
+    needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
+    needed |= {f"strategy.soft.{one}": {"strategy.name": "soft"} for one in ("eta", "kappa")}
+    needed |= {"network.loss.share": {"network.name": "loss"}}
+    base = Scenario().with_values(needed.get(name, {}))
+    return base.with_values({name: another(name)})

@@ -1,0 +1,79 @@
+"""What an installed package offers by entry points: on the command line, in files, in worker processes, and gone."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+POINTS = """\
+[vibroswarm.strategies]
+voter = mine.voter:voter
+
+[vibroswarm.networks]
+near = mine.near:near
+
+[vibroswarm.tasks]
+corner = mine.corner:corner
+"""
+CORNER = '''"""Does the lower left tile vibrate?"""
+
+from vibroswarm.tasks import Task
+
+
+def truth(floor, asked, p):
+    return int(floor.tiles[-1, 0])
+
+
+corner = Task(name="corner", truth=truth, answers=("it is still", "it vibrates"))
+'''
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A folder with an installed package ``mine``."""
+    site = tmp_path / "site packages"
+    info = site / "mine-1.0.dist-info"
+    (site / "mine").mkdir(parents=True)
+    info.mkdir()
+    (site / "mine" / "__init__.py").touch()
+    (site / "mine" / "corner.py").write_text(CORNER, encoding="utf-8")
+    shutil.copy(EXAMPLES / "strategies" / "voter.py", site / "mine")
+    shutil.copy(EXAMPLES / "networks" / "near.py", site / "mine")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text(POINTS, encoding="utf-8")
+    return site
+
+
+def vibroswarm(*arguments: str, package: Path | None = None) -> subprocess.CompletedProcess[str]:
+    environment = dict(os.environ)
+    paths = [str(package)] if package else []
+    environment["PYTHONPATH"] = os.pathsep.join([*paths, *filter(None, [environment.get("PYTHONPATH")])])
+    command = [sys.executable, "-m", "vibroswarm", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment, check=False)
+
+
+def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
+    package: Path, tmp_path: Path
+) -> None:
+    out = str(tmp_path / "a study")
+    short = ("--set", "run.t_end_s=60", "--runs", "4", "--no-pictures")
+    chosen = ("--strategy", "voter", "--network", "near", "--task", "corner")
+    workers = ("--executor", "processes", "--workers", "1")
+
+    done = vibroswarm("evaluate", *chosen, *short, *workers, "--out", out, package=package)
+    assert done.returncode == 0, done.stderr
+
+    shown = vibroswarm("show", out, package=package)
+    assert shown.returncode == 0, shown.stderr
+    assert "Done: 4 of 4 runs" in shown.stdout
+
+    without = vibroswarm("show", out)
+    assert without.returncode == 2
+    assert "there is no" in without.stderr
+    assert "Traceback" not in without.stderr

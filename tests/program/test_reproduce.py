@@ -1,0 +1,232 @@
+"""The reproduction of a few items: what is computed, kept, taken again, and shown."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.core.atomic_io import folder_lock
+from vibroswarm.errors import InputError
+from vibroswarm.paper.cells import Cell, differences, options_of
+from vibroswarm.paper.claims import CHECKED, VERDICTS, all_claims
+from vibroswarm.paper.columns import parameters, scenario_of
+from vibroswarm.paper.item import CLAIMS, Settings
+from vibroswarm.paper.items import all_items, items_named
+from vibroswarm.paper.reproduce import ITEMS, reproduce
+from vibroswarm.paper.reproduction_report import write_all
+from vibroswarm.scenario.scenario import preset
+
+RUNS = 40
+NAMES = ["difficulty", "fill_ratios"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command's output for two items and two columns."""
+    out = tmp_path_factory.mktemp("paper") / "out"
+    asked = ["--runs", str(RUNS), "--columns", "paper,text", "--out", str(out)]
+    assert main(["reproduce", "--only", *NAMES, *asked]) == 0
+    return out
+
+
+def test_the_command_leaves_report_tables_and_figures(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<svg" in page
+    assert "reproduce --only fill-ratios --runs 40 --seed 1 --columns paper,text" in page
+    assert 'src="http' not in page
+    index = pl.read_csv(folder / "figures" / "index.csv")
+    assert index.height == 6 + 3
+    for name in index["name"]:
+        for kind in ("svg", "pdf", "csv"):
+            assert (folder / "figures" / f"{name}.{kind}").stat().st_size > 100
+    cells = pl.read_csv(folder / "tables" / "fill-ratios-cells.csv")
+    assert cells.height == 2 * 4 * 3
+    shares = pl.col("robots_right") + pl.col("robots_wrong") + pl.col("robots_undecided")
+    assert (cells.select(shares).to_series() - 1.0).abs().max() < 1e-9  # type: ignore[operator]
+
+
+def test_pictures_stand_before_long_tables_and_these_are_folded(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    item = page[page.index("Fill ratios</h2>") :]
+    assert (
+        item.index("<table") < item.index("<svg") < item.index("All numbers</h3>") < item.index('id="s3-7p1"')
+    )
+    assert "<details>\n<summary>" in item[: item.index("All numbers</h3>")]
+    difficulty = page[page.index("Difficulty of the five patterns</h2>") : page.index("Fill ratios</h2>")]
+    assert "<details>" not in difficulty  # it has no picture
+    cell = r'<td class="(good|bad|open)">(not reproduced|reproduced|inconclusive)(\n[^−<]*)?\n−'
+    assert re.search(cell, item)
+
+
+def test_verdicts_have_their_words_and_reasons_and_checks_a_table(folder: Path) -> None:
+    claims = pl.read_csv(folder / "tables" / "claims.csv")
+    words = claims.select(pl.col("paper", "text").str.replace(r" \(.*", "")).unpivot()["value"].unique()
+    assert set(words.drop_nulls()) <= {*VERDICTS, *CHECKED.values()}
+    wrong_side = claims.filter(pl.col("claim") == "soft-belief")
+    assert "2 cannot be asked" in wrong_side["text"][0]
+    assert "; wrong side: 42.2% of the readings are ones; wrong side: 39.4%" in wrong_side["text: ours"][0]
+    assert "cannot be asked" not in wrong_side["paper"][0]
+    values = pl.read_csv(folder / "tables" / "claims-measured.csv")
+    why = values.filter(pl.col("why").is_not_null())
+    assert set(why["column"]) == {"text"}
+    assert why["why"].str.contains("wrong side").all()
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "why not" in page
+    assert "Checks, which do not count as verdicts" not in page  # neither item has one
+
+
+def test_every_number_of_the_page_is_in_a_table(folder: Path) -> None:
+    """Cells of the page's tables hold values of the kept tables, digit by digit."""
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    shown = {float(value) for value in re.findall(r'data-value="([^"]+)"', page)}
+    known: set[float] = set()
+    for path in (folder / "tables").glob("*.csv"):
+        frame = pl.read_csv(path, infer_schema_length=None)
+        for name in frame.columns:
+            if frame.schema[name].is_numeric():
+                known |= set(frame[name].drop_nulls().cast(pl.Float64).to_list())
+    assert len(shown) > 100
+    assert not shown - known
+
+
+def test_one_cell_alone_gives_the_same_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cells = pl.read_csv(folder / "tables" / "fill-ratios-cells.csv")
+    row = cells.filter((pl.col("column") == "text") & (pl.col("strategy") == "soft")).row(1, named=True)
+    words = row["command"].split()[1:]
+    capsys.readouterr()
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["cells"][0]
+    assert told["decision_time_s"]["estimate"] == row["decision_time_s"]
+    assert told["belief_in_truth"]["low"] == row["belief_in_truth_low"]
+
+
+def test_a_second_run_takes_what_is_there(folder: Path) -> None:
+    settings = Settings(runs=RUNS, columns=("paper", "text"))
+    told: list[str] = []
+    made = reproduce(settings, folder, items_named(NAMES), lambda what, share: told.append(what))
+    assert told == []
+    assert made.results is None
+    assert {one.claim.item for one in made.decided} == {"difficulty", "fill-ratios"}
+
+
+def test_what_was_changed_or_damaged_is_made_again(folder: Path, tmp_path: Path) -> None:
+    settings = Settings(runs=6, columns=("paper",))
+    items = items_named(["fill-ratios"])
+    first = reproduce(settings, tmp_path, items)
+    kept = tmp_path / ITEMS / "fill-ratios" / "cells.parquet"
+    kept.write_bytes(kept.read_bytes()[:50])
+    with_cells = reproduce(settings, tmp_path, items)
+    assert with_cells.results is not None
+    assert with_cells.made[0].tables["cells"].equals(first.made[0].tables["cells"])
+    other = reproduce(Settings(runs=7, columns=("paper",)), tmp_path, items)
+    assert other.results is not None
+    assert other.made[0].tables["cells"]["runs"][0] == 7
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The item before the one that is broken off is kept, and so are the runs."""
+    from vibroswarm.paper.items import swarm_sizes
+
+    settings = Settings(runs=4, columns=("paper",))
+    items = items_named(["fill-ratios", "swarm-sizes"])
+
+    def stopped(what: str, share: float) -> None:
+        if what == "swarm-sizes":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(settings, tmp_path, items, stopped)
+    assert (tmp_path / ITEMS / "fill-ratios" / "cells.parquet").is_file()
+    assert not (tmp_path / ITEMS / "swarm-sizes").exists()
+    told: list[str] = []
+    made = reproduce(settings, tmp_path, items, lambda what, share: told.append(what))
+    assert "fill-ratios" not in told
+    assert swarm_sizes.ITEM.name in told
+    assert all(one.tables for one in made.made)
+
+
+def test_ctrl_c_ends_the_command_with_130(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*args: object, **more: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vibroswarm.paper.reproduce.run_cells", stopped)
+    assert main(["reproduce", "--only", "fill-ratios", "--runs", "4", "--out", str(tmp_path)]) == 130
+
+
+def test_checks_are_not_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["--runs", "4", "--columns", "paper", "--no-pictures", "--out", str(tmp_path)]
+    assert main(["reproduce", "--only", "headline", *asked]) == 0
+    told = capsys.readouterr().out
+    assert "paper, claims" not in told
+    assert "paper, checks: 1 passed, 1 open" in told
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Checks, which do not count as verdicts" in page
+    assert "Checks: 1 passed, 1 open." in page
+
+
+def test_the_page_of_a_control_says_so(tmp_path: Path) -> None:
+    settings = Settings(runs=4, columns=("paper",), control="threshold")
+    made = reproduce(settings, tmp_path, items_named(["difficulty"]))
+    write_all(made, tmp_path)
+    assert "negative control, not the reproduction" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_items_have_numbers_names_and_claims_that_are_measured(folder: Path) -> None:
+    numbers = [item.number for item in all_items()]
+    assert numbers == sorted(set(numbers))
+    measured = pl.read_parquet(folder / ITEMS / "fill-ratios" / f"{CLAIMS}.parquet")
+    wanted = {claim.id: claim.cells for claim in all_claims() if claim.item == "fill-ratios"}
+    counted = measured.filter(pl.col("column") == "paper").group_by("claim").len()
+    assert dict(counted.iter_rows()) == wanted
+    with pytest.raises(InputError, match="fill-ratios"):
+        items_named(["fill-ratio"])
+
+
+def test_scenarios_of_the_columns() -> None:
+    assert scenario_of("paper", parameter_set="P0") == preset("paper-empirical")
+    assert scenario_of("paper", parameters("P_star")) == preset("paper")
+    swapped = scenario_of("paper", control="labels").sensor
+    assert swapped.vibrating_shape == preset("paper").sensor.still_shape
+    assert scenario_of("text", control="threshold").sensor.rms_threshold == 1.55
+    with pytest.raises(InputError, match="labels"):
+        scenario_of("paper", control="label")
+
+
+def test_a_cells_options_make_its_scenario() -> None:
+    values = {"floor.source": "stripe:0.46", "strategy.name": "soft", "walk.leg_min_ms": 500.0}
+    cell = Cell("calibrated", scenario_of("calibrated", values, parameter_set="P0"))
+    assert set(values) < set(differences(cell.scenario, preset("calibrated")))
+    words = options_of("calibrated", cell.scenario)
+    assert words[:3] == ["--preset calibrated", "--floor stripe:0.46", "--strategy soft"]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--only", "fill"], "no item 'fill'"),
+        (["--columns", "papers"], "unknown column 'papers', did you mean 'paper'"),
+        (["--control", "label"], "unknown control 'label'"),
+        (["--runs", "1"], "is not from 2 to"),
+    ],
+)
+def test_wrong_options(
+    options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reproduce", *options, "--out", str(tmp_path)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_second_one_in_the_same_folder_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["reproduce", "--only", "difficulty", "--runs", "4", "--no-pictures", "--out", str(tmp_path)]
+    with folder_lock(tmp_path):
+        assert main(command) == 2
+    assert f"{tmp_path}: is in use by process {os.getpid()} on " in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,69 @@
+"""The hash of the code changes with what code does, and with nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import vibroswarm.core.code_version
+from vibroswarm.core.code_version import code_hash, syntax_hash
+from vibroswarm.core.jit import cache_folder, compiles
+
+BEFORE = '''"""What this is."""
+
+LIMIT = 3
+"""A limit."""
+
+
+def add(a, b=1):
+    """Add."""
+    return a + b  # both
+'''
+
+
+def hash_of(folder: Path, text: str, name: str = "a.py") -> str:
+    (folder / name).write_text(text, encoding="utf-8")
+    return syntax_hash(folder, [folder / name])
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("What this is.", "Something else, said better."),
+        ('    """Add."""\n', ""),
+        ("A limit.", "The limit."),
+        ("  # both", ""),
+        ("\n\n\n", "\n\n\n\n# A line more.\n"),
+        ("a + b", "(a\n        + b)"),
+    ],
+)
+def test_words_and_layout_change_nothing(tmp_path: Path, old: str, new: str) -> None:
+    assert old in BEFORE
+    assert hash_of(tmp_path, BEFORE) == hash_of(tmp_path, BEFORE.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("LIMIT = 3", "LIMIT = 4"), ("a + b", "b + a"), ("b=1", "b=1.0"), ("def add", "def sum_")],
+)
+def test_code_changes_it(tmp_path: Path, old: str, new: str) -> None:
+    assert old in BEFORE
+    assert hash_of(tmp_path, BEFORE) != hash_of(tmp_path, BEFORE.replace(old, new))
+
+
+def test_a_files_name_changes_it(tmp_path: Path) -> None:
+    assert hash_of(tmp_path, BEFORE) != hash_of(tmp_path, BEFORE, "b.py")
+
+
+@pytest.mark.skipif(not compiles(), reason="nothing is kept")
+def test_it_is_kept_and_a_damaged_file_is_written_again() -> None:
+    folder = cache_folder()
+    assert folder is not None
+    found = code_hash()
+    path = folder / vibroswarm.core.code_version.HASH_FILE
+    assert path.read_text(encoding="ascii") == found
+    path.write_bytes(b"\xff half a fi")
+    code_hash.cache_clear()
+    assert code_hash() == found
+    assert path.read_text(encoding="ascii") == found

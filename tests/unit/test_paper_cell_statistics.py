@@ -1,0 +1,99 @@
+"""Cells summed up many at a time say what the figures of one cell say."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.analysis.cell_summary import run_figures, summary
+from vibroswarm.analysis.sampling import walk_figures
+from vibroswarm.paper.cells import FIRST_RUNS, READ, WALKED, Cell, CellResult, digest_of, summarise
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
+
+RUNS, ROBOTS = 24, 4
+VALUES = {
+    "floor.source": "random:0.48",
+    "run.t_end_s": 400.0,
+    "swarm.robots": ROBOTS,
+    "decision.min_observations": 5,
+}
+WAYS = {"none": 0.48, "soft": 0.5, "positive": 0.5}
+"""Strategies and boundaries; on the first, which is the fill ratio, no decision is right."""
+CELLS = [
+    Cell("paper", Scenario().with_values({**VALUES, "strategy.name": name, "decision.decision_boundary": at}))
+    for name, at in WAYS.items()
+]
+NUMBERS = [2, 5, 7]
+
+
+@pytest.fixture(scope="module")
+def results() -> list[Result]:
+    return [simulate(cell.scenario, 3, RUNS) for cell in CELLS]
+
+
+@pytest.fixture(scope="module")
+def rows(results: list[Result]) -> pl.DataFrame:
+    parts = []
+    for number, one in zip(NUMBERS, results, strict=True):
+        runs = one.runs.join(walk_figures(one.motion, one.observations, 25).drop("samples"), on="run")
+        parts.append(one.robots.join(runs, on="run").with_columns(cell=number).select(READ))
+    return pl.concat(parts)
+
+
+@pytest.fixture(scope="module")
+def came(rows: pl.DataFrame) -> list[CellResult]:
+    return summarise(CELLS, rows.sample(fraction=1.0, shuffle=True, seed=1), NUMBERS, RUNS, ROBOTS)
+
+
+def test_rows_are_those_of_the_summary_whatever_their_order(
+    came: list[CellResult], results: list[Result]
+) -> None:
+    for one, cell, result in zip(came, CELLS, results, strict=True):
+        found = summary(result.robots, result.runs, cell.scenario.run.t_end_s).as_row()
+        alike = [name for name in one.row if name in found]
+        assert {name: one.row[name] for name in alike} == {name: found[name] for name in alike}
+        assert len(alike) == 22
+        belief = result.robots["belief_in_truth"].drop_nulls().to_numpy()
+        bar = belief.std() / np.sqrt(RUNS) if belief.size else None
+        assert one.row["belief_in_truth_bar"] == bar
+
+
+def test_figures_are_those_of_each_run(came: list[CellResult], results: list[Result]) -> None:
+    for one, cell, result in zip(came, CELLS, results, strict=True):
+        table = run_figures(result.robots, result.runs, cell.scenario.run.t_end_s)
+        walk = walk_figures(result.motion, result.observations, 25)
+        for name, values in one.figures.items():
+            if name != "estimate":
+                there = (walk if name in WALKED else table)[name].cast(pl.Float64).to_numpy()
+                np.testing.assert_array_equal(values, there)
+        estimate = result.robots.group_by("run", maintain_order=True).agg(
+            (pl.col("alpha") / (pl.col("alpha") + pl.col("beta"))).mean()
+        )["alpha"]
+        np.testing.assert_allclose(one.figures["estimate"], estimate.to_numpy(), rtol=1e-14)
+
+
+def test_the_first_runs_are_kept_as_they_were(came: list[CellResult], results: list[Result]) -> None:
+    for one, result in zip(came, results, strict=True):
+        assert one.first.equals(result.robots.filter(pl.col("run") < FIRST_RUNS))
+        assert one.first.schema == result.robots.schema
+
+
+def test_a_digest_is_of_every_value(results: list[Result], came: list[CellResult]) -> None:
+    table = {
+        name: results[0].robots[name].to_numpy().reshape(RUNS, ROBOTS) for name in results[0].robots.columns
+    }
+    assert digest_of(table) == came[0].digest
+    for name, values in table.items():
+        other = values.copy()
+        other[-1, -1] += 1
+        if not np.isnan(float(values[-1, -1])):
+            assert digest_of({**table, name: other}) != came[0].digest
+    assert len({one.digest for one in came}) == 3
+
+
+def test_a_row_too_few_is_told(rows: pl.DataFrame) -> None:
+    with pytest.raises(ValueError, match="rows of"):
+        summarise(CELLS, rows[:-1], NUMBERS, RUNS, ROBOTS)

@@ -1,0 +1,142 @@
+"""What is wrong with a log is said with its row, and what can be mended is counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
+from vibroswarm.recordings.log import in_order, unwrapped
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import recording_of
+from vibroswarm.scenario.scenario import preset
+
+Rows = list[list[str]]
+
+
+@pytest.fixture
+def changed(logs: list[Path], tmp_path: Path) -> Callable[[Callable[[Rows], object]], Path]:
+    """The first log with its rows of cells changed."""
+
+    def make(change: Callable[[Rows], object]) -> Path:
+        rows = [line.split(",") for line in logs[0].read_text().splitlines()]
+        change(rows)
+        path = tmp_path / "changed.csv"
+        path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+        return path
+
+    return make
+
+
+def first_sample(rows: Rows, nth: int = 0) -> int:
+    return [k for k, row in enumerate(rows) if k and row[6] != "None"][nth]
+
+
+def put(line: int, cell: int, text: str) -> Callable[[Rows], object]:
+    def change(rows: Rows) -> None:
+        rows[line - 1][cell] = text
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (put(1, 6, "Energie"), r"has no column 'Energy', did you mean 'Energie'\?"),
+        (put(40, 4, "left"), r"row 40: 'left' in column 'X Meter' is not a number"),
+        (put(40, 1, "nan"), r"row 40: 'nan' in column 'Timestamp' is not a number"),
+        (put(40, 1, ""), r"row 40: empty cell in column 'Timestamp'"),
+        (put(40, 2, "2.5"), r"row 40: 2.5 in column 'ROV Number' is not a whole number from 0 on"),
+        (put(40, 2, "77"), r"row 40: robot 77 has marker|unknown robot 77"),
+        (lambda rows: rows[39].append("1"), r"row 40: 16 cells, but the first line has 15"),
+        (lambda rows: put(first_sample(rows) + 1, 10, "7")(rows), r"'7' in column 'd_f' is not one of 2, 0, 1"),
+        (lambda rows: put(first_sample(rows) + 1, 9, "1.5")(rows), r"1.5 in column 'Belief' is not a prob"),
+        (lambda rows: put(first_sample(rows) + 1, 6, "-1")(rows), r"-1 in column 'Energy' is not a number of 0"),
+        (lambda rows: put(first_sample(rows, 60) + 1, 11, "3")(rows), r"sent \d+ messages"),
+        (lambda rows: rows.insert(900, rows[20]), r"^$"),  # a row that stands twice is left out
+        (lambda rows: rows.insert(900, [*rows[20][:4], "0.5", *rows[20][5:]]), r"row 901: its time"),
+        (lambda rows: rows.insert(21, [*rows[20][:4], "0.9", *rows[20][5:]]), r"row 22: robot \d is in two places"),
+    ],
+)  # fmt: skip
+def test_a_wrong_row_is_named(
+    changed: Callable[[Callable[[Rows], object]], Path], change: Callable[[Rows], object], words: str
+) -> None:
+    path = changed(change)
+    if words == "^$":
+        assert in_order(read_log(path)).counts["rows_repeated"] == 1
+        return
+    with pytest.raises(InputError, match=words):
+        in_order(read_log(path))
+
+
+def test_late_rows_are_put_in_their_place_and_lost_ones_counted(
+    changed: Callable[[Callable[[Rows], object]], Path], logs: list[Path]
+) -> None:
+    def shuffle(rows: Rows) -> None:
+        rows.insert(104, rows.pop(100))  # within a loop or two of the camera
+        rows.insert(212, rows.pop(203))
+        rows.pop(first_sample(rows, 30))
+
+    mended, whole = in_order(read_log(changed(shuffle))), in_order(read_log(logs[0]))
+    assert 1 <= mended.counts["rows_late"] <= 2
+    assert mended.counts["samples_lost"] == 1
+    assert whole.counts["samples_lost"] == whole.counts["rows_late"] == 0
+    assert mended.tracks["time_s"].is_sorted()
+
+
+def test_other_robots_are_refused(logs: list[Path]) -> None:
+    assert in_order(read_log(logs[0]), [1, 2, 3, 4, 5]).samples.height > 0
+    with pytest.raises(InputError, match=r"unknown robot 5, in .* rows; there are 1, 2, 3, 4"):
+        in_order(read_log(logs[0]), [1, 2, 3, 4])
+
+
+def test_counters_that_wrap_go_on() -> None:
+    out, times, odd = unwrapped(np.array([65.0, 65.5, 0.2, 1.0]), 65.536, np.array([0.0, 1.0, 2.0, 3.0]))
+    assert out.tolist() == pytest.approx([65.0, 65.5, 65.736, 66.536])
+    assert (times, odd.any()) == (1, False)
+
+
+def test_a_counter_that_runs_ahead_of_time_is_set_null_there() -> None:
+    out, _, odd = unwrapped(np.array([1.0, 2.0, 40.0, 41.0]), 65.536, np.array([0.0, 1.0, 2.0, 3.0]))
+    assert odd.tolist() == [False, False, True, False]
+    assert np.isnan(out[2])
+    assert out[3] == 3.0
+
+
+def test_no_log_at_all(tmp_path: Path) -> None:
+    (tmp_path / "some.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match=r"is not in a known log format \(rugbot, webots\)"):
+        read_log(tmp_path / "some.csv")
+    with pytest.raises(InputError, match="there is no such file"):
+        read_log(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="there is no reader 'rugbut', did you mean 'rugbot'"):
+        read_log(tmp_path / "some.csv", "rugbut")
+    (tmp_path / "map.toml").write_text('[columns]\nrobot = "a"\n')
+    with pytest.raises(InputError, match="does not name the column for time_s"):
+        read_log(tmp_path / "some.csv", columns=tmp_path / "map.toml")
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS[1:])
+def test_a_floor_that_is_turned_is_told_so(logs: list[Path], ground: Floor, orientation: str) -> None:
+    """What would have to be done to the floor that was given is the reverse of what was done to it."""
+    wrong = Floor.filling(turned(ground.tiles, orientation))
+    if np.array_equal(wrong.tiles, ground.tiles):
+        pytest.skip("the floor is alike")
+    with pytest.raises(InputError, match=r"does not fit: of random floors .* it fits"):
+        recording_of([read_log(logs[0])], wrong, preset("paper"))
+    fits = floor_fits(wrong, in_order(read_log(logs[0])).samples)
+    assert np.array_equal(turned(wrong.tiles, fits[0].orientation), ground.tiles)
+    recording_of([read_log(logs[0])], wrong, preset("paper"), any_floor=True)
+
+
+def test_energies_that_fit_no_floor_are_told_of(logs: list[Path], ground: Floor) -> None:
+    samples = in_order(read_log(logs[0])).samples
+    mixed = samples.with_columns(energy=pl.col("energy").shuffle(seed=3))
+    assert check_floor(ground, mixed).startswith("The floor may be wrong: of random floors")
+    assert check_floor(ground, samples).startswith("The floor fits")

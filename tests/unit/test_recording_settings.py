@@ -1,0 +1,67 @@
+"""What robots ran with is found again in logs of simulated ones, and not where the log cannot tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.infer_settings import infer_settings
+from vibroswarm.recordings.log import in_order
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
+
+
+def found(told: Scenario, tmp_path: Path, **changes: Any) -> dict[str, Any]:
+    scenario = told.with_values({name.replace("__", "."): value for name, value in changes.items()})
+    result = simulate(scenario, 11, 2, segments=True)
+    for run in (0, 1):
+        write_rugbot(result, tmp_path / f"{run}.csv", run)
+    logs = [in_order(read_log(tmp_path / f"{run}.csv")) for run in (0, 1)]
+    return {one.name: one for one in infer_settings(logs)}
+
+
+@pytest.mark.parametrize("gate", ["own", "total", "received"])
+@pytest.mark.parametrize("strategy", ["none", "positive"])
+def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: str) -> None:
+    least = {"own": 60, "total": 300, "received": 240}[gate]
+    settings = infer = found(
+        told, tmp_path, decision__gate=gate, decision__min_observations=least, strategy__name=strategy,
+        sensor__rms_threshold=1.45, run__t_end_s=500.0,
+    )  # fmt: skip
+    threshold = settings["sensor.rms_threshold"]
+    assert threshold.low <= 1.45 <= threshold.high + 0.0005  # energies are written to 0.001
+    assert settings["strategy.name"].value == strategy, settings["strategy.name"].evidence
+    tau = settings["sample.sample_interval_ms"]
+    assert tau.low <= 2000 <= tau.high
+    assert tau.value == 2000
+    if infer["decision.gate"].value is not None:  # it held somebody back
+        assert infer["decision.gate"].value == gate
+        assert infer["decision.min_observations"].low <= least <= infer["decision.min_observations"].high
+    else:
+        assert gate in infer["decision.gate"].evidence
+
+
+def test_the_gate_is_found_where_it_held_robots_back(told: Scenario, tmp_path: Path) -> None:
+    settings = found(told, tmp_path, decision__gate="own", decision__min_observations=60)
+    assert settings["decision.gate"].value == "own", settings["decision.gate"].evidence
+    assert settings["decision.min_observations"].value == 60
+
+
+def test_where_nobody_decides_nothing_is_said_of_deciding(told: Scenario, tmp_path: Path) -> None:
+    settings = found(told, tmp_path, decision__min_observations=10_000, run__t_end_s=120.0)
+    assert settings["decision.gate"].value is None
+    assert settings["decision.credible_threshold"].value is None
+    # Before a decision positive feedback says what no feedback says.
+    assert settings["strategy.name"].value != "soft"
+    assert settings["strategy.name"].value is None, settings["strategy.name"].evidence
+
+
+def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Path]) -> None:
+    logs = [in_order(read_log(path)) for path in console_logs]
+    settings = {one.name: one for one in infer_settings(logs)}
+    assert settings["strategy.name"].value == "positive", settings["strategy.name"].evidence
+    assert settings["sample.sample_interval_ms"].value == 2000
