@@ -14,6 +14,7 @@ import vibroswarm.motion.event.engine
 import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
+from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.deliveries import Timeline
@@ -188,7 +189,7 @@ def _to_the_end(
     pieces = []
     for done, run in enumerate(runs):
         state = engine.init(scenario, seed, run, *wanted)
-        while state.time_s < scenario.run.t_end_s:
+        while not reached(state.time_s, scenario.run.t_end_s, scenario.run.control_period_ms):
             pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
             progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
     return join(pieces)

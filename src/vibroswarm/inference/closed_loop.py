@@ -278,8 +278,6 @@ def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float
     Returns the new motion as tables if the source gives nothing else, otherwise None.
 
     Returns the new motion as tables if the source gives nothing else, otherwise None.
-
-    Gives what is new as tables, where the source gives nothing else.
     """
     tick_ms = loop[0].tick_ms
     if isinstance(state, KernelRun):

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.closed_loop import ClosedLoop, add_piece
@@ -125,7 +126,7 @@ def steer_on(
 
 def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
     """Return the tick after all robots had decided for the first time, as a time in s, or the end of the run."""
-    while state.time_s < t_end_s:
+    while not reached(state.time_s, t_end_s, loop.tick_ms):
         steer_on(state, loop, t_end_s)
         decided_s = loop.first_all_decided_s
         if decided_s is not None:
@@ -141,7 +142,7 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
         kept.append(joined([rows]))
 
     has_moves = state.record.moves.size > 0
-    while state.time_s < until_s:
+    while not reached(state.time_s, until_s, loop.tick_ms):
         steer_on(
             state,
             loop,
@@ -201,7 +202,7 @@ def until_all_decided(
 def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
     """Move one run."""
     t_end_s, pieces, length_s = loop.scenario.run.t_end_s, list[Motion](), first_s
-    while state.time_s < t_end_s:
+    while not reached(state.time_s, t_end_s, loop.tick_ms):
         before = state.copy()
         piece = state.advance(min(state.time_s + length_s, t_end_s))
         loop.catch_up(*add_piece(piece, [loop], loop.tick_ms))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
+from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.motion.control_step import begin
 from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
@@ -140,7 +141,7 @@ class KernelRun(ABC):
         """
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
-        return math.ceil(until_s * 1000.0 / self.tick_ms - 1e-9)
+        return tick_at(until_s, self.tick_ms)
 
     def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
         """``go_on`` to a tick."""

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.ticks import reached
 from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
 from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.outcome_arrays import Outcomes, end_s
@@ -65,7 +66,7 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
             course.loop.begin(run, course.grounds[r])
 
         until_s = max(course.until_s(0.0) for course in courses)
-        while until_s > state.time_s:
+        while not reached(state.time_s, until_s, loops[0].tick_ms):
             if loops[0].steers:
                 steer_on(steerable(state, motion), loops[0], until_s)
             else:

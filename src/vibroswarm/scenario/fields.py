@@ -21,7 +21,6 @@ Field to paper:
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
@@ -330,4 +330,4 @@ class Sections(FrozenModel):
     @property
     def ticks(self) -> int:
         """Number of control periods that begin before the end."""
-        return math.ceil(self.run.t_end_s * 1000.0 / self.run.control_period_ms - 1e-9)
+        return tick_at(self.run.t_end_s, self.run.control_period_ms)
