@@ -27,7 +27,7 @@ lint: $(VENV)/dev.done
 	$(BIN)/lint-imports
 
 bench: $(VENV)/dev.done
-	$(BIN)/vibroswarm bench
+	$(BIN)/python benchmarks/stage_timing.py --peers
 	$(BIN)/python benchmarks/page_frame.py
 
 clean:

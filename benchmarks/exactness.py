@@ -31,7 +31,7 @@ from random_scenarios import random_scenario
 from twins import MICROMETRE, Difference, Verdict, difference, judge
 from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.turn_stability import scenario_warnings
+from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.scenario.scenario import preset
 
 CHUNK = 25

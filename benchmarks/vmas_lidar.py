@@ -6,7 +6,7 @@
 Robots walk like those of preset ``paper-empirical`` (clipped Cauchy legs, turns in place, avoidance by three rays,
 stops to sample), all environments at once in tensors; bodies are discs that collide with each other and with walls by
 VMAS's penalties. It is less work than the engine's: no gyro control, no misalignment, no messages, nothing written
-down. To be held against ``vibroswarm bench`` on the same machine.
+down. To be held against ``stage_timing.py --peers`` on the same machine.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 from helpers.page_records import make_record
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = ["helpers.recordings", "helpers.browser"]
 

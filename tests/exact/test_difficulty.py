@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index, paper_table
-from vibroswarm.floors.patterns import pattern
+from vibroswarm.floors.source import pattern
 
 grids = hnp.arrays(
     np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.integers(0, 1)

@@ -18,8 +18,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.motion.event.blocked_lookahead import blocked_ticks
-from vibroswarm.motion.event.distance_lanes import PLACES, measure_all, measure_meetings, store_plan
 from vibroswarm.motion.event.event_queue import (
     KEY_BITS,
     NEVER,
@@ -31,14 +29,23 @@ from vibroswarm.motion.event.event_queue import (
 )
 from vibroswarm.motion.event.lookahead import (
     avoidance_tick,
+    blocked_ticks,
     distance2_m2,
     encounter_reach_m,
     maybe_within,
     set_chord,
     set_standing,
     ticks_until_closed,
+    wall_tick,
 )
-from vibroswarm.motion.event.neighbours import LIST_TICKS, list_radius_m
+from vibroswarm.motion.event.neighbours import (
+    LIST_TICKS,
+    PLACES,
+    list_radius_m,
+    measure_all,
+    measure_meetings,
+    store_plan,
+)
 from vibroswarm.motion.event.pair_lookahead import (
     chord_clear_ticks,
     encounter_tick,
@@ -55,9 +62,8 @@ from vibroswarm.motion.event.trajectory import (
     ticks_to_sample,
     ticks_to_self_event,
 )
-from vibroswarm.motion.event.wall_lookahead import wall_tick
+from vibroswarm.motion.kernel_run import no_sample_before
 from vibroswarm.motion.robot_params import setup_of
-from vibroswarm.motion.steering import no_sample_before
 from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.sensed_floor import sense_program
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import (
     SenseProgram,
     SenseState,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.motion.turn_stability import (
+from vibroswarm.motion.robot_params import (
     is_stable,
     passes_tolerance,
     scenario_warnings,

@@ -14,7 +14,7 @@ import polars as pl
 from scipy.special import betainc
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord
 
 TICK_S, SPEED_M_S, STOP_S, SAMPLE_EVERY_S = 0.02, 0.055, 1.0, 3.778
 KINDS = ("drive", "turn", "avoid", "stop")

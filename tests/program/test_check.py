@@ -12,7 +12,7 @@ from vibroswarm import networks, tasks
 from vibroswarm.cli import main
 from vibroswarm.motion import source
 from vibroswarm.strategies.base import forget
-from vibroswarm.testing.findings import require, run_check
+from vibroswarm.testing.runs import require, run_check
 
 NETWORK = """from vibroswarm.networks import Network
 

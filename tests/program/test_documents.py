@@ -56,7 +56,6 @@ SMALL = {
     "detect": ["--runs", "4"],
     "tradeoff": ["--runs", "4"],
     "optimize": ["--budget", "600", "--fresh", "20", "--no-pictures"],
-    "bench": ["--robots", "5", "--runs", "1"],
     "reproduce": ["--runs", "4", "--no-pictures"],
     "lab replay": ["--draws", "4"],
     "calibrate fit": ["--candidates", "40"],
@@ -256,8 +255,8 @@ def read_as_what_it_is(text: str, folder: Path) -> str:
 
 
 def test_the_checks_of_blocks_can_fail(here):
-    (block,) = blocks_of("<!-- not run: it takes hours -->\n```sh\nvibroswarm bench\n```\n")
-    assert block == Block("sh", "vibroswarm bench\n", "it takes hours")
+    (block,) = blocks_of("<!-- not run: it takes hours -->\n```sh\nvibroswarm reproduce\n```\n")
+    assert block == Block("sh", "vibroswarm reproduce\n", "it takes hours")
     assert small(["evaluate", "--until", "2%", "--runs", "9", "--set", "a=1"])[:3] == [
         "evaluate",
         "--set",

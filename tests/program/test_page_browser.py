@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
 
 BLANK = """(id) => {

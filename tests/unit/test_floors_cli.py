@@ -10,7 +10,7 @@ from vibroswarm.cli.floors import add_parser
 from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
-from vibroswarm.floors.patterns import NAMES
+from vibroswarm.floors.source import NAMES
 
 
 def run(*words):

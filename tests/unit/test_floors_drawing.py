@@ -8,8 +8,8 @@ from PIL import Image
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.io import can_draw_blocks, draw
-from vibroswarm.floors.patterns import pattern
-from vibroswarm.plots.floor import STILL, VIBRATING, draw_floor
+from vibroswarm.floors.source import pattern
+from vibroswarm.plots.run import STILL, VIBRATING, draw_floor
 
 TILES = np.array([[1, 0, 0], [0, 1, 1]], dtype=np.uint8)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patterns import FAMILIES, NAMES, canonical, pattern
+from vibroswarm.floors.source import FAMILIES, NAMES, canonical, pattern
 
 ONES = {
     "diagonal:0.48": 48,

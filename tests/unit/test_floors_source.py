@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 import vibroswarm.floors
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patterns import NAMES, pattern
-from vibroswarm.floors.source import is_random, named_tiles, random_tiles, resolve
+from vibroswarm.floors.source import NAMES, is_random, named_tiles, pattern, random_tiles, resolve
 
 
 def test_a_pattern_by_name():

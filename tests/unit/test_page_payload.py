@@ -12,8 +12,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.run_page.payload import payload
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord, payload
 
 
 def columns(packed: dict[str, dict[str, str]]) -> dict[str, np.ndarray[Any, Any]]:

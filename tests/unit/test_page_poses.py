@@ -15,10 +15,10 @@ from vibroswarm.run_page.payload import (
     HEADING_QUANTUM_RAD,
     POSITION_QUANTUM_M,
     TIME_QUANTUM_S,
+    RunRecord,
     packed_track,
     varints,
 )
-from vibroswarm.run_page.record import RunRecord
 from vibroswarm.run_page.trajectory_thinning import KINDS, along, tracks
 
 MOST_OFF_M, MOST_OFF_RAD = 0.001, np.radians(3)

@@ -14,8 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.run_page.payload import payload
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord, payload
 from vibroswarm.run_page.write import page_html, script_json, write_page
 
 NASTY = (

@@ -13,11 +13,11 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
 from vibroswarm.errors import InputError, warn_once
-from vibroswarm.optimize import optuna_storage
+from vibroswarm.optimize import optuna_samplers
 from vibroswarm.optimize.journal import JOURNAL, held
 from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.optuna_storage import DAMAGED, Dashboard
-from vibroswarm.optimize.optuna_storage import FILE as OPTUNA
+from vibroswarm.optimize.optuna_samplers import DAMAGED, Dashboard
+from vibroswarm.optimize.optuna_samplers import FILE as OPTUNA
 from vibroswarm.optimize.search_report import candidate_table
 from vibroswarm.optimize.spec import Search
 
@@ -129,7 +129,7 @@ def test_a_torn_last_line_is_dropped_and_said(tmp_path: Path, caplog: pytest.Log
 @pytest.mark.parametrize("left", ["to nowhere", "to the journal", "file"])
 def test_a_lock_left_behind_is_taken_over(left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("optuna")
-    monkeypatch.setattr(optuna_storage, "LOCK_S", 0.2)
+    monkeypatch.setattr(optuna_samplers, "LOCK_S", 0.2)
     monkeypatch.chdir(tmp_path)
     search = Search.from_toml(SHOWN)
     run_search(search, "out/s")
@@ -148,10 +148,10 @@ def test_a_lock_left_behind_is_taken_over(left: str, tmp_path: Path, monkeypatch
 
 def test_a_lock_that_is_held_is_waited_for(tmp_path: Path) -> None:
     """Negative control: only what does not change is taken over."""
-    first, second = optuna_storage.Lock(tmp_path / OPTUNA), optuna_storage.Lock(tmp_path / OPTUNA)
+    first, second = optuna_samplers.Lock(tmp_path / OPTUNA), optuna_samplers.Lock(tmp_path / OPTUNA)
     assert first.acquire()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(optuna_storage, "LOCK_S", 0.4)
+        patch.setattr(optuna_samplers, "LOCK_S", 0.4)
         began_s = time.monotonic()
         assert second.acquire()
         assert time.monotonic() - began_s >= 0.4

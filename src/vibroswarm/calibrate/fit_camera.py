@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
-from vibroswarm.recordings.bootstrap import cluster_weights, robot_clusters
+from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 
 Floats = NDArray[np.float64]
 

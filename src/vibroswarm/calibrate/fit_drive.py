@@ -31,7 +31,7 @@ from scipy.optimize import linear_sum_assignment
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import CALM_S
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.bootstrap import resample
+from vibroswarm.recordings.threshold import resample
 from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]

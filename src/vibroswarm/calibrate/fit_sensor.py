@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaln, ndtr
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.recordings.bootstrap import cluster_weights, resample, robot_clusters
+from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
 
 Floats = NDArray[np.float64]
 FIELDS: Final = (

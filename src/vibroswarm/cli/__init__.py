@@ -54,7 +54,6 @@ class _Parser(argparse.ArgumentParser):
 def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands; what a command needs is imported when it runs."""
     from vibroswarm.cli import (
-        bench,
         calibrate,
         check,
         detect,
@@ -80,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for module in (
         run, evaluate, sweep, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate, scenario,
-        check, floors, bench,
+        check, floors,
     ):  # fmt: skip
         module.add_parser(commands)
     for command in commands.choices.values():
@@ -163,10 +162,10 @@ def shown_name(name: object) -> str:
 def _command(argv: Sequence[str] | None) -> int:
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
-    from vibroswarm.cli import scenario_warnings
+    from vibroswarm.cli import scenario_options
 
     gc.set_threshold(GC_THRESHOLD)
-    scenario_warnings.forget()
+    scenario_options.forget()
     top = parser()
     arguments, unknown = top.parse_known_args(argv)
     if unknown:

@@ -6,13 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_json, real
+from vibroswarm.cli.options import add_json, read_result, real
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
     from vibroswarm.calibrate.real_vs_simulated import Comparison
-    from vibroswarm.result import Result
 
 EPILOG = """\
 example:
@@ -117,14 +116,6 @@ def run_compare(arguments: argparse.Namespace) -> int:
     else:
         print_comparison(found)
     return 0
-
-
-def read_result(folder: Path) -> Result:
-    """Read a recording or a result."""
-    from vibroswarm.recordings.recording import Recording
-    from vibroswarm.result import Result
-
-    return Recording.read(folder) if (folder / "recording.json").is_file() else Result.read(folder)
 
 
 def print_comparison(found: Comparison) -> None:

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.calibrate.cross_validation import folds
     from vibroswarm.calibrate.dataset import dataset_of
     from vibroswarm.calibrate.fit import fit
-    from vibroswarm.cli.calibrate import read_result
+    from vibroswarm.cli.options import read_result
     from vibroswarm.cli.output import print_json
     from vibroswarm.core.atomic_io import whole_file
 
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def scenario_of(name: str, settings: list[str]) -> Scenario:
     """A preset or scenario file, with fields set; prints its warnings."""
-    from vibroswarm.cli.scenario_warnings import warn_of
+    from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.scenario.presets import preset_names
     from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
 

@@ -78,7 +78,7 @@ def _list(args: argparse.Namespace) -> int:
     if args.paper:
         return _list_paper(args)
     from vibroswarm.floors.difficulty import measure
-    from vibroswarm.floors.patterns import NAMES, pattern
+    from vibroswarm.floors.source import NAMES, pattern
 
     found = [(name, measure(pattern(name))) for name in NAMES]
     if args.json:
@@ -128,7 +128,7 @@ def _show(args: argparse.Namespace) -> int:
 
     tiles, name = _resolved(args.spec, args)
     if args.out is not None:
-        from vibroswarm.plots.floor import draw_floor
+        from vibroswarm.plots.run import draw_floor
 
         draw_floor(args.out, tiles, name, replace=args.force)
     print(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))

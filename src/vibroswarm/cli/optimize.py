@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
-from vibroswarm.cli.scenario_warnings import warn_of
+from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:

@@ -6,7 +6,10 @@ import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from vibroswarm.result import Result
 
 STYLES: Final = ("column", "page", "slide")
 
@@ -178,3 +181,11 @@ def add_scenario_options(
     )
     add_settings(group, "set any field of the scenario, such as walk.walk_duration_scale_ms=9000")
     return group
+
+
+def read_result(folder: Path) -> Result:
+    """Read a recording or a result."""
+    from vibroswarm.recordings.recording import Recording
+    from vibroswarm.result import Result
+
+    return Recording.read(folder) if (folder / "recording.json").is_file() else Result.read(folder)

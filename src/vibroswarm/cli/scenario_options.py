@@ -1,17 +1,21 @@
-"""The scenario given on the command line: a preset or file, changed by options."""
+"""The scenario given on the command line: a preset or file, changed by options; warnings about probable mistakes."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.scenario_warnings import warn_of
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
+
+if TYPE_CHECKING:
+    from vibroswarm.scenario.scenario import Scenario
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
@@ -93,3 +97,24 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
     rows = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows}
+
+
+_printed: Final[set[str]] = set()
+
+
+def forget() -> None:
+    """Forget what was printed: a new command starts."""
+    _printed.clear()
+
+
+def warn_of(scenarios: Iterable[Scenario]) -> None:
+    """Print the first new warning about these scenarios, and how many others there are."""
+    from vibroswarm.motion.robot_params import scenario_warnings
+
+    texts = dict.fromkeys(text for scenario in scenarios for text in scenario_warnings(scenario))
+    new = [text for text in texts if text not in _printed]
+    _printed.update(new)
+    if new:
+        print(f"Warning: {new[0]}.", file=sys.stderr)
+    if len(new) > 1:
+        print(f"Warning: the same for {len(new) - 1} more scenarios.", file=sys.stderr)

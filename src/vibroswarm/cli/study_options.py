@@ -67,7 +67,7 @@ def run_study_of(
         allow_failures: return the result even if runs failed.
     """
     from vibroswarm.cli.progress import study_progress
-    from vibroswarm.cli.scenario_warnings import warn_of
+    from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.study.runner import Job, run_batch
     from vibroswarm.study.study_result import run
 
@@ -169,8 +169,7 @@ def duration(seconds: float) -> str:
 
 def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
     """Summarise a study and print its tables; save numbers, pictures and report if there is a folder."""
-    from vibroswarm.cli.output import print_json
-    from vibroswarm.cli.study_tables import print_tables
+    from vibroswarm.cli.output import print_json, print_tables
     from vibroswarm.study.summary import outcome_of, write_outcome
 
     outcome = outcome_of(result, second)

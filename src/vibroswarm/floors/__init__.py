@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.io import read_tiles, write_tiles
-    from vibroswarm.floors.patterns import pattern
-    from vibroswarm.floors.source import is_random, named_tiles, random_tiles, resolve
+    from vibroswarm.floors.source import is_random, named_tiles, pattern, random_tiles, resolve
 
 __all__ = [
     "Difficulty",

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import as_tiles
-from vibroswarm.floors.patterns import pattern
+from vibroswarm.floors.source import pattern
 
 
 @dataclass(frozen=True)

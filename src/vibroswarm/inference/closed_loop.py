@@ -21,7 +21,7 @@ from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_o
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.sensed_floor import SensedFloor, read
+from vibroswarm.observation.observe import SensedFloor, read
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 

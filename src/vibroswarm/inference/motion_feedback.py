@@ -22,7 +22,7 @@ from vibroswarm.inference.closed_loop import ClosedLoop, add_piece
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import Rows, SampleColumns, joined, with_samples
 from vibroswarm.motion.source import Motion, MotionState, join, source
-from vibroswarm.observation.sensed_floor import sensed_floors
+from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.control_step import ROBOT, Swarm, account, contact, control, move, refresh, sense
-from vibroswarm.motion.kernel_run import KernelRun, batch_of
+from vibroswarm.motion.kernel_run import KernelRun, batch_of, no_sample_before_steps
 from vibroswarm.motion.moves import note_moves
 from vibroswarm.motion.recorder import Record, end_rows, room, write_sample, write_segments
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.motion.source import Source, register
-from vibroswarm.motion.steering import no_sample_before_steps
 
 
 @kernel

@@ -49,8 +49,16 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
-from vibroswarm.motion.motion_tables import ENDS, MOTION, MOVES, SEGMENTS, Motion, join
-from vibroswarm.motion.source_checks import checked, checked_batch
+from vibroswarm.motion.motion_tables import (
+    ENDS,
+    MOTION,
+    MOVES,
+    SEGMENTS,
+    Motion,
+    checked,
+    checked_batch,
+    join,
+)
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 

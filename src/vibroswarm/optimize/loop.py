@@ -142,7 +142,7 @@ class _Loop:
         self.replaying = journal is not None
         self.show: Callable[[], None] = lambda: None
         if journal is not None and search.has_dashboard:
-            from vibroswarm.optimize.optuna_storage import Dashboard
+            from vibroswarm.optimize.optuna_samplers import Dashboard
 
             self.show = Dashboard(journal.folder, self.archive, search.study.name).show
         self.best = math.inf

@@ -36,8 +36,7 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.optuna_samplers import ignore_warnings, optuna
-from vibroswarm.optimize.optuna_storage import distribution_of
+from vibroswarm.optimize.optuna_samplers import distribution_of, ignore_warnings, optuna
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
 

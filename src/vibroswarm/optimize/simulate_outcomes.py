@@ -19,7 +19,7 @@ from vibroswarm.inference.outcome_arrays import Outcomes, end_s
 from vibroswarm.inference.outcomes import fill_ratios, truths
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.source import MotionState, source
-from vibroswarm.observation.sensed_floor import sensed_floors
+from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of, steers
 

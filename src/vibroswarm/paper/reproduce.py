@@ -19,8 +19,17 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Settings, Tables, Work
-from vibroswarm.paper.item_cache import fingerprint, load_tables, save_tables
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Cells,
+    Item,
+    Settings,
+    Tables,
+    Work,
+    fingerprint,
+    load_tables,
+    save_tables,
+)
 from vibroswarm.paper.items import all_items
 from vibroswarm.study.executors import processors
 

@@ -8,7 +8,7 @@ A ``Recording`` is a ``Result`` and accepted everywhere a result is. Differences
 * Null is what the log does not contain: a heading; driving and turning times; the bits that were sent.
 * ``sample`` counts messages sent, so a lost row leaves a gap; ``samples`` of the robots includes lost ones.
 * If a log has no bits, they are made from the energies with ``sensor.rms_threshold``.
-* Paths are straight between tracked positions (``track_interpolation``).
+* Paths are straight between tracked positions (``log.segments_of``).
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ from vibroswarm.motion.source import ENDS, MOTION
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.recordings.floor_fit import check_floor
 from vibroswarm.recordings.infer_settings import Inferred, infer_settings
-from vibroswarm.recordings.log import COUNTED, Log, in_order
-from vibroswarm.recordings.track_interpolation import gaps_of, knots_of, segments_of
+from vibroswarm.recordings.log import COUNTED, Log, gaps_of, in_order, knots_of, segments_of
 from vibroswarm.result import RECORDED, Result, floor_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions

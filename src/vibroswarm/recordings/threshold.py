@@ -1,5 +1,6 @@
-"""Choose theta_E from labelled recordings by equal error, least error or costs; test whether the floor can be
-decided then.
+"""Choose theta_E from labelled recordings by equal error, least error or costs.
+
+Whether the floor can be decided with it is tested too.
 
 | name | symbol | equation |
 |---|---|---|
@@ -10,7 +11,8 @@ decided then.
 
 A sample's label is the kind of tile under the robot's centre. Samples are neither independent nor identically
 distributed: robots and tiles differ. So the bootstrap resamples both, robots (of a session) and tiles, and weights a
-sample by the product of their counts; the interval holds for other such robots and tiles.
+sample by the product of their counts; the interval holds for other such robots and tiles. Resamples come from
+addressed random numbers: the same for the same seed, draw and stream.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -27,10 +29,28 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
+from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.bootstrap import cluster_weights, robot_clusters
 from vibroswarm.recordings.recording import Recording, inside
+
+
+def resample(seed: int, draw: int, stream: int, count: int) -> NDArray[np.int64]:
+    """Draw ``count`` of the indices below ``count`` with replacement."""
+    return (uniforms(seed, draw, stream, Purpose.BOOTSTRAP, count) * count).astype(np.int64)
+
+
+def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Draw clusters with replacement: how often each row's cluster is drawn, (rows,)."""
+    clusters = int(cluster.max()) + 1
+    return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
+
+
+def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
+    """Number the robots of all sessions through: the cluster of each sample, (samples,)."""
+    pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
+    return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+
 
 Floats = NDArray[np.float64]
 Rule = Callable[[Floats, NDArray[np.bool_], Floats], float]

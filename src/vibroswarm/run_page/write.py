@@ -19,8 +19,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import payload
-from vibroswarm.run_page.record import RunRecord
+from vibroswarm.run_page.payload import RunRecord, payload
 
 SCRIPTS = (
     "decode.js",

@@ -19,8 +19,7 @@ from pydantic import BaseModel, ValidationError, model_validator
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.patterns import family
-from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections

@@ -27,8 +27,7 @@ import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, check_format, nearest, whole_number_of
-from vibroswarm.floors.patterns import family
-from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibroswarm.testing.findings import Finding
 from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
+from vibroswarm.testing.runs import Finding
 from vibroswarm.testing.strategy import check_strategy
 from vibroswarm.testing.task import check_task
 

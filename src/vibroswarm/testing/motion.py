@@ -9,10 +9,10 @@ from typing import Final
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.source import Source
 from vibroswarm.motion.source import source as source_of
-from vibroswarm.testing.findings import Finding, run_check
 from vibroswarm.testing.motion_cases import SHORT_CASE, Check, motion_of
 from vibroswarm.testing.motion_segments import MOVE_CHECKS, SEGMENT_CHECKS
 from vibroswarm.testing.motion_tables import TABLE_CHECKS, check_runs_differ
+from vibroswarm.testing.runs import Finding, run_check
 
 WARNINGS_ONLY: Final = (check_runs_differ,)
 """Checks whose failure is no error: a recording is the same in every run."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.motion.source import Motion, Source
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.findings import require
+from vibroswarm.testing.runs import require
 
 Check = Callable[[Source], None]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.motion.source import Motion, Source
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.findings import require
 from vibroswarm.testing.motion_cases import CASES, Check, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import KINDS
+from vibroswarm.testing.runs import require
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import polars as pl
 
 from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.findings import require
 from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Check, motion_of, part_of, same, ticks_of
+from vibroswarm.testing.runs import require
 
 KINDS: Final = ("drive", "turn", "avoid", "stop")
 

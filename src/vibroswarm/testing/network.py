@@ -10,9 +10,8 @@ import polars as pl
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.testing.findings import Finding, run_checks
 from vibroswarm.testing.plain_reference import plain_run
-from vibroswarm.testing.runs import SEED, SHORT, equals_plain, in_pieces, same_again
+from vibroswarm.testing.runs import SEED, SHORT, Finding, equals_plain, in_pieces, run_checks, same_again
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     f"{words}, {strategy}": {"swarm.robots": robots, "strategy.name": strategy}

@@ -1,19 +1,70 @@
-"""Checks of every run, whatever its strategy and network."""
+"""Checks of every run, whatever its strategy and network, and their findings in words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
 from vibroswarm.inference.sender_positions import move_rows
-from vibroswarm.observation.sensed_floor import sensed_floors
+from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The finding of one check: whether it holds, and if not, why."""
+
+    what: str
+    holds: bool
+    why: str = ""
+    is_warning: bool = False
+    """Failure is worth knowing, but not an error."""
+
+
+def require(condition: object, words: str) -> None:
+    """Stop a check if a condition is false; as ``assert``, but under ``python -O`` too.
+
+    Raises:
+        AssertionError: it is not so; ``words`` say what is wrong.
+    """
+    if not condition:
+        raise AssertionError(words)
+
+
+def run_checks(
+    checks: Mapping[str, Callable[[str], Iterator[str]]], name: str, warnings: Container[str] = ()
+) -> list[Finding]:
+    """Run checks of the object called ``name``; failures of ``warnings`` are no errors."""
+    return [run_check(what, partial(check, name), what in warnings) for what, check in checks.items()]
+
+
+def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: bool = False) -> Finding:
+    """Run a check that yields what is wrong in words, or raises it.
+
+    Args:
+        what: what is checked. is_warning: a failure is no error.
+    """
+    why = ""
+    try:
+        found = check()
+        why = "" if found is None else next(found, "")
+    except (InputError, RunError) as error:
+        why = str(error)
+    except AssertionError as error:
+        why = str(error) or "the check failed without a message"
+    except Exception as error:  # users' tables and code can be wrong in any way
+        why = f"it cannot be checked: {type(error).__name__}: {error}"
+    return Finding(what, not why, why, is_warning)
+
 
 Scenarios = Iterable[tuple[str, Scenario]]
 """Scenarios with their descriptions."""

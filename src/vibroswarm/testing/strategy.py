@@ -10,8 +10,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
-from vibroswarm.testing.findings import Finding, run_checks
-from vibroswarm.testing.runs import SEED, SHORT, equals_plain, in_pieces, same_again
+from vibroswarm.testing.runs import SEED, SHORT, Finding, equals_plain, in_pieces, run_checks, same_again
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "one robot": {"swarm.robots": 1},

@@ -9,10 +9,10 @@ import numpy as np
 
 from vibroswarm.errors import shown
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.patterns import NAMES, pattern
+from vibroswarm.floors.source import NAMES, pattern
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.findings import Finding, run_checks
+from vibroswarm.testing.runs import Finding, run_checks
 
 SIZES: Final = ((1, 1), (5, 5), (10, 10), (3, 7))
 """Rows and columns of random floors."""

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import branching_kernel, entry_for, inlined, inner, kernel, zero_rows
 from vibroswarm.motion.control_step import control_one, is_blind, load, rays_to_disc, rays_to_walls, refresh
-from vibroswarm.motion.event.blocked_lookahead import blocked_ticks
-from vibroswarm.motion.event.distance_lanes import PLACES, Places, measure_all, measure_meetings, store_plan
 from vibroswarm.motion.event.event_queue import (
     KEY_BITS,
     NEVER,
@@ -31,21 +29,28 @@ from vibroswarm.motion.event.event_queue import (
     wake_by,
 )
 from vibroswarm.motion.event.lookahead import (
+    blocked_ticks,
     distance2_m2,
     encounter_reach_m,
     maybe_within,
     set_chord,
     set_standing,
+    wall_tick,
 )
 from vibroswarm.motion.event.neighbours import (
     LIST_TICKS,
+    PLACES,
     SMALL_SWARM,
+    Places,
     empty_grid,
     empty_lists,
     insert,
     list_radius_m,
+    measure_all,
+    measure_meetings,
     neighbour,
     neighbour_count,
+    store_plan,
     update_lists,
 )
 from vibroswarm.motion.event.pair_lookahead import encounter_tick, may_encounter, stops_before
@@ -70,14 +75,12 @@ from vibroswarm.motion.event.trajectory import (
     turn_command,
     turned_by,
 )
-from vibroswarm.motion.event.wall_lookahead import wall_tick
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.kernel_run import KernelRun, batch_of
+from vibroswarm.motion.kernel_run import KernelRun, batch_of, no_sample_before_plans
 from vibroswarm.motion.moves import note_move
 from vibroswarm.motion.recorder import END_ROW, Record, room_for, write_sample, write_segment
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.motion.source import Source, register
-from vibroswarm.motion.steering import no_sample_before_plans
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
 HORIZON_TICKS = 250
@@ -102,7 +105,7 @@ class World(NamedTuple):
     near: NDArray[np.uint32]
     """Lists of neighbours (``neighbours``)."""
     places: Places
-    """Approximate positions of a small swarm, in columns (``distance_lanes``)."""
+    """Approximate positions of a small swarm, in columns (``neighbours.Places``)."""
     apart: NDArray[np.float64]
     """A row a robot: the largest error of its distances, m, then their squares, m^2 (``look_around``)."""
     awake: NDArray[np.uint32]

@@ -1,6 +1,6 @@
-"""Looking ahead: what its modules share.
+"""Looking ahead: until when a robot can meet no wall, or its blocked move stays blocked.
 
-Each function of ``wall_lookahead``, ``pair_lookahead`` and ``blocked_lookahead`` returns a tick that is never too late:
+Each function here and in ``pair_lookahead`` returns a tick that is never too late:
 before it no ray is shorter than theta_c and no move is blocked. Distances shrink at bounded rates, so one look says for
 how many ticks no other is needed (conservative advancement). What then happens at a tick is decided by the same
 functions as in the fixed-step engine. ``tests/exact/test_lookahead_bounds.py`` compares each bound with stepping.
@@ -21,8 +21,22 @@ from __future__ import annotations
 
 import math
 
-from vibroswarm.core.jit import inlined
-from vibroswarm.motion.event.trajectory import Planner, along_arc
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import inlined, inner
+from vibroswarm.motion.event.event_queue import NEVER
+from vibroswarm.motion.event.neighbours import neighbour, neighbour_count
+from vibroswarm.motion.event.trajectory import (
+    Planner,
+    Planners,
+    along_arc,
+    blocked_drive_end,
+    blocked_turn_end,
+    position_at,
+    position_in_turn,
+    turn_command,
+)
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE, STOP
 
@@ -105,3 +119,184 @@ def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
         return 0.0
     below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
     return min(2.0 * gap / below, SIDE_TICKS)  # also bounds infinity, without a branch
+
+
+@inner
+def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
+    """Ticks for which a robot whose move has just been blocked stays blocked, at most ``most``.
+
+    It stands and turns on, while the others follow their plans. When one nearby changes its plan, this robot is woken
+    anyway. So only robots that stand, or that stay near from now on, count as blocking it.
+    """
+    row = planners[i]
+    error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
+    gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
+    # How far the end of a driver's move shifts in a tick, at most.
+    a_tick = abs(row.intended_speed_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
+    n = 1
+    while n < most:
+        if row.mode == DRIVE:
+            x, y = blocked_drive_end(row, setup, n)
+        else:
+            error_deg -= gyro_deg
+            integral_deg_s += error_deg * setup.tick_s
+            gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
+            x, y = blocked_turn_end(row, setup, row.error_deg - error_deg, gyro_deg)
+        held = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), a_tick)
+        for m in range(neighbour_count(near, i)):
+            j = neighbour(near, i, m)
+            other = planners[j]
+            if held > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
+                continue
+            if other.mode != STOP and other.self_event_tick <= row.tick + n:
+                return n
+            other_x, other_y = position_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
+            apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
+            held = overlap_ticks(2.0 * setup.radius_m - apart, a_tick + other.max_step_m)
+            if held > 0 and other.mode != STOP:
+                if not other.blocked and not stays_near(other, row, setup):
+                    return n
+                held = min(held, other.self_event_tick - row.tick - n)
+        if held == 0:
+            return n
+        n += held if row.mode == DRIVE else 1
+    return most
+
+
+@inlined
+def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
+    """Whether a robot whose plan brings it to touch another is within the zone until then."""
+    far = setup.zone_m - 2.0 * other.position_error_m
+    return bool(far > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < far * far)
+
+
+@inlined
+def overlap_ticks(depth: float, shift: float) -> int:
+    """Ticks for which an overlap surely lasts that shrinks by at most ``shift`` a tick; 0: no overlap."""
+    if depth <= 0.0:
+        return 0
+    return max(1, int(min(depth / (shift + ROUNDING_M), SIDE_TICKS)))
+
+
+SAG_ROUNDING_M = 1e-9
+
+
+@inlined
+def wall_tick(row: Planner, setup: Setup) -> int:
+    """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
+    if row.mode == STOP:
+        return NEVER
+    inset = setup.radius_m + setup.longest_step_m
+    if row.mode != DRIVE:
+        if row.blocked:  # and stays so
+            return NEVER
+        near = wall_clearance_m(setup, row.mid_x_m, row.mid_y_m)
+        return NEVER if near - row.position_error_m >= inset else turn_at_walls(row, setup)
+    far = max(setup.ray_reach_m, inset) + row.position_error_m
+    left, right = min(row.x_m, row.end_x_m), max(row.x_m, row.end_x_m)
+    low, high = min(row.y_m, row.end_y_m), max(row.y_m, row.end_y_m)
+    if left >= far and low >= far and right <= setup.width_m - far and high <= setup.height_m - far:
+        return NEVER
+    return tick_at_walls(row, setup, inset)
+
+
+@inner
+def turn_at_walls(row: Planner, setup: Setup) -> int:
+    """``wall_tick`` for a robot that turns near walls: the tick at which its pivot would swing its body into one."""
+    tick = row.tick + 1
+    while tick < row.self_event_tick and row.max_step_m > 0.0:
+        x, y = position_in_turn(row, setup, tick)
+        gap = wall_clearance_m(setup, x, y) - setup.radius_m - ROUNDING_M
+        if gap < row.max_step_m:
+            x, y = position_in_turn(row, setup, tick + 1)
+            if wall_clearance_m(setup, x, y) - setup.radius_m < ROUNDING_M:
+                return int(tick)
+        tick += max(1, int(gap / row.max_step_m))
+    return NEVER
+
+
+@inner
+def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
+    """``wall_tick`` for a driver that comes near walls."""
+    left, right, low, high = reach_box(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
+    own_left, own_right, own_low, own_high = reach_box(
+        row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
+    )
+    # Between both ends a distance is above the straight line by no more than an eighth of how it bends.
+    ticks, bend = row.self_event_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
+    sag = 0.125 * ticks * ticks * bend * (row.max_step_m + bend * setup.ray_reach_m) + SAG_ROUNDING_M
+    near_left, near_right = min(left, own_left) < sag, max(right, own_right) > setup.width_m - sag
+    near_low, near_high = min(low, own_low) < sag, max(high, own_high) > setup.height_m - sag
+    if not (near_left or near_right or near_low or near_high):
+        return NEVER
+    tick, heeds = row.tick + 1, avoidance_tick(row, setup)
+    while tick <= row.self_event_tick:
+        x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
+        free, looks = SIDE_TICKS, tick >= heeds
+        # A wall is looked at along its normal: the distance to it, and the heading turned into its frame.
+        if near_left:
+            free = min(free, free_ticks_to_wall(row, setup, inset, x, -cos_h, -sin_h, looks))
+        if near_right:
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.width_m - x, cos_h, sin_h, looks))
+        if near_low:
+            free = min(free, free_ticks_to_wall(row, setup, inset, y, -sin_h, cos_h, looks))
+        if near_high:
+            free = min(free, free_ticks_to_wall(row, setup, inset, setup.height_m - y, sin_h, -cos_h, looks))
+        if free <= 0.0:
+            return int(tick)
+        later = tick + max(1, int(free))
+        tick = later if looks else min(later, heeds)
+    return NEVER
+
+
+@inlined
+def reach_box(
+    row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
+) -> tuple[float, float, float, float]:
+    """The box round a robot's body with its inset, and its rays: left, right, low, high, m."""
+    left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
+    for k in range(setup.ray_side_m.size):
+        along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+        left, right = min(left, end_x), max(right, end_x)
+        low, high = min(low, end_y), max(high, end_y)
+        if setup.outside_m > 0.0:  # rays that may start beyond a wall
+            along, beside = row.ray_forward_m, setup.ray_side_m[k]
+            end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+            left, right = min(left, end_x), max(right, end_x)
+            low, high = min(low, end_y), max(high, end_y)
+    return left, right, low, high
+
+
+@inner
+def free_ticks_to_wall(
+    row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
+) -> float:
+    """Ticks that surely pass before a ray's end is beyond a wall or the body nearer than its inset; 0 if one is.
+
+    A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall, or its start does.
+
+    Args:
+        distance_m: from the centre to the wall. toward, aside: cosine and sine of the heading, seen from the
+            wall's normal (1, 0: straight at it); a point (a, b) of the robot's frame is a toward - b aside nearer.
+        looks: whether rays matter.
+    """
+    step = row.speed_m_s * setup.tick_s
+    bend = row.rate_rad_s * setup.tick_s
+    most = row.max_step_m + abs(bend) * setup.ray_reach_m
+    free = ticks_until_closed(distance_m - inset, step * toward, abs(bend) * row.max_step_m)
+    if not looks:
+        return free
+    for k in range(setup.ray_side_m.size):
+        along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
+        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        nearer = along * toward - beside * aside
+        closing = step * toward - bend * (along * aside + beside * toward)
+        free = min(free, ticks_until_closed(distance_m - nearer, closing, abs(bend) * most))
+        if setup.outside_m > 0.0:
+            along, beside = row.ray_forward_m, setup.ray_side_m[k]
+            nearer = along * toward - beside * aside
+            closing = step * toward - bend * (along * aside + beside * toward)
+            free = min(free, ticks_until_closed(distance_m - nearer - ROUNDING_M, closing, abs(bend) * most))
+    return free

@@ -5,6 +5,8 @@ The similarity of a simulation is that of a set of three simulated sessions to t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -15,15 +17,63 @@ from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import RealCache, null_similarity, similarity
-from vibroswarm.paper.calibration_histograms import histograms_of
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, published
-from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work
-from vibroswarm.paper.items.calibration_pictures import pictures
-from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
+from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.real_data import (
+    AUTHORS,
+    REAL,
+    draw_maps,
+    draw_shares,
+    hash_of,
+    histograms_of,
+    missing,
+    read_recordings,
+    real_floor,
+)
+from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
+
+LABELS: Final = {
+    "avoidance": "avoidance time per sample (s)",
+    "vibrating": "energy on vibrating tiles (RMS)",
+    "still": "energy on still tiles (RMS)",
+}
+
+
+def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """States and energies, positions, steps: real robots next to each source; then the similarities."""
+    yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
+    histograms = tables["histograms"]
+    for feature in ("avoidance", "vibrating", "still"):
+        part = histograms.filter(pl.col("feature") == feature)
+        draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=LABELS[feature])
+        yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw)
+    for feature in ("places", "distances", "steps"):
+        part = histograms.filter(pl.col("feature") == feature)
+        maps = partial(draw_maps, part.select("x", "y", "share", panel="source"), feature)
+        yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), maps)
+    # The mark is the similarity, the bar goes from null to ceiling.
+    spans = tables["similarities"].select(
+        x="feature", series="source", estimate="at equal counts",
+        low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
+    )  # fmt: skip
+    span = "span from uniform values to a perfect simulation"
+    draw = partial(draw_error_bars, spans, label="cosine similarity", interval=span)
+    yield Picture("calibration-similarities", "Similarities between null and ceiling", draw)
+
+
+def _draw_states(states: pl.DataFrame) -> Drawn:
+    rows = [
+        (state, source[0], *mean_interval(part[state].to_numpy())[:3], part.height)
+        for state in ("walking", "sensing", "avoiding")
+        for source, part in states.group_by("source", maintain_order=True)
+    ]
+    made = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
+    return draw_error_bars(made, label="share of time", percent=True, interval="95 % interval over sessions")
+
 
 SESSIONS: Final = 3
 """Number of recorded sessions, and of sessions in a set."""

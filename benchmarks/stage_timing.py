@@ -1,4 +1,6 @@
-"""CPU time of the stages, compared with the fixed-step engine in the same run.
+"""CPU time of motion (both engines), observation and inference, compared with the fixed-step engine and with peers.
+
+    python benchmarks/stage_timing.py [--robots 5,10,100,1000] [--runs 16] [--peers] [--json]
 
 Compared tasks alternate (A B A B ...), so that a change of machine speed affects all of them; ratios are taken turn
 by turn. CPU time is that of the whole process with all its threads.
@@ -6,18 +8,23 @@ by turn. CPU time is that of the whole process with all its threads.
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from vibroswarm.cli.pymunk_walk import INSTALL, pymunk_version, pymunk_walk
+from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
+from vibroswarm.cli.options import add_json, between, list_of, whole
+from vibroswarm.cli.output import print_json, print_paragraph, print_table
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.motion.source import Motion, source
@@ -33,8 +40,6 @@ ROBOTS = (5, 10, 100, 1000)
 RUNS = 16
 ARENA_ROBOTS = 20
 """At most this many robots walk in the paper's arena of 1 m x 1 m for 1200 s."""
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -120,13 +125,7 @@ class Work(NamedTuple):
     call: Callable[[int], object]
 
 
-def measure(
-    robots: Sequence[int] = ROBOTS,
-    runs: int = RUNS,
-    *,
-    peers: bool = False,
-    progress: Progress = lambda share: None,
-) -> Report:
+def measure(robots: Sequence[int] = ROBOTS, runs: int = RUNS, *, peers: bool = False) -> Report:
     """Measure motion for each number of robots, then observation and inference with the first of them.
 
     Args:
@@ -138,12 +137,10 @@ def measure(
     if max(robots) > ARENA_ROBOTS:
         scenarios.append(scenario_of(10, 1.4))  # reference for the cost of a robot-second
     figures: list[Figure] = []
-    for done, scenario in enumerate(scenarios):
+    for scenario in scenarios:
         works = engines(scenario, runs) + ([peer(scenario)] if pymunk else [])
         figures += compared(scenario, works)
-        progress((done + 1) / (len(scenarios) + 1))
     stages, grid_ratio = stages_of(scenario_of(robots[0]), runs)
-    progress(1.0)
     return Report(
         figures=(*figures, *stages),
         grid_ratio=grid_ratio,
@@ -286,3 +283,83 @@ def cpu_model() -> str:
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
+
+
+def print_report(report: Report) -> None:
+    """Print versions, machine, method and figures."""
+    machine, versions = report.machine, report.versions
+    packages = ", ".join(
+        f"{name} {versions[name]}"
+        for name in ("python", "numpy", "numba", "polars", "pymunk")
+        if name in versions
+    )
+    print(f"vibroswarm {versions['vibroswarm']} (code {versions['code']}), {packages}")
+    print(f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}")
+    print_paragraph(report.how)
+    for _, group in groupby(
+        report.figures, key=lambda figure: (figure.robots, figure.side_m, figure.yardstick is None)
+    ):
+        print()
+        print_figures(list(group))
+    print(
+        f"\n34 strategies (3; soft with 8 eta x 4 kappa) on one motion cost {report.grid_ratio:.2f} times as much as "
+        "one strategy with its motion"
+    )
+    for peer, install in report.missing.items():
+        print(f"{peer} is not installed: {install}")
+
+
+def print_figures(figures: list[Figure]) -> None:
+    """Print the figures of one swarm as a table."""
+    first = figures[0]
+    is_motion = first.yardstick is not None
+    robots = f"{first.robots} robot{'' if first.robots == 1 else 's'}"
+    print(f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m")
+    columns = ["", "simulated s", "ms per run", "min - max", "s per CPU s", "us per robot-s"]
+    rows = [
+        [
+            f"  {figure.work}",
+            f"{figure.simulated_s:g}",
+            f"{figure.median_ms:.4g}",
+            f"{min(figure.times_ms):.4g} - {max(figure.times_ms):.4g}",
+            f"{figure.speed:,.0f}",
+            f"{figure.robot_second_us:.3g}",
+            *([] if figure.yardstick is None else [f"{figure.yardstick:.3g}"]),
+        ]
+        for figure in figures
+    ]
+    print_table([*columns, *(["x fixed-step"] if is_motion else [])], rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(
+        description="Measure CPU time of the stages; takes about 30 s.", allow_abbrev=False
+    )
+    parser.add_argument(
+        "--robots",
+        metavar="N,N",
+        type=list_of(between(whole, 1, 10_000)),
+        default=ROBOTS,
+        help="numbers of robots (default 5,10,100,1000)",
+    )
+    parser.add_argument(
+        "--runs",
+        metavar="N",
+        type=between(whole, 1, 100_000),
+        default=RUNS,
+        help=f"runs per turn; more give steadier figures (default {RUNS})",
+    )
+    parser.add_argument("--peers", action="store_true", help="also measure installed peers: pymunk")
+    add_json(parser)
+    chosen = parser.parse_args(arguments)
+    report = measure(chosen.robots, chosen.runs, peers=chosen.peers)
+    if chosen.json:
+        print_json(report.as_dict())
+    else:
+        print_report(report)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

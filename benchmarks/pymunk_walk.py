@@ -1,4 +1,4 @@
-"""The walk in pymunk, a rigid-body engine in C with a Python interface: a peer for ``vibroswarm bench``.
+"""The walk in pymunk, a rigid-body engine in C with a Python interface: a peer for ``stage_timing``.
 
 The same robot program (``robot.walk``), in plain Python, drives discs between four walls in steps of the control
 period; each look is three segment queries. Where the work differs it is less than the engines': rays see bodies (one
@@ -15,7 +15,7 @@ from vibroswarm.motion.robot_params import walk_program
 from vibroswarm.robot.walk import Dice, WalkState, begin_walk, looks, walk_step, wheel_commands_percent
 from vibroswarm.scenario.scenario import Scenario
 
-INSTALL = "pip install 'vibroswarm[bench]'"
+INSTALL = "pip install pymunk"
 
 
 def pymunk_version() -> str | None:
