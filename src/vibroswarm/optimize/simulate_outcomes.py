@@ -23,6 +23,8 @@ from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of, steers
 
+__all__ = ["Outcomes", "outcomes_of"]
+
 PIECE_S: Final = 100.0
 """Time between checks whether all have decided, while the typical duration is unknown."""
 MARGIN_S: Final = 30.0

@@ -1,0 +1,17 @@
+"""Public names and where they are; ``__init__.py`` imports each on first use."""
+
+from .analysis.verdict import verdict as verdict
+from .errors import InputError as InputError
+from .errors import RunError as RunError
+from .floors.design import make_floor as make_floor
+from .floors.difficulty import measure as measure
+from .floors.floor import Floor as Floor
+from .motion.pose import pose as pose
+from .result import Result as Result
+from .run_page.write import write_run_page as write_run_page
+from .scenario.scenario import Scenario as Scenario
+from .scenario.scenario import preset as preset
+from .simulation import replay as replay
+from .simulation import simulate as simulate
+from .study.spec import Study as Study
+from .study.study_result import StudyResult as StudyResult

@@ -1,0 +1,23 @@
+"""Public names and where they are; ``__init__.py`` imports each on first use."""
+
+from .grid import Grid as Grid
+from .grid import scores_of as scores_of
+from .grid import truth_of_grid as truth_of_grid
+from .loop import Found as Found
+from .loop import run_search as run_search
+from .objective import Objective as Objective
+from .pso import PsoSettings as PsoSettings
+from .scenario_comparison import compare_scenarios as compare_scenarios
+from .search_report import best_scenario as best_scenario
+from .search_report import write_report as write_report
+from .sensitivity import ped_anova as ped_anova
+from .sensitivity import sobol_indices as sobol_indices
+from .simulate_outcomes import Outcomes as Outcomes
+from .simulate_outcomes import outcomes_of as outcomes_of
+from .space import Space as Space
+from .spec import Search as Search
+from .spec import SearchSettings as SearchSettings
+from .validation import Front as Front
+from .validation import Truth as Truth
+from .validation import front_of as front_of
+from .validation import truth_of as truth_of
