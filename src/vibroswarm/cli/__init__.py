@@ -60,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
         evaluate,
         floors,
         lab,
+        league,
         merge,
         optimize,
         reproduce,
@@ -78,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="store_true", help="show version and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for module in (
-        run, evaluate, sweep, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate, scenario,
+        run, evaluate, sweep, league, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate, scenario,
         check, floors,
     ):  # fmt: skip
         module.add_parser(commands)

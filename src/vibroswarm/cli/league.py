@@ -1,0 +1,228 @@
+"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import (
+    add_execution_options,
+    add_json,
+    add_out,
+    add_scenario_options,
+    add_seed,
+    list_of,
+    real,
+    whole,
+)
+from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from vibroswarm.league.entries import Entry
+    from vibroswarm.league.standings import League, Standings
+
+EPILOG = """\
+examples:
+  vibroswarm league --runs 1000
+  vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
+  vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "league",
+        help="compare strategies on equal terms: time at equal error, error at equal time",
+        description="Compare strategies on the same floors, motion, readings and radio, with what each costs to send. "
+        "An undecided robot that leans to the wrong side at the end counts as wrong (forced error).",
+        epilog=EPILOG,
+    )
+    add_seed(add_scenario_options(parser, robots=list_of(whole)))
+    group = parser.add_argument_group("league")
+    group.add_argument(
+        "--settings",
+        dest="entry_settings",
+        metavar="FILE",
+        type=Path,
+        help="fields that each strategy sets (TOML)",
+    )
+    group.add_argument(
+        "--vary",
+        metavar="[STRATEGY:]FIELD=A,B,...",
+        action="append",
+        default=[],
+        help="one entry for each value, of one strategy or of all; may be repeated",
+    )
+    group.add_argument(
+        "--patterns", metavar="NAME,...", type=list_of(), help="of floors (default: the paper's five)"
+    )
+    group.add_argument(
+        "--fills",
+        metavar="F,...",
+        type=list_of(real),
+        help="fill ratios below 0.5; each also mirrored (default 0.46,0.48)",
+    )
+    group.add_argument(
+        "--runs", metavar="N", type=whole, default=1000, help="runs per floor and size (default 1000)"
+    )
+    group.add_argument(
+        "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
+    )
+    add_json(group)
+    add_out(group, "save runs and tables here")
+    add_execution_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Play the league, print and save its tables."""
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.core.atomic_io import write_files
+    from vibroswarm.core.tables import csv_bytes
+    from vibroswarm.league.fronts import front_table
+
+    league = league_from(arguments)
+    if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
+        known = ", ".join(f"'{one.label}'" for one in league.entries)
+        raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
+    with study_progress("simulating") as progress:
+        standings = league.play(
+            arguments.out,
+            progress=progress,
+            workers=arguments.workers,
+            executor=arguments.executor,
+            mixed=arguments.mixed,
+        )
+    tables = {
+        "standings": standings.table,
+        "differences": standings.differences(arguments.reference),
+        "fronts": front_table(standings, arguments.reference),
+        "floors": standings.floor_table,
+    }
+    if arguments.out is not None:
+        write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
+    if arguments.json:
+        print_json({name: table.fill_nan(None).to_dicts() for name, table in tables.items()})
+    else:
+        print_standings(standings, tables)
+    return 0
+
+
+def league_from(arguments: argparse.Namespace) -> League:
+    """Make the league that the options describe."""
+    from vibroswarm.cli.scenario_options import chosen, scenario_from
+    from vibroswarm.league.entries import FILLS, PATTERNS, entries_of, floors_of, read_settings
+    from vibroswarm.league.standings import League
+    from vibroswarm.strategies import known
+
+    for option in ("floor", "tiles"):
+        if getattr(arguments, option) is not None:
+            raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
+    names = (
+        list(known())
+        if arguments.strategy is None
+        else [one.strip() for one in arguments.strategy.split(",")]
+    )
+    names = [chosen("strategy", name) for name in names]
+    robots, arguments.strategy, arguments.robots = arguments.robots or [5, 10], None, None
+    base = scenario_from(arguments)
+    settings = read_settings(arguments.entry_settings) if arguments.entry_settings else {}
+    entries = entries_of(names, settings)
+    for text in arguments.vary:
+        entries = _varied(entries, text)
+    floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
+    return League(base, entries, floors, tuple(robots), arguments.runs, arguments.seed)
+
+
+def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
+    from vibroswarm.league.entries import varied
+    from vibroswarm.scenario.scenario import parse_setting
+
+    name, separator, values = text.partition("=")
+    if not separator or not values.strip():
+        raise InputError(f"'{text}' is not of the form [strategy:]section.field=value,value", field="--vary")
+    of, colon, field = name.strip().rpartition(":")
+    return varied(
+        entries,
+        of if colon else None,
+        field,
+        [parse_setting(f"{field}={one}")[1] for one in values.split(",")],
+    )
+
+
+def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> None:
+    """Print the answer, then the tables."""
+    from vibroswarm.cli.output import print_paragraph, print_table
+
+    league, table = standings.league, tables["standings"]
+    best = table.row(0, named=True)
+    print(
+        f"Smallest forced error: {best['name']}, {_limits(best, 'forced_error', 100, '.1f', ' %')}; "
+        f"decision time {_limits(best, 'decision_time_s', 1, '.0f', ' s')}"
+    )
+    print()
+    print_table(
+        ["", "forced error", "right", "wrong", "undecided", "decision time", "messages", "bytes"],
+        [
+            [
+                row["name"],
+                _limits(row, "forced_error", 100, ".1f", " %"),
+                *(f"{100 * row[name]:.1f} %" for name in ("right", "wrong", "undecided")),
+                _limits(row, "decision_time_s", 1, ".0f", " s"),
+                f"{row['sent']:.0f}",
+                f"{row['bytes_sent']:.0f}",
+            ]
+            for row in table.iter_rows(named=True)
+        ],
+    )
+    if tables["differences"].height:
+        print()
+        differences = tables["differences"]
+        print(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
+        rows = [_difference(row) for row in differences.iter_rows(named=True)]
+        print_table(["", "figure", "difference", "p"], rows, texts=2)
+    if (tables["fronts"]["points"] > 1).any():
+        print()
+        print("At equal error, and at equal time")
+        print_table(
+            ["", "entries on front", "time at its error", "error at its time"],
+            [
+                [
+                    row["strategy"],
+                    row["points"],
+                    _limits(row, "time_at_equal_error_s", 1, ".0f", " s"),
+                    _limits(row, "error_at_equal_time", 100, ".1f", " %"),
+                ]
+                for row in tables["fronts"].iter_rows(named=True)
+            ],
+        )
+    print()
+    sizes = ", ".join(map(str, league.robots))
+    print_paragraph(
+        f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "
+        "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. Messages and bytes: "
+        "per robot and run."
+    )
+
+
+def _difference(row: dict[str, Any]) -> list[str]:
+    is_time = row["figure"] == "decision_time_s"
+    scale, form, unit = (1, "+.0f", " s") if is_time else (100, "+.1f", " points")
+    name = "decision time" if is_time else "forced error"
+    p = "-" if row["p_holm"] is None else "<0.001" if row["p_holm"] < 0.001 else f"{row['p_holm']:.3f}"
+    return [row["name"], name, _limits(row, "difference", scale, form, unit), p]
+
+
+def _limits(row: dict[str, Any], name: str, scale: float, form: str, unit: str) -> str:
+    values = [row[name + end] for end in ("", "_low", "_high")]
+    if values[0] is None or values[0] != values[0]:
+        return "not reached"
+    estimate = f"{scale * values[0]:{form}}{unit}"
+    if any(one is None or one != one for one in values[1:]):
+        return estimate
+    return f"{estimate} [{scale * values[1]:{form}}, {scale * values[2]:{form}}]"

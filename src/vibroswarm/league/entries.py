@@ -1,0 +1,145 @@
+"""Who takes part in a league, with which settings, and on which floors.
+
+The settings of a file are tables of fields, one for each strategy::
+
+    [none]
+    "decision.credible_threshold" = 0.9
+    [totals]
+    "strategy.totals.threshold" = 2.5
+
+Each strategy plays at those settings, and at the base scenario's for every other field.
+
+Floors: each pattern of the paper at f and at 1 - f, for the two fill ratios f that the paper has. A floor above 1/2 is
+the inverse of the one below: its vibrating tiles are still, and the reverse. So no strategy gains by leaning to one
+side, and the number of tiles that must change to cross the boundary is the same on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
+from vibroswarm.errors import InputError, check_choice
+from vibroswarm.floors.source import is_random, pattern
+from vibroswarm.scenario.scenario import field_names
+from vibroswarm.strategies import known, strategy
+
+PATTERNS: Final = ("random", "diagonal", "stripe", "block-diagonal", "alternating")
+SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
+"""Of random floors: as many tiles as the patterns have."""
+FILLS: Final = (0.46, 0.48)
+"""Fill ratios below 1/2; each has its mirror above."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A strategy and the fields that it sets.
+
+    Args:
+        label: its name in tables. strategy: the strategy's name. settings: by field of the scenario.
+    """
+
+    label: str
+    strategy: str
+    settings: Mapping[str, Any]
+
+    @property
+    def bytes_on_air(self) -> int:
+        """Bytes of one message."""
+        return strategy(self.strategy).bytes_on_air
+
+
+@dataclass(frozen=True)
+class LeagueFloor:
+    """A floor that all strategies meet.
+
+    Args:
+        pattern: of ``PATTERNS``. fill_ratio: share of its tiles that vibrate. source: as ``floor.source`` names it.
+        tiles: rows of 0 and 1 from the top, if the study has to define it.
+    """
+
+    pattern: str
+    fill_ratio: float
+    source: str
+    tiles: tuple[str, ...] | None = None
+
+
+def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) -> tuple[Entry, ...]:
+    """Return an entry for each strategy.
+
+    Args:
+        names: of strategies, each once. settings: by strategy, see above; of others they are not read.
+    Raises:
+        InputError: a strategy is unknown or occurs twice, or a field is unknown.
+    """
+    for name in names:
+        check_choice(name, "strategy", known())
+        if list(names).count(name) > 1:
+            raise InputError(f"'{name}' occurs twice", field="strategy")
+    fields = field_names()
+    for name, values in settings.items():
+        for field in values:
+            check_choice(field, f"settings of {name}", fields)
+    return tuple(Entry(name, name, dict(settings.get(name, {}))) for name in names)
+
+
+def varied(
+    entries: Sequence[Entry], strategy_name: str | None, field: str, values: Sequence[Any]
+) -> tuple[Entry, ...]:
+    """Replace entries by one for each value of a field.
+
+    Args:
+        strategy_name: of this strategy's entries only; None: of all.
+    Raises:
+        InputError: the field is unknown, or the strategy does not take part.
+    """
+    check_choice(field, "vary", field_names())
+    if strategy_name is not None:
+        check_choice(strategy_name, "vary", [entry.strategy for entry in entries])
+    found: list[Entry] = []
+    for entry in entries:
+        if strategy_name not in (None, entry.strategy):
+            found.append(entry)
+            continue
+        for value in values:
+            word = f"{value:g}" if isinstance(value, float) else str(value)
+            label = f"{entry.label}, {field.rpartition('.')[2]} {word}"
+            found.append(Entry(label, entry.strategy, {**entry.settings, field: value}))
+    return tuple(found)
+
+
+def read_settings(path: Path) -> dict[str, dict[str, Any]]:
+    """Read a file of settings.
+
+    Raises:
+        InputError: it is not a file of tables.
+    """
+    settings = parsed_toml(read_text(path, "a file of settings"), str(path))
+    for name, table in settings.items():
+        if not isinstance(table, dict):
+            raise InputError("must be a table of fields: [none]", field=f"{path}: {name}")
+    return settings
+
+
+def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS) -> tuple[LeagueFloor, ...]:
+    """Return the floors of a league: each pattern at each fill ratio and at its mirror above 1/2.
+
+    Raises:
+        InputError: no such pattern, or it does not exist at this fill ratio.
+    """
+    found: list[LeagueFloor] = []
+    for name in patterns:
+        check_choice(name, "patterns", PATTERNS)
+        for fill in fills:
+            source = f"{name}:{fill:g}"
+            if is_random(source):
+                above = f"{name}:{1.0 - fill:g}"
+                found += [LeagueFloor(name, fill, source), LeagueFloor(name, round(1.0 - fill, 6), above)]
+                continue
+            inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
+            found.append(LeagueFloor(name, fill, source))
+            found.append(LeagueFloor(name, round(1.0 - fill, 6), f"inverse-{name}-{1.0 - fill:g}", inverse))
+    return tuple(found)

@@ -1,0 +1,231 @@
+"""Run a league and compute its standings: time and error of each strategy over all floors, with intervals.
+
+| column | what it is |
+|---|---|
+| forced_error | share of robots wrong, or undecided and leaning to the wrong side (``analysis.forced_error``) |
+| right, wrong, undecided | shares of robots |
+| decision_time_s | mean of min(decision time, T_end), s |
+| sent | messages that a robot sends in a run |
+| bytes_sent | the same in bytes: ``sent`` times the bytes of one message |
+
+**The unit is the motion of a run.** All strategies and floors share the motion of run r of a swarm size, so outcomes on
+different floors are dependent. Each figure is therefore averaged over the floors first, and intervals are over the
+(size, run) pairs. Strategies are compared with a reference pair by pair; the p-values of each figure are corrected over
+the strategies (Holm). The floors are given, not drawn: figures hold for them, and every floor counts the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.forced_error import forced_errors
+from vibroswarm.analysis.intervals import Interval, mean_interval, sign_flip
+from vibroswarm.analysis.paired import holm
+from vibroswarm.errors import InputError, check_choice
+from vibroswarm.inference.outcomes import capped_time_s, numbers
+from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.factors import LABEL
+from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult, run
+
+FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
+COMPARED: Final = ("forced_error", "decision_time_s")
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class League:
+    """Strategies that meet on the same floors, motion, readings and radio.
+
+    Args:
+        base: what strategies do not set. entries: the strategies; the first is the reference. floors: all equally
+            important. robots: swarm sizes. runs: of each cell. seed: of all.
+    Raises:
+        InputError: a scenario cannot be run.
+    """
+
+    base: Scenario
+    entries: tuple[Entry, ...]
+    floors: tuple[LeagueFloor, ...]
+    robots: tuple[int, ...] = (5, 10)
+    runs: int = 1000
+    seed: int = 1
+
+    @cached_property
+    def study(self) -> Study:
+        """The study of all cells: entries, then floors, then sizes, the last varying fastest."""
+        players = [
+            {LABEL: entry.label, "strategy.name": entry.strategy, **entry.settings} for entry in self.entries
+        ]
+        where = {
+            "floor.source": [floor.source for floor in self.floors],
+            "swarm.robots": list(self.robots),
+        }
+        floors = {floor.source: floor.tiles for floor in self.floors if floor.tiles is not None}
+        return Study(
+            self.base.with_values(SIZE),
+            {"list": players, "grid": where},
+            runs=self.runs,
+            seed=self.seed,
+            floors=floors,
+            name="League",
+        )
+
+    def play(self, folder: Path | None = None, **how: Any) -> Standings:
+        """Run all cells that are missing in ``folder``.
+
+        Args:
+            how: workers and progress, as of ``study.study_result.run``.
+        """
+        return standings_of(self, run(self.study, folder, **how))
+
+
+@dataclass(frozen=True)
+class Standings:
+    """What came of a league.
+
+    Args:
+        league: the league. values: (entries, floors, sizes * runs) of each figure, in the order of the league; nan
+            where the task has no right answer. study: with all tables.
+    """
+
+    league: League
+    values: Mapping[str, Array]
+    study: StudyResult
+
+    def interval(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Interval:
+        """Return the mean of a figure over floors (by default all) and its 95 % interval."""
+        return mean_interval(self.by_unit(entry, figure, floors))
+
+    def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
+        """Average a figure over floors, for each size and run: (sizes * runs,)."""
+        of_floors = self.values[figure][entry]
+        mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
+        return mean
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """One row an entry, those with the smallest forced error first: figures with ``_low`` and ``_high``."""
+        rows = []
+        for k, entry in enumerate(self.league.entries):
+            row: dict[str, Any] = {
+                "name": entry.label,
+                "strategy": entry.strategy,
+                "bytes_on_air": entry.bytes_on_air,
+            }
+            for figure in FIGURES:
+                found = self.interval(k, figure)
+                row |= {figure: found.estimate, f"{figure}_low": found.low, f"{figure}_high": found.high}
+            rows.append(row)
+        return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
+
+    @cached_property
+    def floor_table(self) -> pl.DataFrame:
+        """One row an entry and floor, with all figures."""
+        rows = []
+        for k, entry in enumerate(self.league.entries):
+            for place, floor in enumerate(self.league.floors):
+                row: dict[str, Any] = {
+                    "name": entry.label,
+                    "strategy": entry.strategy,
+                    "pattern": floor.pattern,
+                    "fill_ratio": floor.fill_ratio,
+                }
+                for figure in FIGURES:
+                    found = self.interval(k, figure, [place])
+                    row |= {figure: found.estimate, f"{figure}_low": found.low, f"{figure}_high": found.high}
+                rows.append(row)
+        return pl.DataFrame(rows)
+
+    def differences(self, reference: str | None = None) -> pl.DataFrame:
+        """Compare each strategy with a reference, pair by pair.
+
+        Args:
+            reference: the label of an entry; by default the first.
+        Returns: name, reference, figure, difference (entry - reference), its 95 % limits, p_value, p_holm (corrected
+        over the entries).
+        Raises:
+            InputError: the reference does not take part.
+        """
+        names = [entry.label for entry in self.league.entries]
+        against = names[0] if reference is None else reference
+        check_choice(against, "reference", names)
+        rows = []
+        for figure in COMPARED:
+            base = self.by_unit(names.index(against), figure)
+            others = [k for k, name in enumerate(names) if name != against]
+            found = [sign_flip(self.by_unit(k, figure) - base) for k in others]
+            corrected = holm([one.p_value for one in found])
+            for k, one, p_holm in zip(others, found, corrected, strict=True):
+                rows.append(
+                    {
+                        "name": names[k],
+                        "reference": against,
+                        "figure": figure,
+                        "difference": one.interval.estimate,
+                        "difference_low": one.interval.low,
+                        "difference_high": one.interval.high,
+                        "p_value": one.p_value,
+                        "p_holm": p_holm,
+                    }
+                )
+        return pl.DataFrame(rows)
+
+
+def standings_of(league: League, study: StudyResult) -> Standings:
+    """Read the figures of all runs of a league.
+
+    Raises:
+        InputError: runs are missing, for example because some failed.
+    """
+    sizes, runs = len(league.robots), league.runs
+    shape = (len(league.entries), len(league.floors), sizes * runs)
+    values = {name: np.full(shape, np.nan) for name in FIGURES}
+    for number, cell in enumerate(league.study.cells):
+        entry, rest = divmod(number, len(league.floors) * sizes)
+        floor, size = divmod(rest, sizes)
+        robots, table = study.tables(cell.number)
+        if table.height != runs:
+            raise InputError(f"has {table.height} of {runs} runs; run it again", field=cell.name)
+        figures = figures_by_run(robots, table, cell.scenario.run.t_end_s, league.entries[entry].bytes_on_air)
+        for name, column in figures.items():
+            values[name][entry, floor, size * runs : (size + 1) * runs] = column
+    return Standings(league, values, study)
+
+
+def figures_by_run(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, bytes_on_air: int
+) -> dict[str, Array]:
+    """Average the figures over the robots of each run.
+
+    Args:
+        robots, runs: tables of one cell, sorted by run and robot. t_end_s: end of a run, s. bytes_on_air: of one
+            message.
+    Returns: ``FIGURES``, (runs,) each.
+    """
+    shape = (runs.height, -1)
+    truth = numbers(runs["truth"])[:, None]
+    decision = robots["decision"].to_numpy().reshape(shape)
+    time_s, in_truth, sent = (
+        numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "belief_in_truth", "sent")
+    )
+    unknown = np.isnan(truth)
+    by_robot = {
+        "forced_error": forced_errors(decision, in_truth, truth),
+        "right": np.where(unknown, np.nan, decision == truth),
+        "wrong": np.where(unknown, np.nan, decision == 1.0 - truth),
+        "undecided": (decision == -1).astype(np.float64),
+        "decision_time_s": capped_time_s(time_s, t_end_s),
+        "sent": sent,
+        "bytes_sent": sent * bytes_on_air,
+    }
+    return {name: by_robot[name].mean(axis=1) for name in FIGURES}
