@@ -27,7 +27,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.forced_error import forced_errors
-from vibroswarm.analysis.intervals import Interval, mean_interval, sign_flip
+from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import capped_time_s, numbers
@@ -124,7 +124,7 @@ class Standings:
             }
             for figure in FIGURES:
                 found = self.interval(k, figure)
-                row |= {figure: found.estimate, f"{figure}_low": found.low, f"{figure}_high": found.high}
+                row |= _columns(figure, found)
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
 
@@ -142,7 +142,7 @@ class Standings:
                 }
                 for figure in FIGURES:
                     found = self.interval(k, figure, [place])
-                    row |= {figure: found.estimate, f"{figure}_low": found.low, f"{figure}_high": found.high}
+                    row |= _columns(figure, found)
                 rows.append(row)
         return pl.DataFrame(rows)
 
@@ -171,14 +171,18 @@ class Standings:
                         "name": names[k],
                         "reference": against,
                         "figure": figure,
-                        "difference": one.interval.estimate,
-                        "difference_low": one.interval.low,
-                        "difference_high": one.interval.high,
-                        "p_value": one.p_value,
-                        "p_holm": p_holm,
+                        **_columns("difference", one.interval),
+                        "p_value": plain(one.p_value),
+                        "p_holm": plain(p_holm),
                     }
                 )
         return pl.DataFrame(rows)
+
+
+def _columns(name: str, interval: Interval) -> dict[str, float | None]:
+    """Return an estimate and its limits; None for what is not finite."""
+    values = (interval.estimate, interval.low, interval.high)
+    return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), values, strict=True)}
 
 
 def standings_of(league: League, study: StudyResult) -> Standings:

@@ -1,0 +1,256 @@
+"""The league: forced error, floors, standings by another way, fronts, and strategies of which the error is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.league.entries import FILLS, PATTERNS, Entry, entries_of, floors_of, varied
+from vibroswarm.league.fronts import front_of, front_table, on_line
+from vibroswarm.league.standings import FIGURES, League, Standings
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.scenario import preset
+
+BASE = preset("paper").with_values({"decision.min_observations": 40, "run.t_end_s": 400.0})
+GUESSES = '''"""Strategies that read nothing."""
+from vibroswarm.strategies import strategy_in, u
+
+
+class Params:
+    answer: float = 0.5
+
+
+class State:
+    answer: int
+
+
+def begin(s, a, d, p, w):
+    s.answer = int(u(d, 0) < p.answer)
+
+
+def on_message(s, a, m, sender, t_s, d, p, w):
+    pass
+
+
+def on_sample(s, a, x, out, d, p, w):
+    return False
+
+
+def decision(s, a, p, w):
+    return s.answer
+
+
+guess = strategy_in(__name__, "guess", decides="opinion", about="a guess at the start")
+'''
+ALWAYS_YES = '''"""A question with one answer."""
+from vibroswarm.tasks import Task
+
+
+def truth(floor, asked, p):
+    return 1
+
+
+always_yes = Task(name="always_yes", truth=truth)
+'''
+
+
+@pytest.mark.parametrize(
+    ("decision", "in_truth", "truth", "error"),
+    [
+        (1, 0.1, 1, 0.0),
+        (0, 0.9, 1, 1.0),
+        (0, math.nan, 0, 0.0),
+        (-1, 0.51, 1, 0.0),
+        (-1, 0.49, 0, 1.0),
+        (-1, 0.5, 0, 0.5),
+        (-1, math.nan, 1, 0.5),
+        (1, 0.9, math.nan, math.nan),
+    ],
+)
+def test_forced_error_of_a_robot(decision: int, in_truth: float, truth: float, error: float) -> None:
+    found = forced_errors(np.array([decision]), np.array([in_truth]), np.array([truth]))
+    assert found[0] == error or (math.isnan(error) and math.isnan(found[0]))
+
+
+def test_floors_are_mirrored() -> None:
+    """As many tiles above 1/2 as below: a strategy that leans to one side gains nothing."""
+    floors = floors_of()
+    assert len(floors) == 2 * len(FILLS) * len(PATTERNS)
+    assert sum(floor.fill_ratio for floor in floors) / len(floors) == pytest.approx(0.5)
+    for floor in floors:
+        if floor.tiles is not None:
+            ones = sum(row.count("1") for row in floor.tiles)
+            assert ones / 100 == pytest.approx(floor.fill_ratio)
+            assert floor.fill_ratio > 0.5
+    with pytest.raises(InputError, match=r"0\.3"):
+        floors_of(["stripe"], [0.3])
+
+
+POINTS = st.lists(
+    st.tuples(st.integers(0, 9).map(float), st.integers(0, 9).map(float)), min_size=1, max_size=12
+)
+
+
+@given(POINTS)
+def test_a_front_is_what_no_other_point_beats(points: list[tuple[float, float]]) -> None:
+    """By brute force."""
+    x, y = front_of(*np.array(points).T)
+    assert (np.diff(x) > 0).all()
+    assert (np.diff(y) < 0).all()
+    best = {(a, b) for a, b in points if not any((c, e) != (a, b) and c <= a and e <= b for c, e in points)}
+    assert set(zip(x.tolist(), y.tolist(), strict=True)) == best
+
+
+def test_a_line_has_no_value_beyond_its_ends() -> None:
+    x, y = np.array([1.0, 3.0]), np.array([10.0, 20.0])
+    assert on_line(2.0, x, y) == 15.0
+    assert [math.isnan(on_line(value, x, y)) for value in (0.9, 1.0, 3.0, 3.1)] == [True, False, False, True]
+
+
+@pytest.fixture(scope="module")
+def standings() -> Standings:
+    entries = varied(entries_of(["none", "soft"], {}), "none", "decision.credible_threshold", [0.8, 0.99])
+    return League(BASE, entries, floors_of(["random", "stripe"], [0.48]), (4, 6), runs=12, seed=3).play()
+
+
+def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
+    """With plain loops over the tables, cell by cell."""
+    league, study = standings.league, standings.study
+    assert [entry.label for entry in league.entries] == [
+        "none, credible_threshold 0.8", "none, credible_threshold 0.99", "soft",
+    ]  # fmt: skip
+    number = 0
+    for k, entry in enumerate(league.entries):
+        units = np.zeros((2, 12, 3))
+        for _floor in league.floors:
+            for size in range(2):
+                cell = study.study.cells[number]
+                assert cell.scenario.strategy.name == entry.strategy
+                assert cell.scenario.swarm.robots == league.robots[size]
+                robots, runs = study.tables(number)
+                truth = dict(zip(runs["run"], runs["truth"], strict=True))
+                for row in robots.iter_rows(named=True):
+                    right = truth[row["run"]]
+                    p = row["belief_below"]
+                    leans = 0.5 if p == 0.5 else 1.0 if p < 0.5 else 0.0
+                    answer = leans if row["decision"] == -1 else row["decision"]
+                    units[size, row["run"]] += (
+                        abs(answer - right), row["decision_time_s"] or 400.0, row["sent"],
+                    ) / np.array([league.robots[size] * len(league.floors)])  # fmt: skip
+                assert forced_error_by_robot(robots, runs).mean() == pytest.approx(
+                    standings.values["forced_error"][k, number // 2 % 4, 12 * size : 12 * size + 12].mean()
+                )
+                number += 1
+        for place, figure in enumerate(("forced_error", "decision_time_s", "sent")):
+            np.testing.assert_allclose(standings.by_unit(k, figure), units[..., place].ravel())
+    assert number == len(study.study.cells)
+
+
+def test_tables(standings: Standings) -> None:
+    table, differences = standings.table, standings.differences("soft")
+    assert table["forced_error"].is_sorted()
+    for figure in FIGURES:
+        assert (table[f"{figure}_low"] <= table[figure]).all()
+    np.testing.assert_allclose((table["right"] + table["wrong"] + table["undecided"]).to_numpy(), 1.0)
+    assert standings.floor_table.height == 3 * 4
+    assert set(differences["reference"]) == {"soft"}
+    assert (differences["p_holm"] >= differences["p_value"]).all()
+    means = dict(zip(table["name"], table["decision_time_s"], strict=True))
+    for row in differences.filter(pl.col("figure") == "decision_time_s").iter_rows(named=True):
+        assert row["difference"] == pytest.approx(means[row["name"]] - means["soft"])
+    with pytest.raises(InputError, match="positive"):
+        standings.differences("positive")
+
+
+def test_fronts(standings: Standings) -> None:
+    table = front_table(standings, "none, credible_threshold 0.8")
+    none, soft = table.iter_rows(named=True)
+    assert none["time_at_equal_error_s"] == pytest.approx(none["reference_time_s"])
+    assert none["error_at_equal_time"] == pytest.approx(none["reference_error"])
+    assert soft["points"] == 1
+    assert soft["time_at_equal_error_s"] is None
+    again = front_table(standings, "none, credible_threshold 0.8")
+    assert again.equals(table)
+
+
+@pytest.mark.slow
+def test_the_error_of_strategies_that_read_nothing_is_known(tmp_path: Path) -> None:
+    """Negative control: a guess is wrong half of the time, and one that knows the answer never."""
+    (tmp_path / "guesses.py").write_text(GUESSES, encoding="utf-8")
+    (tmp_path / "yes.py").write_text(ALWAYS_YES, encoding="utf-8")
+    plugins.load_file("strategy", f"{tmp_path / 'guesses.py'}:guess")
+    plugins.load_file("task", f"{tmp_path / 'yes.py'}:always_yes")
+    entries = [Entry(str(share), "guess", {"strategy.guess.answer": share}) for share in (0.5, 0.0, 1.0)]
+    floors = floors_of(["random", "diagonal"])
+    asked = {task: BASE.with_values({"task.name": task}) for task in ("fill_ratio", "always_yes")}
+    found = {
+        task: League(base, tuple(entries), floors, (5,), runs=200).play() for task, base in asked.items()
+    }
+    half = found["fill_ratio"].interval(0, "forced_error", [0])
+    assert half.low < 0.5 < half.high
+    assert half.high - half.low < 0.1
+    for place in (0, 1, 2):  # a run has the same answers on all floors: right on half of them, exactly
+        assert found["fill_ratio"].interval(place, "forced_error").estimate == 0.5
+    assert [found["always_yes"].interval(k, "forced_error").estimate for k in (1, 2)] == [1.0, 0.0]
+
+
+SMALL = ["--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4", "--strategy", "none,soft"]
+QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
+
+
+def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "a league"
+    line = ["league", *SMALL, *QUICK, "--out", str(folder)]
+    assert main(line) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Smallest forced error: ")
+    kept = {file.name: file.read_bytes() for file in folder.glob("*.csv")}
+    assert set(kept) == {"standings.csv", "differences.csv", "fronts.csv", "floors.csv"}
+    assert main([*line, "--json", "--workers", "1"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert {row["name"] for row in document["standings"]} == {"none", "soft"}
+    assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
+
+
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ("--strategy none,nonne", "nonne"),
+        ("--patterns strip", "stripe"),
+        ("--fills 0.3", "0.3"),
+        ("--reference sofd", "--reference"),
+        ("--vary sofd:decision.credible_threshold=0.8", "soft"),
+        ("--vary decision.credible=0.8", "decision.credible"),
+        ("--vary none", "--vary"),
+        ("--floor random:0.48", "--patterns"),
+        ("--settings nothing.toml", "nothing.toml"),
+    ],
+)
+def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["league", *SMALL, *QUICK, *line.split()]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert field in said.err
+    assert "Traceback" not in said.err
+
+
+def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")
+    assert main(["league", *SMALL, *QUICK, "--settings", str(file), "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
+    assert rows["none"]["undecided"] == 1.0
+    assert rows["soft"]["undecided"] < 1.0
+    file.write_text("none = 3\n", encoding="utf-8")
+    assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 2
+    assert "none" in capsys.readouterr().err
