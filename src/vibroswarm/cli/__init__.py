@@ -69,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
         show,
         sweep,
         tradeoff,
+        tune,
     )
 
     top = _Parser(
@@ -79,8 +80,8 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="store_true", help="show version and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for module in (
-        run, evaluate, sweep, league, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate, scenario,
-        check, floors,
+        run, evaluate, sweep, league, tune, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate,
+        scenario, check, floors,
     ):  # fmt: skip
         module.add_parser(commands)
     for command in commands.choices.values():

@@ -21,8 +21,9 @@ from vibroswarm.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-    from vibroswarm.league.entries import Entry
+    from vibroswarm.league.entries import Entry, LeagueFloor
     from vibroswarm.league.standings import League, Standings
+    from vibroswarm.scenario.scenario import Scenario
 
 EPILOG = """\
 examples:
@@ -41,8 +42,7 @@ def add_parser(commands: Any) -> None:
         "An undecided robot that leans to the wrong side at the end counts as wrong (forced error).",
         epilog=EPILOG,
     )
-    add_seed(add_scenario_options(parser, robots=list_of(whole)))
-    group = parser.add_argument_group("league")
+    group = add_league_options(parser, runs=1000)
     group.add_argument(
         "--settings",
         dest="entry_settings",
@@ -58,6 +58,22 @@ def add_parser(commands: Any) -> None:
         help="one entry for each value, of one strategy or of all; may be repeated",
     )
     group.add_argument(
+        "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
+    )
+    add_json(group)
+    add_out(group, "save runs and tables here")
+    parser.set_defaults(run=run)
+
+
+def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argparse._ArgumentGroup:
+    """Add the options that say who meets whom where; returns their group.
+
+    Args:
+        runs: the number of runs by default.
+    """
+    add_seed(add_scenario_options(parser, robots=list_of(whole)))
+    group = parser.add_argument_group("league")
+    group.add_argument(
         "--patterns", metavar="NAME,...", type=list_of(), help="of floors (default: the paper's five)"
     )
     group.add_argument(
@@ -67,15 +83,10 @@ def add_parser(commands: Any) -> None:
         help="fill ratios below 0.5; each also mirrored (default 0.46,0.48)",
     )
     group.add_argument(
-        "--runs", metavar="N", type=whole, default=1000, help="runs per floor and size (default 1000)"
+        "--runs", metavar="N", type=whole, default=runs, help=f"runs per floor and size (default {runs})"
     )
-    group.add_argument(
-        "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
-    )
-    add_json(group)
-    add_out(group, "save runs and tables here")
     add_execution_options(parser)
-    parser.set_defaults(run=run)
+    return group
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -115,9 +126,27 @@ def run(arguments: argparse.Namespace) -> int:
 
 def league_from(arguments: argparse.Namespace) -> League:
     """Make the league that the options describe."""
-    from vibroswarm.cli.scenario_options import chosen, scenario_from
-    from vibroswarm.league.entries import FILLS, PATTERNS, entries_of, floors_of, read_settings
+    from vibroswarm.league.entries import entries_of, read_settings
     from vibroswarm.league.standings import League
+
+    names, base, floors, robots = players_from(arguments)
+    settings = read_settings(arguments.entry_settings) if arguments.entry_settings else {}
+    entries = entries_of(names, settings)
+    for text in arguments.vary:
+        entries = _varied(entries, text)
+    return League(base, entries, floors, robots, arguments.runs, arguments.seed)
+
+
+def players_from(
+    arguments: argparse.Namespace,
+) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
+    """Return strategies, base scenario, floors and swarm sizes.
+
+    Raises:
+        InputError: an option is wrong.
+    """
+    from vibroswarm.cli.scenario_options import chosen, scenario_from
+    from vibroswarm.league.entries import FILLS, PATTERNS, floors_of
     from vibroswarm.strategies import known
 
     for option in ("floor", "tiles"):
@@ -129,14 +158,9 @@ def league_from(arguments: argparse.Namespace) -> League:
         else [one.strip() for one in arguments.strategy.split(",")]
     )
     names = [chosen("strategy", name) for name in names]
-    robots, arguments.strategy, arguments.robots = arguments.robots or [5, 10], None, None
-    base = scenario_from(arguments)
-    settings = read_settings(arguments.entry_settings) if arguments.entry_settings else {}
-    entries = entries_of(names, settings)
-    for text in arguments.vary:
-        entries = _varied(entries, text)
+    robots, arguments.strategy, arguments.robots = tuple(arguments.robots or (5, 10)), None, None
     floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
-    return League(base, entries, floors, tuple(robots), arguments.runs, arguments.seed)
+    return names, scenario_from(arguments), floors, robots
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
@@ -162,8 +186,8 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
     league, table = standings.league, tables["standings"]
     best = table.row(0, named=True)
     print(
-        f"Smallest forced error: {best['name']}, {_limits(best, 'forced_error', 100, '.1f', ' %')}; "
-        f"decision time {_limits(best, 'decision_time_s', 1, '.0f', ' s')}"
+        f"Smallest forced error: {best['name']}, {values_text(best, 'forced_error', 100, '.1f', ' %')}; "
+        f"decision time {values_text(best, 'decision_time_s', 1, '.0f', ' s')}"
     )
     print()
     print_table(
@@ -171,9 +195,9 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         [
             [
                 row["name"],
-                _limits(row, "forced_error", 100, ".1f", " %"),
+                values_text(row, "forced_error", 100, ".1f", " %"),
                 *(f"{100 * row[name]:.1f} %" for name in ("right", "wrong", "undecided")),
-                _limits(row, "decision_time_s", 1, ".0f", " s"),
+                values_text(row, "decision_time_s", 1, ".0f", " s"),
                 f"{row['sent']:.0f}",
                 f"{row['bytes_sent']:.0f}",
             ]
@@ -195,8 +219,8 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
                 [
                     row["strategy"],
                     row["points"],
-                    _limits(row, "time_at_equal_error_s", 1, ".0f", " s"),
-                    _limits(row, "error_at_equal_time", 100, ".1f", " %"),
+                    values_text(row, "time_at_equal_error_s", 1, ".0f", " s"),
+                    values_text(row, "error_at_equal_time", 100, ".1f", " %"),
                 ]
                 for row in tables["fronts"].iter_rows(named=True)
             ],
@@ -215,10 +239,11 @@ def _difference(row: dict[str, Any]) -> list[str]:
     scale, form, unit = (1, "+.0f", " s") if is_time else (100, "+.1f", " points")
     name = "decision time" if is_time else "forced error"
     p = "-" if row["p_holm"] is None else "<0.001" if row["p_holm"] < 0.001 else f"{row['p_holm']:.3f}"
-    return [row["name"], name, _limits(row, "difference", scale, form, unit), p]
+    return [row["name"], name, values_text(row, "difference", scale, form, unit), p]
 
 
-def _limits(row: dict[str, Any], name: str, scale: float, form: str, unit: str) -> str:
+def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: str) -> str:
+    """Write a figure of a row with its limits: ``44.1 % [41.0, 47.2]``."""
     values = [row[name + end] for end in ("", "_low", "_high")]
     if values[0] is None or values[0] != values[0]:
         return "not reached"

@@ -38,6 +38,8 @@ from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult, run
 
 FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
+NEEDED: Final = ("cell", "run", "decision", "decision_time_s", "belief_in_truth", "sent", "truth")
+"""Columns of a study's rows that are read."""
 COMPARED: Final = ("forced_error", "decision_time_s")
 Array = NDArray[np.float64]
 
@@ -194,33 +196,36 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     sizes, runs = len(league.robots), league.runs
     shape = (len(league.entries), len(league.floors), sizes * runs)
     values = {name: np.full(shape, np.nan) for name in FIGURES}
-    for number, cell in enumerate(league.study.cells):
-        entry, rest = divmod(number, len(league.floors) * sizes)
-        floor, size = divmod(rest, sizes)
-        robots, table = study.tables(cell.number)
-        if table.height != runs:
-            raise InputError(f"has {table.height} of {runs} runs; run it again", field=cell.name)
-        figures = figures_by_run(robots, table, cell.scenario.run.t_end_s, league.entries[entry].bytes_on_air)
-        for name, column in figures.items():
-            values[name][entry, floor, size * runs : (size + 1) * runs] = column
+    cells, of_entry = study.study.cells, len(league.floors) * sizes
+    for k, entry in enumerate(league.entries):
+        mine = cells[k * of_entry : (k + 1) * of_entry]
+        rows = study.rows(*(cell.number for cell in mine)).select(NEEDED).collect()
+        by_cell = rows.partition_by("cell", maintain_order=True, as_dict=True)
+        for place, cell in enumerate(mine):
+            floor, size = divmod(place, sizes)
+            robots = by_cell.get((cell.number,), rows.clear())
+            if robots.height != runs * league.robots[size]:
+                there = robots["run"].n_unique()
+                raise InputError(f"has {there} of {runs} runs; run it again", field=cell.name)
+            figures = figures_by_run(robots, runs, cell.scenario.run.t_end_s, entry.bytes_on_air)
+            for name, column in figures.items():
+                values[name][k, floor, size * runs : (size + 1) * runs] = column
     return Standings(league, values, study)
 
 
-def figures_by_run(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, bytes_on_air: int
-) -> dict[str, Array]:
+def figures_by_run(robots: pl.DataFrame, runs: int, t_end_s: float, bytes_on_air: int) -> dict[str, Array]:
     """Average the figures over the robots of each run.
 
     Args:
-        robots, runs: tables of one cell, sorted by run and robot. t_end_s: end of a run, s. bytes_on_air: of one
-            message.
+        robots: rows of one cell, sorted by run and robot, with the columns ``NEEDED``. t_end_s: end of a run, s.
+        bytes_on_air: of one message.
     Returns: ``FIGURES``, (runs,) each.
     """
-    shape = (runs.height, -1)
-    truth = numbers(runs["truth"])[:, None]
+    shape = (runs, -1)
     decision = robots["decision"].to_numpy().reshape(shape)
-    time_s, in_truth, sent = (
-        numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "belief_in_truth", "sent")
+    truth, time_s, in_truth, sent = (
+        numbers(robots[name]).reshape(shape)
+        for name in ("truth", "decision_time_s", "belief_in_truth", "sent")
     )
     unknown = np.isnan(truth)
     by_robot = {

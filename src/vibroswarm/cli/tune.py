@@ -1,0 +1,86 @@
+"""``vibroswarm tune``: find settings for the strategies of a league."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from typing import Any
+
+from vibroswarm.cli.league import add_league_options, players_from, values_text
+from vibroswarm.cli.options import add_out, whole
+
+EPILOG = """\
+example:
+  vibroswarm tune --strategy none,soft --out settings.toml
+  vibroswarm league --strategy none,soft --settings settings.toml --seed 2
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "tune",
+        help="find settings for the strategies of a league, with equal numbers of runs",
+        description="For each strategy, find the settings with the smallest decision time among those whose forced "
+        "error is not above that of the scenario as it is; in two rounds, with as many runs for each strategy.",
+        epilog=EPILOG,
+    )
+    group = add_league_options(parser, runs=100)
+    group.add_argument(
+        "--points", metavar="N", type=whole, default=64, help="settings tried per strategy (default 64)"
+    )
+    add_out(group, "write the settings here, for 'vibroswarm league --settings'", metavar="FILE", force=True)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune, print and write the settings."""
+    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.league.tuning import AGAIN, FINALISTS, tune
+
+    names, base, floors, robots = players_from(arguments)
+    with ExitStack() as stack:
+        # Opened first: a name that cannot be written is refused before the work, not after.
+        out = arguments.out and stack.enter_context(whole_file(arguments.out, replace=arguments.force))
+        progress = stack.enter_context(progress_bar("tuning"))
+        tuned = tune(
+            base,
+            names,
+            floors,
+            robots,
+            points=arguments.points,
+            runs=arguments.runs,
+            seed=arguments.seed,
+            progress=progress,
+            workers=arguments.workers,
+            executor=arguments.executor,
+        )
+        how = (
+            f"{arguments.points} settings per strategy with {arguments.runs} runs of each of {len(floors)} floors and "
+            f"swarms of {', '.join(map(str, robots))}, then the best {FINALISTS} and the default with "
+            f"{AGAIN * arguments.runs} fresh runs (seeds {arguments.seed} and {arguments.seed + 1})."
+        )
+        if out is not None:
+            out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
+    chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
+    print(f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error")
+    print()
+    print_table(
+        ["", "forced error", "decision time", "settings"],
+        [
+            [
+                row["strategy"],
+                values_text(row, "forced_error", 100, ".1f", " %"),
+                values_text(row, "decision_time_s", 1, ".0f", " s"),
+                row["settings"] or "(by default)",
+            ]
+            for row in chosen.iter_rows(named=True)
+        ],
+    )
+    print()
+    print_paragraph(
+        f"{how} The figures favour the settings that were lucky: play a league with another seed."
+    )
+    return 0
