@@ -127,7 +127,7 @@ def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
     """With plain loops over the tables, cell by cell."""
     league, study = standings.league, standings.study
     assert [entry.label for entry in league.entries] == [
-        "none, credible_threshold 0.8", "none, credible_threshold 0.99", "soft",
+        "none (credible_threshold 0.8)", "none (credible_threshold 0.99)", "soft",
     ]  # fmt: skip
     number = 0
     for k, entry in enumerate(league.entries):
@@ -173,13 +173,13 @@ def test_tables(standings: Standings) -> None:
 
 
 def test_fronts(standings: Standings) -> None:
-    table = front_table(standings, "none, credible_threshold 0.8")
+    table = front_table(standings, "none (credible_threshold 0.8)")
     none, soft = table.iter_rows(named=True)
     assert none["time_at_equal_error_s"] == pytest.approx(none["reference_time_s"])
     assert none["error_at_equal_time"] == pytest.approx(none["reference_error"])
     assert soft["points"] == 1
     assert soft["time_at_equal_error_s"] is None
-    again = front_table(standings, "none, credible_threshold 0.8")
+    again = front_table(standings, "none (credible_threshold 0.8)")
     assert again.equals(table)
 
 

@@ -61,7 +61,7 @@ def add_parser(commands: Any) -> None:
         "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
     )
     add_json(group)
-    add_out(group, "save runs and tables here")
+    add_out(group, "save runs, tables and report here")
     parser.set_defaults(run=run)
 
 
@@ -96,6 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.league.fronts import front_table
+    from vibroswarm.league.report import write_league_report
 
     league = league_from(arguments)
     if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
@@ -117,6 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.out is not None:
         write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
+        write_league_report(arguments.out, standings, tables["differences"], tables["fronts"])
     if arguments.json:
         print_json({name: table.fill_nan(None).to_dicts() for name, table in tables.items()})
     else:
@@ -182,13 +184,11 @@ def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
 def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> None:
     """Print the answer, then the tables."""
     from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.league.report import answers
 
     league, table = standings.league, tables["standings"]
-    best = table.row(0, named=True)
-    print(
-        f"Smallest forced error: {best['name']}, {values_text(best, 'forced_error', 100, '.1f', ' %')}; "
-        f"decision time {values_text(best, 'decision_time_s', 1, '.0f', ' s')}"
-    )
+    for sentence in answers(table, tables["differences"], tables["fronts"]):
+        print_paragraph(sentence)
     print()
     print_table(
         ["", "forced error", "right", "wrong", "undecided", "decision time", "messages", "bytes"],

@@ -106,7 +106,8 @@ def varied(
             continue
         for value in values:
             word = f"{value:g}" if isinstance(value, float) else str(value)
-            label = f"{entry.label}, {field.rpartition('.')[2]} {word}"
+            said = f"{field.rpartition('.')[2]} {word})"
+            label = f"{entry.label[:-1]}, {said}" if entry.label.endswith(")") else f"{entry.label} ({said}"
             found.append(Entry(label, entry.strategy, {**entry.settings, field: value}))
     return tuple(found)
 

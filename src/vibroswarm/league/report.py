@@ -1,0 +1,211 @@
+"""Write the report of a league: one page that says who wins where, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import polars as pl
+
+from vibroswarm.league.standings import Standings
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.heat import draw_heat
+from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
+
+REPORT = "report.html"
+PERCENT = Column(percent=True)
+_COLUMNS = {
+    "name": Column("entry"),
+    "forced_error": Column("forced error", percent=True),
+    "right": PERCENT,
+    "wrong": PERCENT,
+    "undecided": PERCENT,
+    "decision_time_s": Column("decision time", "s"),
+    "sent": Column("messages per robot"),
+    "bytes_sent": Column("bytes per robot"),
+    "bytes_on_air": Column("bytes per message"),
+}
+
+
+def write_league_report(
+    folder: Path, standings: Standings, differences: pl.DataFrame, fronts: pl.DataFrame
+) -> None:
+    """Write ``report.html`` into a folder.
+
+    Args:
+        differences, fronts: against the same reference.
+    """
+    write_report(folder / REPORT, report_of(standings, differences, fronts))
+
+
+def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFrame) -> Report:
+    """Lay out the report."""
+    table, league = standings.table, standings.league
+    front = draw_front(
+        table.select(
+            "name",
+            error="forced_error",
+            error_low="forced_error_low",
+            error_high="forced_error_high",
+            time="decision_time_s",
+            time_low="decision_time_s_low",
+            time_high="decision_time_s_high",
+        ),
+        error_label="forced error",
+        percent=True,
+        style="page",
+    )
+    heat = draw_heat(
+        by_difficulty(standings.floor_table),
+        x_label="pattern and share of tiles in the minority",
+        y_label="",
+        label="forced error (%)",
+        best="low",
+        style="page",
+    )
+    sections = (
+        Section(
+            "Time and error",
+            (
+                "Each point is an entry, averaged over all floors. An undecided robot counts with the whole time, and "
+                "as wrong if it leans to the wrong side at the end (forced error).",
+            ),
+            (picture_of(front, "front"), ReportTable(_with_limits(table), _COLUMNS, name="standings")),
+        ),
+        Section(
+            "Compared with the reference",
+            (
+                "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
+                "No significant difference is not evidence of no difference.",
+            ),
+            (ReportTable(differences, {"name": Column("entry")}, name="differences"),),
+        ),
+        Section(
+            "At equal error, and at equal time",
+            (
+                "Along the front of each strategy's own entries: the time at which it reaches the reference's forced "
+                "error, and its forced error at the reference's decision time. A dash: its front does not reach there.",
+            ),
+            (ReportTable(fronts, {"error_at_equal_time": PERCENT}, name="fronts"),),
+        ),
+        Section("Floor by floor", (), (picture_of(heat, "floors"),)),
+        Section(
+            "All figures, floor by floor",
+            parts=(ReportTable(standings.floor_table, _COLUMNS, name="floors"),),
+            folded=True,
+        ),
+        Section("Settings", (), (ReportTable(_settings(standings), name="settings"),)),
+    )
+    sizes = ", ".join(map(str, league.robots))
+    details = {
+        "floors": str(len(league.floors)),
+        "robots": sizes,
+        "runs": f"{league.runs} of each floor and size",
+        "seed": str(league.seed),
+        "base scenario": league.base.hash,
+    }
+    return Report("League", answers(table, differences, fronts), sections=sections, details=details)
+
+
+def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
+    """Average forced errors, in %, over a floor and its mirror: x, y and value of a heat map."""
+    minority = pl.min_horizontal("fill_ratio", 1.0 - pl.col("fill_ratio")).round(6)
+    return (
+        floors.with_columns(x=pl.format("{} {}", "pattern", minority), y="name")
+        .group_by("x", "y", maintain_order=True)
+        .agg(value=100.0 * pl.col("forced_error").mean())
+    )
+
+
+def answers(table: pl.DataFrame, differences: pl.DataFrame, fronts: pl.DataFrame) -> tuple[str, ...]:
+    """Say who is fastest, who errs least, and which differences from the reference are sure."""
+    fastest = table.sort("decision_time_s").row(0, named=True)
+    surest = table.row(0, named=True)
+    found = [
+        f"Smallest forced error: {surest['name']}, {_share(surest, 'forced_error')}; it decides after "
+        f"{surest['decision_time_s']:.0f} s. Fastest: {fastest['name']}, {fastest['decision_time_s']:.0f} s; its "
+        f"forced error is {_share(fastest, 'forced_error')}."
+    ]
+    if differences.height:
+        reference = differences["reference"][0]
+        by_entry = {
+            name: _signs(differences, name) for name in differences["name"].unique(maintain_order=True)
+        }
+        better = [
+            name for name, (error, time) in by_entry.items() if error <= 0 and time <= 0 and error + time < 0
+        ]
+        worse = [
+            name for name, (error, time) in by_entry.items() if error >= 0 and time >= 0 and error + time > 0
+        ]
+        mixed = [name for name, (error, time) in by_entry.items() if error * time < 0]
+        kinds = (
+            ("better in one and not shown to be worse in the other", better),
+            ("worse in one and not shown to be better in the other", worse),
+            ("better in one and worse in the other", mixed),
+        )
+        words = [f"{what}: {', '.join(names)}" for what, names in kinds if names]
+        what = "; ".join(words) or "no difference shown"
+        found.append(f"Time and forced error against {reference}, at p < 0.05 after Holm: {what}.")
+    several = fronts.filter((pl.col("points") > 1) & pl.col("time_at_equal_error_s").is_not_null())
+    if several.height:
+        best = several.sort("time_at_equal_error_s").row(0, named=True)
+        found.append(
+            f"At the forced error of {best['reference']}, the fastest front is that of {best['strategy']}: "
+            f"{best['time_at_equal_error_s']:.0f} s, against {best['reference_time_s']:.0f} s."
+        )
+    return tuple(found)
+
+
+def _signs(differences: pl.DataFrame, name: str) -> tuple[int, int]:
+    """Return whether forced error and time of an entry are significantly above (1) or below (-1) the reference's."""
+    rows = {row["figure"]: row for row in differences.filter(pl.col("name") == name).iter_rows(named=True)}
+
+    def sign(figure: str) -> int:
+        row = rows[figure]
+        sure = row["p_holm"] is not None and row["p_holm"] < 0.05
+        return 0 if not sure else 1 if row["difference"] > 0 else -1
+
+    return sign("forced_error"), sign("decision_time_s")
+
+
+def _share(row: Mapping[str, float], name: str) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    limits = "" if low is None or high is None else f" [{100 * low:.1f}, {100 * high:.1f}]"
+    return f"{100 * row[name]:.1f} %{limits}"
+
+
+def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
+    """Return the standings with limits as text, next to the figures that they belong to."""
+    rows = [
+        {
+            "name": row["name"],
+            "forced_error": row["forced_error"],
+            "forced error, 95 %": _limits(row, "forced_error", 100, ".1f"),
+            "right": row["right"],
+            "wrong": row["wrong"],
+            "undecided": row["undecided"],
+            "decision_time_s": row["decision_time_s"],
+            "time, 95 %": _limits(row, "decision_time_s", 1, ".0f"),
+            "sent": row["sent"],
+            "bytes_on_air": row["bytes_on_air"],
+            "bytes_sent": row["bytes_sent"],
+        }
+        for row in table.iter_rows(named=True)
+    ]
+    return pl.DataFrame(rows)
+
+
+def _limits(row: Mapping[str, float], name: str, scale: float, form: str) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return "-" if low is None or high is None else f"{scale * low:{form}} to {scale * high:{form}}"
+
+
+def _settings(standings: Standings) -> pl.DataFrame:
+    rows = [
+        (
+            entry.label,
+            ", ".join(f"{name} = {value}" for name, value in entry.settings.items()) or "by default",
+        )
+        for entry in standings.league.entries
+    ]
+    return pl.DataFrame(rows, schema=["name", "settings"], orient="row")
