@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
+
+# isort: split
+from vibroswarm.strategies import (  # noqa: F401
+    mcp,
+    totals,
+)
 from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
 from vibroswarm.strategies.world import belief_below, u
 
