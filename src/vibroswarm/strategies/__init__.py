@@ -9,6 +9,7 @@ from vibroswarm.strategies import (  # noqa: F401
     bayes_bots,
     mcp,
     totals,
+    valentini,
 )
 from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
 from vibroswarm.strategies.world import belief_below, u
