@@ -9,6 +9,7 @@ from vibroswarm.strategies import (  # noqa: F401
     bayes_bots,
     dbbs,
     mcp,
+    three_valued,
     totals,
     valentini,
 )
