@@ -6,7 +6,9 @@ from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these reg
 
 # isort: split
 from vibroswarm.strategies import (  # noqa: F401
+    asdf,
     bayes_bots,
+    bayes_cpf,
     dbbs,
     mcp,
     three_valued,
