@@ -58,6 +58,8 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
     if len(part) == 3:  # a parameter matters where its table is the chosen one
         base = base.with_values({f"{part[0]}.name": part[1]})
         value = value_of(base, name)
+        if kind_of(name) is bool:
+            return base, base.with_values({name: not value})
         return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
     other = changed(name)
     if name == "floor.tiles":

@@ -65,7 +65,8 @@ def another(name: str) -> Any:
 
 def changed(name: str) -> Scenario:
     needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
-    needed |= {f"strategy.soft.{one}": {"strategy.name": "soft"} for one in ("eta", "kappa")}
-    needed |= {"network.loss.share": {"network.name": "loss"}}
+    part = name.split(".")
+    if len(part) == 3:  # a parameter matters where its table is the chosen one
+        needed[name] = {f"{part[0]}.name": part[1]}
     base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})

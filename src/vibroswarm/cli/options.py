@@ -170,7 +170,7 @@ def add_scenario_options(
     group.add_argument(
         "--strategy",
         metavar="NAME",
-        help="what robots send each other: none, positive, soft, or FILE.py:NAME",
+        help="what robots send each other: none, positive, soft, a published strategy, or FILE.py:NAME",
     )
     group.add_argument(
         "--network", metavar="NAME", help="which messages arrive: ideal, loss, or FILE.py:NAME"

@@ -173,13 +173,13 @@ class Choice(FrozenModel):
 
 
 class StrategyChoice(Choice):
-    """What a robot sends and when it decides; by name: ``none``, ``positive``, ``soft``."""
+    """What a robot sends and when it decides; by name: ``none``, ``positive``, ``soft``, or a published strategy."""
 
     kind = "strategy"
     known = staticmethod(known_strategies)
     name: str = "none"
     """A robot sends its reading (none), its decision once it has one (positive), or a bit drawn between its
-    reading and its belief (soft)."""
+    reading and its belief (soft); or as published elsewhere."""
 
 
 class NetworkChoice(Choice):

@@ -3,6 +3,18 @@
 from __future__ import annotations
 
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
+
+# isort: split
+from vibroswarm.strategies import (  # noqa: F401
+    asdf,
+    bayes_bots,
+    bayes_cpf,
+    dbbs,
+    mcp,
+    three_valued,
+    totals,
+    valentini,
+)
 from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
 from vibroswarm.strategies.world import belief_below, u
 

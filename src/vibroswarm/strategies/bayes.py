@@ -65,13 +65,22 @@ def observe(s: Row, observation: int) -> None:
 @inlined
 def is_enough(s: Row, w: World) -> bool:
     """Return whether more than O_c observations are counted; ``s`` already includes the current sample."""
-    own = s.own if w.gate_counts_current else s.own - 1
+    return enough(s.own, s.alpha + s.beta - w.prior_alpha - w.prior_beta - s.own, w)
+
+
+@inlined
+def enough(own: int, received: int, w: World) -> bool:
+    """Return whether more than O_c observations are counted.
+
+    Args:
+        own: readings, the current one included. received: observations of other robots.
+    """
+    counted = own if w.gate_counts_current else own - 1
     if w.gate == GATE_OWN:
-        return bool(own > w.min_observations)
-    received = s.alpha + s.beta - w.prior_alpha - w.prior_beta - s.own
+        return bool(counted > w.min_observations)
     if w.gate == GATE_RECEIVED:
         return bool(received > w.min_observations)
-    return bool(own + received > w.min_observations)
+    return bool(counted + received > w.min_observations)
 
 
 @inlined

@@ -1,0 +1,172 @@
+"""BayesCPF, Bayes collective perception filter: MCP by robots that track the drifting accuracy of their sensors.
+
+Chin and Pinciroli 2025, arXiv 2504.04774; rules as in the authors' public code (filter "Delta", binomial variant).
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| accuracy | b | - | probability of a right reading, one for both kinds of tiles; kept in (1/2, 1) |
+| window | t | - | the last readings, of which h are ones; estimates x, x' from them as in ``mcp`` |
+| reference | f | - | weighted mean of the last t informed estimates, the oldest with weight t, the latest with 1 |
+| mean, variance | m, P | - | of b; at each reading: m - drift, P + drift_variance |
+| expected | - | - | t (f (2 m - 1) - m + 1) ones in the window |
+| slope, noise | C, Q | - | t (2 f - 1); t ((2 m - 1)^2 (f - f^2 - 1/4) + 1/4) |
+| gain | K | - | P C / (C^2 P + Q); m + K (h - expected), (1 - K C) P |
+| constrained | - | - | b = m inside of (1/2, 1), else the mean of Normal(m, P) truncated to it; not fed back |
+
+The update with the readings is left out while t m or t (1 - m) is below 5.
+
+**Blind at a fill ratio of 1/2**: the slope is 0 there, and the accuracy only drifts. Use it far from 1/2.
+
+- Message: as ``mcp``, 9 bytes.
+- Told to a robot: accuracy and variance at time 0, and how fast they change. Not its error rates.
+- Typical: 0.99, 0.001, and per reading -2.5e-4 and 5e-4, windows up to 1000 readings.
+- Ours: all hear all; the stopping rule of ``mcp``; a window of fixed length, where the original shortens it while the
+  estimated accuracy changes fast. Sensors here do not drift.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.core.jit import inlined, inner
+from vibroswarm.strategies.asdf import LOWEST
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.mcp import (
+    PERFECT,
+    belief,
+    decide_by,
+    informed,
+    local_confidence,
+    local_estimate,
+    on_message,
+)
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["bayes_cpf", "belief", "decision", "on_message"]
+
+LARGEST_WINDOW: Final = 1000
+LEAST_COUNT: Final = 5.0
+"""Expected right and wrong readings from which on their number is taken as normal."""
+
+
+class Params:
+    """Assumed accuracy and its drift."""
+
+    accuracy: Annotated[float, Field(gt=0.5, lt=1, description="Mean of the accuracy at time 0.")] = 0.99
+    variance: Annotated[float, Field(gt=0, le=1, description="Variance of the accuracy at time 0.")] = 0.001
+    drift: Annotated[
+        float, Field(ge=0, le=0.5, description="Accuracy that is lost from reading to reading (-B).")
+    ] = 2.5e-4
+    drift_variance: Annotated[
+        float, Field(ge=0, le=1, description="Variance that is added from reading to reading (R).")
+    ] = 5e-4
+    window: Annotated[
+        int, Field(ge=1, le=LARGEST_WINDOW, description="Number of last readings that count (t).")
+    ] = 200
+
+
+class State:
+    """Own readings, the accuracy and its variance, the belief after the last reading, and the decision."""
+
+    samples: int
+    ones: int
+    received: int
+    expected_accuracy: float
+    variance: float
+    accuracy: float
+    below: float
+    decision: int
+
+
+class Arrays:
+    """The latest message of each robot; confidence 0 before the first. The last readings and informed estimates."""
+
+    estimate = array("float64", "robots")
+    confidence = array("float64", "robots")
+    reading = array("int32", str(LARGEST_WINDOW))
+    informed = array("float64", str(LARGEST_WINDOW))
+
+
+class Message:
+    """Estimate of the fill ratio, and its confidence."""
+
+    estimate: float
+    confidence: float
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Assume an accuracy, undecided."""
+    s.expected_accuracy, s.variance, s.accuracy = p.accuracy, p.variance, p.accuracy
+    s.below, s.decision = 0.5, -1
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count, estimate, decide, send the own estimate, and filter the accuracy."""
+    here = s.samples % p.window
+    s.ones += x.reading - (a.reading[here] if s.samples >= p.window else 0)
+    a.reading[here] = x.reading
+    s.samples += 1
+    count = min(s.samples, p.window)
+    out.estimate = local_estimate(s.ones, count, s.accuracy, s.accuracy)
+    out.confidence = local_confidence(s.ones, count, s.accuracy, s.accuracy)
+    estimate, confidence = informed(out.estimate, out.confidence, a.estimate, a.confidence)
+    decide_by(s, estimate, confidence, w)
+    a.informed[here] = estimate
+    s.expected_accuracy -= p.drift
+    s.variance += p.drift_variance
+    if count * s.expected_accuracy >= LEAST_COUNT and count * (1.0 - s.expected_accuracy) >= LEAST_COUNT:
+        correct(s, count, reference(a.informed, here, count))
+    s.accuracy = constrained(s.expected_accuracy, s.variance)
+    return True
+
+
+@inlined
+def reference(estimates: Row, here: int, count: int) -> float:
+    """Return f.
+
+    Args:
+        estimates: a ring. here: index of the latest. count: of those that are used.
+    """
+    total = 0.0
+    for age in range(count):
+        total += (age + 1) * estimates[here - age if age <= here else here - age + count]
+    return total / (0.5 * count * (count + 1))
+
+
+@inlined
+def correct(s: Row, count: int, fill: float) -> None:
+    """Update the accuracy by the ones in the window."""
+    mean, variance = s.expected_accuracy, s.variance
+    slope = count * (2.0 * fill - 1.0)
+    noise = count * ((2.0 * mean - 1.0) ** 2 * (fill - fill * fill - 0.25) + 0.25)
+    gain = variance * slope / (slope * slope * variance + noise)
+    s.expected_accuracy = mean + gain * (s.ones - count * (fill * (2.0 * mean - 1.0) - mean + 1.0))
+    s.variance = (1.0 - gain * slope) * variance
+
+
+@inner
+def constrained(mean: float, variance: float) -> float:
+    """Return the mean inside of the bounds, else that of the normal distribution truncated to them."""
+    if LOWEST <= mean <= PERFECT:
+        return mean
+    spread = math.sqrt(variance)
+    low, high = (LOWEST - mean) / spread, (PERFECT - mean) / spread
+    mass = 0.5 * (math.erf(high / math.sqrt(2.0)) - math.erf(low / math.sqrt(2.0)))
+    if mass < 1e-12:  # far away: next to the bound
+        return LOWEST if mean < LOWEST else PERFECT
+    density = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi)
+    return min(max(mean + spread * density / mass, LOWEST), PERFECT)
+
+
+bayes_cpf = register(
+    strategy_in(
+        __name__,
+        "bayes_cpf",
+        bytes_on_air=9,
+        about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
+    )
+)

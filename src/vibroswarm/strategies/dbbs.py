@@ -1,0 +1,199 @@
+"""DBBS, distributed Bayesian belief sharing: a robot sends its own belief and its social belief, apart.
+
+Shan and Mostaghim 2021, Swarm Intelligence 15, "Discrete collective estimation in swarm robotics with distributed
+Bayesian belief sharing"; rules as in the author's public code.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| hypotheses | f_h | - | (h + 1/2) / H, h = 0 to H - 1; H = 10 in the author's code |
+| likelihood | l_h | - | P(1 at f_h) = FP + (1 - FP - FN) f_h; f_h in the original |
+| own belief | S_h | - | flat at first; each reading: S_h l_h or S_h (1 - l_h), normalised |
+| social belief | N_h | - | flat at first; from a robot j: N_h^lambda S_jh N_jh^mu, normalised |
+| decay_own, decay_other | lambda, mu | - | 0.8 and 0.4 in the author's script |
+| memory | L | - | robots taken lately are not taken again; 10 of 20 in the author's script |
+| belief | p | - | share of S_h N_h at hypotheses below the boundary (ours) |
+
+At each reading one of the robots heard since the last is drawn; if it is among the last L drawn, nothing is taken.
+
+S and N are products of powers of l_h and 1 - l_h, and so are all their products and powers: S has the exponents
+``ones`` and ``zeros``, N ``social_ones`` and ``social_zeros``. Four numbers hold what 2 H do, and nothing underflows.
+
+- Message: ones, zeros (2 bytes each), exponents of N (4 bytes each) and the sender (1 byte): 13 bytes. The original
+  sends 2 H numbers: 80 bytes at H = 10.
+- Told to a robot: its error rates, if ``decision.boundary_of`` is "tiles".
+- Ours: all hear all; one step at each reading instead of each second; L = 2 for five robots. The original decides for
+  the largest S_h N_h, and an observer sees a share of the robots agree. Here a robot decides once, if p > p_c or 1 -
+  p > p_c, and if more than O_c observations are counted, where each message counts as one.
+- With lambda + mu > 1 the exponents of N grow at every step (at most to 1e12), and early readings weigh most.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.core.jit import inlined, inner
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decided, decision, enough
+from vibroswarm.strategies.world import Draws, Reading, World, u
+
+__all__ = ["dbbs", "decision"]
+
+LARGEST: Final = 1e12
+"""Larger exponents leave one hypothesis with all of the belief, and would overflow in the end."""
+
+
+class Params:
+    """Hypotheses and decays."""
+
+    hypotheses: Annotated[
+        int, Field(ge=2, le=1000, description="Number of hypotheses of the fill ratio.")
+    ] = 10
+    decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (
+        0.8
+    )
+    decay_other: Annotated[
+        float, Field(ge=0, le=1, description="Power of the other robot's social belief (mu).")
+    ] = 0.4
+    memory: Annotated[
+        int, Field(ge=0, le=100_000, description="Steps for which a robot is not taken again (L).")
+    ] = 2
+
+
+class State:
+    """Exponents of both beliefs, the belief after the last reading, and the decision."""
+
+    ones: int
+    zeros: int
+    social_ones: float
+    social_zeros: float
+    received: int
+    heard: int
+    below: float
+    decision: int
+
+
+class Arrays:
+    """The latest message of each robot, whether it came since the last reading, and the step at which it was taken."""
+
+    is_new = array("uint8", "robots")
+    taken = array("int64", "robots")
+    ones = array("float64", "robots")
+    zeros = array("float64", "robots")
+    social_ones = array("float64", "robots")
+    social_zeros = array("float64", "robots")
+
+
+class Message:
+    """Exponents of the own and of the social belief."""
+
+    ones: int
+    zeros: int
+    social_ones: float
+    social_zeros: float
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Set flat beliefs, undecided."""
+    s.below, s.decision = 0.5, -1
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Replace the sender's beliefs."""
+    s.received += 1
+    s.heard += 1 - a.is_new[sender]
+    a.is_new[sender] = 1
+    a.ones[sender], a.zeros[sender] = m.ones, m.zeros
+    a.social_ones[sender], a.social_zeros[sender] = m.social_ones, m.social_zeros
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Update both beliefs, decide, and send them."""
+    s.ones += x.reading
+    s.zeros += 1 - x.reading
+    step, j = s.ones + s.zeros, drawn_of(a.is_new, s.heard, u(d, 0))
+    s.heard = 0
+    if j >= 0 and (a.taken[j] == 0 or step - a.taken[j] > p.memory):
+        a.taken[j] = step
+        s.social_ones = p.decay_own * s.social_ones + a.ones[j] + p.decay_other * a.social_ones[j]
+        s.social_zeros = p.decay_own * s.social_zeros + a.zeros[j] + p.decay_other * a.social_zeros[j]
+        limit_exponents(s)
+    s.below = mass_below(
+        s.ones + s.social_ones, s.zeros + s.social_zeros, p.hypotheses, w.decision_boundary, w.false_positive,
+        w.false_negative,
+    )  # fmt: skip
+    if s.decision == -1 and enough(s.ones + s.zeros, s.received, w):
+        s.decision = decided(s.below, -1, w)
+    out.ones, out.zeros, out.social_ones, out.social_zeros = s.ones, s.zeros, s.social_ones, s.social_zeros
+    return True
+
+
+def belief(s: Row, a: Row, p: Row, w: World) -> float:
+    """Return P(f < boundary) after the last reading."""
+    found: float = s.below
+    return found
+
+
+@inlined
+def limit_exponents(s: Row) -> None:
+    """Shrink exponents that have become too large, in proportion."""
+    total = s.social_ones + s.social_zeros
+    if total > LARGEST:
+        s.social_ones *= LARGEST / total
+        s.social_zeros *= LARGEST / total
+
+
+@inlined
+def drawn_of(is_new: Row, count: int, number: float) -> int:
+    """Return one of the robots heard since the last reading, by a uniform number; -1 if there is none. Forget them.
+
+    Args:
+        is_new: (robots,), 1 for those heard. count: of them.
+    """
+    wanted, drawn = min(int(number * count), count - 1), -1
+    for j in range(is_new.size):
+        if is_new[j] == 1:
+            if wanted == 0:
+                drawn = j
+            wanted -= 1
+            is_new[j] = 0
+    return drawn
+
+
+@inner
+def log_belief(ones: float, zeros: float, fill: float, false_positive: float, false_negative: float) -> float:
+    """Return the logarithm of the belief in a fill ratio in (0, 1), before normalising."""
+    likelihood = false_positive + (1.0 - false_positive - false_negative) * fill
+    return ones * math.log(likelihood) + zeros * math.log1p(-likelihood)
+
+
+@inner
+def mass_below(
+    ones: float, zeros: float, hypotheses: int, boundary: float, false_positive: float, false_negative: float
+) -> float:
+    """Return the share of the belief at hypotheses below the boundary; half of one that lies on it."""
+    most = -math.inf
+    for h in range(hypotheses):
+        most = max(most, log_belief(ones, zeros, (h + 0.5) / hypotheses, false_positive, false_negative))
+    below, total = 0.0, 0.0
+    for h in range(hypotheses):
+        fill = (h + 0.5) / hypotheses
+        mass = math.exp(log_belief(ones, zeros, fill, false_positive, false_negative) - most)
+        total += mass
+        if fill < boundary:
+            below += mass
+        elif fill == boundary:
+            below += 0.5 * mass
+    return below / total
+
+
+dbbs = register(
+    strategy_in(
+        __name__,
+        "dbbs",
+        bytes_on_air=13,
+        about="DBBS: a robot sends its own belief and its social belief, apart",
+    )
+)

@@ -1,0 +1,153 @@
+"""MCP, minimalistic collective perception: a robot sends its estimate of the fill ratio, and its confidence in it.
+
+Chin, Khaluf and Pinciroli 2023, IROS, arXiv 2209.12858; formulas as in the authors' public code.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| ones, samples | h, t | - | own readings so far |
+| true_positive, true_negative | b, w | - | P(1 on vibrating tiles) = 1 - FN, P(0 on still ones) = 1 - FP |
+| estimate | x | - | (h / t + w - 1) / (b + w - 1), clipped to [0, 1] |
+| confidence | a | - | Fisher information of x; three cases, see ``local_confidence`` |
+| social estimate | X | - | sum(a_j x_j) / sum(a_j), of the latest message of each robot j |
+| informed estimate | x' | - | (a x + A X) / (a + A), with A = sum(a_j) |
+| belief | p | - | P(f < boundary) = Phi((boundary - x') sqrt(a + A)) (ours) |
+
+- Message: estimate and confidence (4 bytes each) and the sender (1 byte): 9 bytes.
+- Told to a robot: its error rates, if ``decision.boundary_of`` is "tiles"; otherwise it takes readings at face value.
+- Ours: the original never decides. Here a robot decides once, if p > p_c or 1 - p > p_c, and if more than O_c
+  observations are counted, where each message counts as one. It sends at each reading, to all; the original sends
+  every ten control periods, to its neighbours.
+- The information-weighted mean is close to, but not, the estimate from pooled counts: both are equal where all robots
+  read the same share of ones; otherwise robots whose share is nearer to 0 or 1 weigh more.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from vibroswarm.core.jit import inlined, inner
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decided, decision, enough
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["decision", "mcp"]
+
+PERFECT: Final = 1.0 - 1e-6
+"""Largest accuracy: that of a perfect sensor makes the confidence infinite where all readings agree."""
+LEAST_CONFIDENCE: Final = 1e-6
+
+
+class State:
+    """Own counts, the belief after the last reading, and the decision."""
+
+    ones: int
+    samples: int
+    received: int
+    below: float
+    decision: int
+
+
+class Arrays:
+    """The latest message of each robot; confidence 0 before the first."""
+
+    estimate = array("float64", "robots")
+    confidence = array("float64", "robots")
+
+
+class Message:
+    """Estimate of the fill ratio, and its confidence."""
+
+    estimate: float
+    confidence: float
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Know nothing, undecided."""
+    s.below, s.decision = 0.5, -1
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Replace the sender's estimate."""
+    a.estimate[sender], a.confidence[sender] = m.estimate, m.confidence
+    s.received += 1
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count, estimate, decide, and send the own estimate."""
+    s.ones += x.reading
+    s.samples += 1
+    true_positive, true_negative = min(1.0 - w.false_negative, PERFECT), min(1.0 - w.false_positive, PERFECT)
+    out.estimate = local_estimate(s.ones, s.samples, true_positive, true_negative)
+    out.confidence = local_confidence(s.ones, s.samples, true_positive, true_negative)
+    estimate, confidence = informed(out.estimate, out.confidence, a.estimate, a.confidence)
+    decide_by(s, estimate, confidence, w)
+    return True
+
+
+def belief(s: Row, a: Row, p: Row, w: World) -> float:
+    """Return P(f < boundary) after the last reading."""
+    found: float = s.below
+    return found
+
+
+@inlined
+def decide_by(s: Row, estimate: float, confidence: float, w: World) -> None:
+    """Update the belief by an informed estimate; decide, if undecided and if there are enough observations."""
+    s.below = probability_below(estimate, confidence, w.decision_boundary)
+    if s.decision == -1 and enough(s.samples, s.received, w):
+        s.decision = decided(s.below, -1, w)
+
+
+@inner
+def raw_estimate(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
+    """Return the fill ratio at which the readings are most likely; outside of [0, 1] if none explains them."""
+    return (ones / samples + true_negative - 1.0) / (true_positive + true_negative - 1.0)
+
+
+@inner
+def local_estimate(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
+    """Return x."""
+    return min(max(raw_estimate(ones, samples, true_positive, true_negative), 0.0), 1.0)
+
+
+@inner
+def local_confidence(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
+    """Return a: minus the second derivative of the log-likelihood at x."""
+    raw = raw_estimate(ones, samples, true_positive, true_negative)
+    gain, zeros = (true_positive + true_negative - 1.0) ** 2, samples - ones
+    if raw <= 0.0:  # at x = 0
+        top = samples * true_negative**2 - 2.0 * zeros * true_negative + zeros
+        found = gain * top / (true_negative**2 * (true_negative - 1.0) ** 2)
+    elif raw >= 1.0:  # at x = 1
+        top = samples * true_positive**2 - 2.0 * ones * true_positive + ones
+        found = gain * top / (true_positive**2 * (true_positive - 1.0) ** 2)
+    else:
+        found = gain * float(samples) * samples * samples / (float(ones) * zeros)
+    return max(found, LEAST_CONFIDENCE)
+
+
+@inlined
+def informed(estimate: float, confidence: float, estimates: Row, confidences: Row) -> tuple[float, float]:
+    """Return the informed estimate x' and its confidence a + A."""
+    weighted, total = confidence * estimate, confidence
+    for j in range(confidences.size):
+        weighted += confidences[j] * estimates[j]
+        total += confidences[j]
+    return weighted / total, total
+
+
+@inner
+def probability_below(estimate: float, confidence: float, boundary: float) -> float:
+    """Return P(f < boundary) for f ~ Normal(estimate, 1 / confidence)."""
+    return 0.5 * math.erfc((estimate - boundary) * math.sqrt(0.5 * confidence))
+
+
+mcp = register(
+    strategy_in(
+        __name__,
+        "mcp",
+        bytes_on_air=9,
+        about="MCP: a robot sends its estimate of the fill ratio, and its confidence",
+    )
+)

@@ -1,0 +1,117 @@
+"""Totals: a robot sends its counts, and decides by a threshold that falls to 0 at the end of the run.
+
+Estimation from counts with known error rates is that of minimalistic collective perception (Chin, Khaluf and
+Pinciroli 2023, arXiv 2209.12858; ``mcp``); the test and its falling threshold are ours.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| ones, samples | h, n | - | ones and readings: own, and the latest totals of each sender |
+| boundary | q_0 | - | share of ones at the boundary: FP + (1 - FP - FN) / 2 for a boundary of 1/2 |
+| score | z | - | (h - q_0 n) / sqrt((n + 3) / 4) |
+| threshold | c | - | a robot decides if abs(z) > c (1 - t / T_end); typically 3 |
+
+The 3 keeps a robot from deciding on its first readings: at c = 3, no decision comes from fewer than 12.
+
+- Message: own ones and readings (2 bytes each) and the sender (1 byte): 5 bytes. A lost message loses nothing that
+  the next one does not bring.
+- Told to a robot: T_end; its error rates, if ``decision.boundary_of`` is "tiles". Neither places nor
+  ``min_observations``.
+- Every robot decides by T_end, unless its counts lie on the boundary itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from vibroswarm.core.jit import inner
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, belief, decision
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["belief", "decision", "totals"]
+
+
+class Params:
+    """The threshold."""
+
+    threshold: Annotated[
+        float,
+        Field(ge=0, le=1e3, description="Score at which a robot decides at time 0; it falls to 0 at T_end."),
+    ] = 3.0
+
+
+class State:
+    """Own totals, and all counts with the prior."""
+
+    ones: int
+    samples: int
+    alpha: int
+    beta: int
+    decision: int
+
+
+class Arrays:
+    """The latest totals of each sender."""
+
+    ones = array("int32", "robots")
+    samples = array("int32", "robots")
+
+
+class Message:
+    """The sender's own totals."""
+
+    ones: int
+    samples: int
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Set the prior, undecided."""
+    s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Replace the sender's totals, unless a later message came first."""
+    samples = m.samples - a.samples[sender]
+    if samples <= 0:
+        return
+    ones = m.ones - a.ones[sender]
+    s.alpha += ones
+    s.beta += samples - ones
+    a.ones[sender], a.samples[sender] = m.ones, m.samples
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count, decide, and send the own totals."""
+    s.ones += x.reading
+    s.samples += 1
+    s.alpha += x.reading
+    s.beta += 1 - x.reading
+    if s.decision == -1:
+        ones, zeros = s.alpha - w.prior_alpha, s.beta - w.prior_beta
+        limit = max(p.threshold * (1.0 - x.t_s / w.t_end_s), 0.0)
+        z = score(ones, ones + zeros, w.boundary)
+        if z > limit:
+            s.decision = 1
+        elif z < -limit:
+            s.decision = 0
+    out.ones, out.samples = s.ones, s.samples
+    return True
+
+
+@inner
+def score(ones: int, samples: int, boundary: float) -> float:
+    """Return z: how far the ones lie above the boundary, in standard deviations."""
+    return (ones - boundary * samples) / math.sqrt((samples + 3) / 4.0)
+
+
+totals = register(
+    strategy_in(
+        __name__,
+        "totals",
+        bytes_on_air=5,
+        about="totals: a robot sends its counts; the threshold of its decision falls to 0 at the end",
+    )
+)

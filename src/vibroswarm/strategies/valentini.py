@@ -1,0 +1,312 @@
+"""DC, DMVD and DMMD: robots explore, then disseminate their opinion, then take over one of those they heard.
+
+Valentini, Brambilla, Hamann and Dorigo 2016, ANTS; rules as in the public controller by Brambilla. Direct comparison,
+direct modulation of voter-based decisions, direct modulation of majority-based decisions.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| explore_s | sigma | s | mean of an exploration, exponential; 10 s in the original |
+| quality | q | - | share of the readings of an exploration that equal the own opinion |
+| disseminate_s | g | s | mean of a dissemination, exponential: g q; DC: g; 10 s in the original |
+| listen_s | - | s | 3: every dissemination is this much longer, and a robot listens only in this last part |
+| max_opinions | - | - | 2: the last opinions heard that count |
+
+At the end of a dissemination, of the last senders heard (each once):
+
+| strategy | rule |
+|---|---|
+| ``dc`` | one at random: take over its opinion if its quality is greater than the own |
+| ``dmvd`` | one at random: take over its opinion |
+| ``dmmd`` | majority of the heard opinions and the own one; a tie keeps the own one |
+
+Nobody heard: the opinion stays. At time 0 it is drawn, 1/2 each.
+
+- Message, every ``interval_s`` while disseminating: sender and opinion, 2 bytes; DC adds the quality, 4 bytes.
+- Told to a robot: nothing. It asks which reading is more frequent: boundary 1/2 only.
+- Ours: all hear all. A reading comes every few seconds instead of at every control period, so that phases are longer:
+  60 s. If an exploration brought no reading, the quality stays (1/2 at first). DC: g, where the controller has g
+  times the share of the more frequent colour, which no robot knows. A tie (one heard, of the other opinion): the
+  controller gives it to one fixed colour.
+- Ours, the stopping rule: the original stops when an observer sees all robots agree. Here a robot decides once its
+  opinion has stayed the same in ``patience`` disseminations in a row in which it heard others; it then goes on as
+  before. With ``patience = 0`` the decision is the opinion, which may change to the end: the consensus time is then
+  that of an observer who watches to the end (``run.stop = "t_end"``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.core.jit import inlined
+from vibroswarm.strategies.base import Strategy, array, register
+from vibroswarm.strategies.bayes import Row
+from vibroswarm.strategies.world import Draws, Reading, World, u
+
+__all__ = ["dc", "dmmd", "dmvd"]
+
+ROUNDING_S: Final = 1e-6
+"""A timer may come this much early."""
+
+
+class Params:
+    """Durations of the phases, and the stopping rule."""
+
+    explore_s: Annotated[float, Field(gt=0, le=1e5, description="Mean time of an exploration, s.")] = 60.0
+    disseminate_s: Annotated[
+        float, Field(gt=0, le=1e5, description="Mean time of a dissemination at quality 1, s.")
+    ] = 60.0
+    listen_s: Annotated[
+        float, Field(gt=0, le=1e5, description="Last part of a dissemination, in which a robot listens, s.")
+    ] = 3.0
+    interval_s: Annotated[
+        float, Field(ge=0.02, le=1e5, description="Time between messages while disseminating, s.")
+    ] = 1.0
+    max_opinions: Annotated[
+        int, Field(ge=1, le=100_000, description="Most opinions that count, the last ones heard.")
+    ] = 2
+    patience: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=100_000,
+            description="Disseminations without change after which a robot decides; 0: its decision is its opinion.",
+        ),
+    ] = 3
+
+
+class State:
+    """Opinion, phase, and what the phase has brought so far."""
+
+    opinion: int
+    quality: float
+    is_disseminating: bool
+    phase_end_s: float
+    next_s: float
+    readings: int
+    alike: int
+    heard: int
+    unchanged: int
+    decision: int
+
+
+class Arrays:
+    """Senders heard in this dissemination: in which order, from 1 (0: not heard); their opinions and qualities."""
+
+    order = array("int32", "robots")
+    opinion = array("int32", "robots")
+    quality = array("float64", "robots")
+
+
+class Opinion:
+    """A message of DMVD and DMMD."""
+
+    bit: int
+
+
+class OpinionWithQuality:
+    """A message of DC."""
+
+    bit: int
+    quality: float
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Draw an opinion, and explore."""
+    s.opinion, s.quality, s.decision = 1 if u(d, 0) < 0.5 else 0, 0.5, -1
+    s.phase_end_s = -p.explore_s * math.log(u(d, 1))
+    s.next_s = s.phase_end_s
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Note the sender's opinion, in the last part of a dissemination."""
+    if listens(s, t_s, p) and a.order[sender] == 0:
+        s.heard += 1
+        a.order[sender], a.opinion[sender] = s.heard, m.bit
+
+
+def on_message_dc(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Note the sender's opinion and quality, in the last part of a dissemination."""
+    if listens(s, t_s, p) and a.order[sender] == 0:
+        s.heard += 1
+        a.order[sender], a.opinion[sender], a.quality[sender] = s.heard, m.bit, m.quality
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count a reading, while exploring."""
+    if not s.is_disseminating:
+        s.readings += 1
+        s.alike += 1 if x.reading == s.opinion else 0
+    return False
+
+
+def on_timer_dc(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Compare, explore or disseminate."""
+    if s.is_disseminating and is_over(s, t_s):
+        j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
+        settle(s, a.order, a.opinion[j] if j >= 0 and a.quality[j] > s.quality else s.opinion, p)
+    out.quality = quality(s)
+    return go_on(s, t_s, out, u(d, 0), 1.0, p)
+
+
+def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Take over an opinion, explore or disseminate."""
+    if s.is_disseminating and is_over(s, t_s):
+        j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
+        settle(s, a.order, a.opinion[j] if j >= 0 else s.opinion, p)
+    return go_on(s, t_s, out, u(d, 0), quality(s), p)
+
+
+def on_timer_dmmd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Take over the majority's opinion, explore or disseminate."""
+    if s.is_disseminating and is_over(s, t_s):
+        settle(s, a.order, majority(a.order, a.opinion, s.heard - p.max_opinions, s.opinion), p)
+    return go_on(s, t_s, out, u(d, 0), quality(s), p)
+
+
+def decision(s: Row, a: Row, p: Row, w: World) -> int:
+    """Return the decision; the opinion if ``patience`` is 0."""
+    found: int = s.opinion if p.patience == 0 else s.decision
+    return found
+
+
+@inlined
+def is_over(s: Row, t_s: float) -> bool:
+    """Return whether the phase is over."""
+    return bool(t_s >= s.phase_end_s - ROUNDING_S)
+
+
+@inlined
+def listens(s: Row, t_s: float, p: Row) -> bool:
+    """Return whether the robot is in the last part of a dissemination."""
+    return bool(s.is_disseminating and t_s >= s.phase_end_s - p.listen_s)
+
+
+@inlined
+def quality(s: Row) -> float:
+    """Return q: of the exploration that goes on or, if it brought no reading, of the one before."""
+    found: float = s.alike / s.readings if s.readings > 0 else s.quality
+    return found
+
+
+@inlined
+def heard_one(order: Row, heard: int, most: int, number: float) -> int:
+    """Return one of the last senders heard, by a uniform number; -1 if there is none.
+
+    Args:
+        order: (robots,) in which they were heard, from 1; 0: not heard. heard: how many were. most: that count.
+    """
+    count = min(heard, most)
+    wanted = heard - min(int(number * count), count - 1)
+    for j in range(order.size):
+        if order[j] == wanted and wanted > 0:
+            return j
+    return -1
+
+
+@inlined
+def majority(order: Row, opinions: Row, before: int, own: int) -> int:
+    """Return the opinion that most have, the own one included; the own one if there are as many of both.
+
+    Args:
+        before: those heard as this one or earlier do not count.
+    """
+    lead = 2 * own - 1
+    for j in range(order.size):
+        if order[j] > max(before, 0):
+            lead += 2 * opinions[j] - 1
+    return 1 if lead > 0 else (0 if lead < 0 else own)
+
+
+@inlined
+def settle(s: Row, order: Row, opinion: int, p: Row) -> None:
+    """End a dissemination with this opinion, and decide if it has stayed the same for long enough."""
+    if s.heard > 0:
+        s.unchanged = s.unchanged + 1 if opinion == s.opinion else 0
+    s.opinion = opinion
+    if s.decision == -1 and s.heard > 0 and s.unchanged >= p.patience:
+        s.decision = opinion
+    forget(order)
+    s.heard = 0
+
+
+@inlined
+def forget(order: Row) -> None:
+    """Forget who was heard."""
+    for j in range(order.size):
+        order[j] = 0
+
+
+@inlined
+def go_on(s: Row, t_s: float, out: Row, number: float, share: float, p: Row) -> bool:
+    """Disseminate, or change to the next phase; return whether ``out`` is sent.
+
+    Args:
+        number: a uniform number. share: mean time of a dissemination by ``disseminate_s``.
+    """
+    if is_over(s, t_s):
+        if s.is_disseminating:
+            s.is_disseminating, s.readings, s.alike = False, 0, 0
+            s.phase_end_s = t_s - p.explore_s * math.log(number)
+            s.next_s = s.phase_end_s
+            return False
+        s.is_disseminating, s.quality = True, quality(s)
+        s.phase_end_s = t_s - p.disseminate_s * share * math.log(number) + p.listen_s
+    s.next_s = min(t_s + p.interval_s, s.phase_end_s)
+    out.bit = s.opinion
+    return True
+
+
+dc = register(
+    Strategy(
+        name="dc",
+        params=Params,
+        state=State,
+        arrays=Arrays,
+        message=OpinionWithQuality,
+        begin=begin,
+        on_message=on_message_dc,
+        on_sample=on_sample,
+        on_timer=on_timer_dc,
+        decision=decision,
+        bytes_on_air=4,
+        boundary_half=True,
+        about="direct comparison: robots explore, disseminate an opinion, and take over a better one",
+    )
+)
+dmvd = register(
+    Strategy(
+        name="dmvd",
+        params=Params,
+        state=State,
+        arrays=Arrays,
+        message=Opinion,
+        begin=begin,
+        on_message=on_message,
+        on_sample=on_sample,
+        on_timer=on_timer_dmvd,
+        decision=decision,
+        bytes_on_air=2,
+        boundary_half=True,
+        about="direct modulation, voter: robots explore, disseminate an opinion, and take over one that they heard",
+    )
+)
+dmmd = register(
+    Strategy(
+        name="dmmd",
+        params=Params,
+        state=State,
+        arrays=Arrays,
+        message=Opinion,
+        begin=begin,
+        on_message=on_message,
+        on_sample=on_sample,
+        on_timer=on_timer_dmmd,
+        decision=decision,
+        bytes_on_air=2,
+        boundary_half=True,
+        about="direct modulation, majority: robots explore, disseminate an opinion, and take over that of most",
+    )
+)
