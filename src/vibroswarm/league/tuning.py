@@ -80,7 +80,7 @@ def tune(
 
     Args:
         base: what strategies do not set; its own strategy gives the target. floors, robots: of the tuning.
-        space_of: by strategy, bounds by field; by default ``spaces()``. points, runs: of the first round.
+        space_of: by strategy, bounds by field, or the value of a field that all settings share; by default ``spaces()``. points, runs: of the first round.
         seed: of the first round; the second has the next one. progress: called with the share done.
         how: workers and executor, as of ``League.play``.
     Raises:
@@ -96,10 +96,12 @@ def tune(
     target = second.play(**how).interval(0, "forced_error").estimate
     for done, name in enumerate(strategies):
         progress(done / len(strategies))
-        drawn = points_of({"sobol": {"points": points, "seed": seed, **known[name]}})
-        first = [Entry(f"{name} {k}", name, point) for k, point in enumerate(drawn)]
+        ranges = {field: given for field, given in known[name].items() if isinstance(given, Mapping)}
+        fixed = {field: given for field, given in known[name].items() if field not in ranges}
+        drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
+        first = [Entry(f"{name} {k}", name, fixed | point) for k, point in enumerate(drawn)]
         ranked = by_criterion(replace(league, entries=tuple(first)).play(**how), target)
-        finalists = [first[k] for k in ranked[:FINALISTS]] + [Entry(f"{name} by default", name, {})]
+        finalists = [first[k] for k in ranked[:FINALISTS]] + [Entry(f"{name} by default", name, fixed)]
         found = replace(second, entries=tuple(finalists)).play(**how)
         best = by_criterion(found, target)[0]
         settings[name] = dict(finalists[best].settings)
