@@ -80,7 +80,8 @@ def tune(
 
     Args:
         base: what strategies do not set; its own strategy gives the target. floors, robots: of the tuning.
-        space_of: by strategy, bounds by field, or the value of a field that all settings share; by default ``spaces()``. points, runs: of the first round.
+        space_of: by strategy, bounds by field, or the value of a field that all settings share; by default
+            ``spaces()``. points, runs: of the first round.
         seed: of the first round; the second has the next one. progress: called with the share done.
         how: workers and executor, as of ``League.play``.
     Raises:
