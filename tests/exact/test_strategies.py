@@ -14,10 +14,12 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
+from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import none, positive, soft
+from vibroswarm.strategies.base import row_type
 from vibroswarm.strategies.bayes import (
     GATE_OWN,
     GATE_RECEIVED,
@@ -309,3 +311,14 @@ def test_a_decision_stands() -> None:
     )
     before = revising.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
     assert revising.filter((before != -1) & (revising["decision"] != before)).height > 0
+
+
+@pytest.mark.parametrize("name", ["mean", "size", "sum", "T"])
+def test_a_field_cannot_have_the_name_of_a_method_of_numpys_rows(name: str) -> None:
+    """Plain Python would find the method, compiled code the field."""
+    state = type("State", (), {"__annotations__": {name: int}})
+    with pytest.raises(InputError, match=f"'{name}' is a word of NumPy's rows"):
+        row_type(state, "state")
+    assert row_type(type("State", (), {"__annotations__": {f"{name}_1": int}}), "state").names == (
+        f"{name}_1",
+    )

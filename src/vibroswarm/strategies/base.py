@@ -263,12 +263,15 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     """Return the row type of a class's fields.
 
     Raises:
-        InputError: a field of another type than int, float or bool.
+        InputError: a field of another type than int, float or bool, or with a name that NumPy's rows have.
     """
     try:
         found = fields_of(declared)
     except (NameError, TypeError) as error:
         raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
+    for name in found:
+        if hasattr(np.record, name):  # plain Python would find the row's method in place of the field
+            raise InputError(f"'{name}' is a word of NumPy's rows; choose another name", field=what)
     # NumPy rows need a field: one that is not used if the class declares none.
     return np.dtype([(name, KINDS[kind]) for name, kind in found.items()] or [("unused", np.int64)])
 
