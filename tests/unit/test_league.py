@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import FILLS, PATTERNS, Entry, entries_of, floors_of, varied
+from vibroswarm.league.entries import FILLS, PATTERNS, Entry, entries_of, floors_of, frozen_settings, varied
 from vibroswarm.league.fronts import front_of, front_table, on_line
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.strategies import known
 
 BASE = preset("paper").with_values({"decision.min_observations": 40, "run.t_end_s": 400.0})
 GUESSES = '''"""Strategies that read nothing."""
@@ -205,7 +206,7 @@ def test_the_error_of_strategies_that_read_nothing_is_known(tmp_path: Path) -> N
 
 
 SMALL = ["--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4", "--strategy", "none,soft"]
-QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
+QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
 def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -233,7 +234,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         ("--vary decision.credible=0.8", "decision.credible"),
         ("--vary none", "--vary"),
         ("--floor random:0.48", "--patterns"),
-        ("--settings nothing.toml", "nothing.toml"),
+        ("--settings nothing.toml", "--untuned"),
     ],
 )
 def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,10 +248,20 @@ def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture
 def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "settings.toml"
     file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")
-    assert main(["league", *SMALL, *QUICK, "--settings", str(file), "--json"]) == 0
+    assert main(["league", *SMALL, *QUICK[:-1], "--settings", str(file), "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
     assert rows["none"]["undecided"] == 1.0
     assert rows["soft"]["undecided"] < 1.0
     file.write_text("none = 3\n", encoding="utf-8")
-    assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 2
+    assert main(["league", *SMALL, *QUICK[:-1], "--settings", str(file)]) == 2
     assert "none" in capsys.readouterr().err
+
+
+def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
+    settings = frozen_settings()
+    assert set(settings) == set(known())
+    assert all(entry.tuned for entry in entries_of(list(settings), settings))
+    assert main(["league", *SMALL, *QUICK[:-1], "--json"]) == 0
+    capsys.readouterr()
+    assert main(["league", *SMALL, *QUICK]) == 0
+    assert "Not tuned for a league" in capsys.readouterr().out

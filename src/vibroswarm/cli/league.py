@@ -48,7 +48,10 @@ def add_parser(commands: Any) -> None:
         dest="entry_settings",
         metavar="FILE",
         type=Path,
-        help="fields that each strategy sets (TOML)",
+        help="fields that each strategy sets, in TOML (default: those found by 'vibroswarm tune')",
+    )
+    group.add_argument(
+        "--untuned", action="store_true", help="use the scenario's settings and each strategy's defaults"
     )
     group.add_argument(
         "--vary",
@@ -128,11 +131,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 def league_from(arguments: argparse.Namespace) -> League:
     """Make the league that the options describe."""
-    from vibroswarm.league.entries import entries_of, read_settings
+    from vibroswarm.league.entries import entries_of, frozen_settings, read_settings
     from vibroswarm.league.standings import League
 
     names, base, floors, robots = players_from(arguments)
-    settings = read_settings(arguments.entry_settings) if arguments.entry_settings else {}
+    if arguments.untuned:
+        if arguments.entry_settings is not None:
+            raise InputError("conflicts with --settings; use one of them", field="--untuned")
+        settings = {}
+    elif arguments.entry_settings is not None:
+        settings = read_settings(arguments.entry_settings)
+    else:
+        settings = frozen_settings()
     entries = entries_of(names, settings)
     for text in arguments.vary:
         entries = _varied(entries, text)
@@ -226,6 +236,9 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
             ],
         )
     print()
+    untuned = [entry.label for entry in league.entries if not entry.tuned]
+    if untuned:
+        print_paragraph(f"Not tuned for a league ('vibroswarm tune'): {', '.join(untuned)}")
     sizes = ", ".join(map(str, league.robots))
     print_paragraph(
         f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "

@@ -17,7 +17,8 @@ side, and the number of tiles that must change to cross the boundary is the same
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,11 +41,13 @@ class Entry:
 
     Args:
         label: its name in tables. strategy: the strategy's name. settings: by field of the scenario.
+        tuned: whether the settings were chosen for a league.
     """
 
     label: str
     strategy: str
     settings: Mapping[str, Any]
+    tuned: bool = False
 
     @property
     def bytes_on_air(self) -> int:
@@ -83,7 +86,7 @@ def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) 
     for name, values in settings.items():
         for field in values:
             check_choice(field, f"settings of {name}", fields)
-    return tuple(Entry(name, name, dict(settings.get(name, {}))) for name in names)
+    return tuple(Entry(name, name, dict(settings.get(name, {})), name in settings) for name in names)
 
 
 def varied(
@@ -108,8 +111,14 @@ def varied(
             word = f"{value:g}" if isinstance(value, float) else str(value)
             said = f"{field.rpartition('.')[2]} {word})"
             label = f"{entry.label[:-1]}, {said}" if entry.label.endswith(")") else f"{entry.label} ({said}"
-            found.append(Entry(label, entry.strategy, {**entry.settings, field: value}))
+            found.append(replace(entry, label=label, settings={**entry.settings, field: value}))
     return tuple(found)
+
+
+def frozen_settings() -> dict[str, dict[str, Any]]:
+    """Return the settings that ship with the package; the file says how they were found."""
+    text = files("vibroswarm.league").joinpath("settings.toml").read_text(encoding="utf-8")
+    return parsed_toml(text, "settings.toml")
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:

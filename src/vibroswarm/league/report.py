@@ -205,7 +205,8 @@ def _settings(standings: Standings) -> pl.DataFrame:
         (
             entry.label,
             ", ".join(f"{name} = {value}" for name, value in entry.settings.items()) or "by default",
+            "yes" if entry.tuned else "no",
         )
         for entry in standings.league.entries
     ]
-    return pl.DataFrame(rows, schema=["name", "settings"], orient="row")
+    return pl.DataFrame(rows, schema=["name", "settings", "tuned"], orient="row")

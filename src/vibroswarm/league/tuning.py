@@ -32,6 +32,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.factors import points_of
 
 FINALISTS: Final = 7
+DIGITS: Final = 3
 AGAIN: Final = 4
 """Runs of the second round, relative to the first."""
 BASE: Final = "base"
@@ -100,7 +101,7 @@ def tune(
         ranges = {field: given for field, given in known[name].items() if isinstance(given, Mapping)}
         fixed = {field: given for field, given in known[name].items() if field not in ranges}
         drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
-        first = [Entry(f"{name} {k}", name, fixed | point) for k, point in enumerate(drawn)]
+        first = [Entry(f"{name} {k}", name, fixed | _rounded(point)) for k, point in enumerate(drawn)]
         ranked = by_criterion(replace(league, entries=tuple(first)).play(**how), target)
         finalists = [first[k] for k in ranked[:FINALISTS]] + [Entry(f"{name} by default", name, fixed)]
         found = replace(second, entries=tuple(finalists)).play(**how)
@@ -116,6 +117,14 @@ def tune(
             )
         )  # fmt: skip
     return Tuned(settings, pl.concat(tables), target)
+
+
+def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:
+    """Round numbers to ``DIGITS``: a setting is copied by people, and more digits make no difference."""
+    return {
+        field: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+        for field, value in point.items()
+    }
 
 
 def by_criterion(standings: Standings, target: float) -> list[int]:
