@@ -68,17 +68,19 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error")
     print()
     print_table(
-        ["", "forced error", "decision time", "settings"],
+        ["", "forced error", "decision time"],
         [
             [
                 row["strategy"],
                 values_text(row, "forced_error", 100, ".1f", " %"),
                 values_text(row, "decision_time_s", 1, ".0f", " s"),
-                row["settings"] or "(by default)",
             ]
             for row in chosen.iter_rows(named=True)
         ],
     )
+    print()
+    for row in chosen.iter_rows(named=True):
+        print_paragraph(f"{row['strategy']}: {row['settings'] or 'as the scenario has them, and by default'}")
     print()
     print_paragraph(
         f"{how} The figures favour the settings that were lucky: play a league with another seed."
