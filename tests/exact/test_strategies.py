@@ -1,4 +1,4 @@
-"""What a robot says and when it decides (Eq. 10 to 13, Algorithms 1 and 3), by hand-made cases."""
+"""What a robot says and when it decides (Eq. 13 and 16 to 18, Algorithms 1 and 3), by hand-made cases."""
 
 from __future__ import annotations
 

@@ -287,11 +287,11 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
     if runs < 2 or robots <= runs:
         return math.nan
     grand = float(sizes @ means) / robots
-    between = float(sizes @ (means - grand) ** 2) / (runs - 1)
-    inside = float(within.sum()) / (robots - runs)
-    size = (robots - float(sizes @ sizes) / robots) / (runs - 1)
+    between = float(sizes @ (means - grand) ** 2) / (runs - 1)  # B
+    inside = float(within.sum()) / (robots - runs)  # W
+    size = (robots - float(sizes @ sizes) / robots) / (runs - 1)  # m
     total = between + (size - 1.0) * inside
-    return (between - inside) / total if total > 0 else math.nan
+    return (between - inside) / total if total > 0 else math.nan  # r
 
 
 def design_effect(correlation: float, of: NDArray[np.int64]) -> float:

@@ -180,12 +180,13 @@ def evidence(bits: NDArray[np.uint8], result: Result, rule: Rule) -> NDArray[np.
     decision, boundary = result.scenario.decision, readings_boundary(result.scenario)
     ones, n = np.cumsum(bits, dtype=np.int64), np.arange(1, bits.size + 1)
     if rule == "count":
-        return np.asarray(ones - boundary * n)
+        return np.asarray(ones - boundary * n)  # S - x n
     alpha, beta = decision.prior_alpha + ones, decision.prior_beta + n - ones
     # Both tails are computed, so that a belief near 1 keeps its precision.
     below = betainc(alpha, beta, boundary)
     above = betainc(beta, alpha, 1.0 - boundary)
     smallest = np.finfo(np.float64).tiny
+    # ln[(1 - p) / p]
     return np.asarray(np.log(np.maximum(above, smallest)) - np.log(np.maximum(below, smallest)))
 
 

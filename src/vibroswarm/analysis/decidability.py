@@ -185,7 +185,7 @@ def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillo
     false_positive, false_negative = error_rates(sensor)
     felt = min(max(fill_ratio + spillover, 0.0), 1.0)
     on_tiles = felt * (1.0 - false_negative) + (1.0 - felt) * false_positive
-    return tiled * on_tiles + (1.0 - tiled) * false_positive
+    return tiled * on_tiles + (1.0 - tiled) * false_positive  # q
 
 
 def mending_thresholds(

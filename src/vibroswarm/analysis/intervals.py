@@ -94,7 +94,7 @@ def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tu
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
     z = float(ndtri(0.5 + level / 2))
     with np.errstate(invalid="ignore", divide="ignore"):
-        half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)
+        half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)  # Wilson 1927
         low, high = (k + z * z / 2 - half) / (total + z * z), (k + z * z / 2 + half) / (total + z * z)
     # Rounding must not exclude a share of 0 or 1.
     return np.where(k <= 0, np.where(total > 0, 0.0, np.nan), low), np.where(
@@ -126,6 +126,7 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     mean = _mean(runs)
     if runs.size == 1:
         return Interval(mean, -math.inf, math.inf, level, 1, "t")
+    # Student 1908
     half = float(stdtrit(runs.size - 1, 0.5 + level / 2)) * float(runs.std(ddof=1)) / math.sqrt(runs.size)
     return Interval(mean, mean - half, mean + half, level, runs.size, "t")
 
@@ -173,7 +174,7 @@ def _resampled(
         above = weights @ numerators
         drawn.append(np.divide(above, below, out=np.full(below.size, ratio), where=below > 0))
     spread = ratio + widen * (np.concatenate(drawn) - ratio)
-    low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])
+    low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])  # Efron 1979
     return float(low), float(high)
 
 
@@ -260,7 +261,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
         return _sign_flip_of_many(d, mean, level)
     means = _all_subsets(d) if d.size <= _EXACT else _subsets(distinct, counts, mean, seed, draws)
     means.sort()
-    rank = math.floor((means.size + 1) * (0.5 - level / 2) + 1e-9)
+    rank = math.floor((means.size + 1) * (0.5 - level / 2) + 1e-9)  # Hartigan 1969
     low = float(means[rank - 1]) if rank else -math.inf
     high = float(means[-rank]) if rank else math.inf
     # Rounding of a subset's mean must not put 0 on a side where all differences are 0.
@@ -333,6 +334,7 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
 
     tail = 0.5 - level / 2
     ranks = np.arange(n + 1)
+    # Thompson 1936
     lower = int(np.searchsorted(stats.binom.cdf(ranks - 1, n, share), tail, side="right")) - 1
     upper = int(np.searchsorted(-stats.binom.sf(ranks - 1, n, share), -tail))
     low = float(runs[lower - 1]) if lower >= 1 else -math.inf

@@ -218,7 +218,7 @@ def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np
     s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
     excess = number * s - 1.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        worth = (number - 1.0) / np.where(np.abs(excess) < 1e-12, 0.0, excess)
+        worth = (number - 1.0) / np.where(np.abs(excess) < 1e-12, 0.0, excess)  # n_v
     return np.asarray(np.where(np.isnan(s), np.nan, worth))
 
 
@@ -238,9 +238,9 @@ def effective_with_sensor(
     f, a, b = fill_ratio, false_positive, false_negative
     q = f * (1 - b) + (1 - f) * a
     with np.errstate(invalid="ignore", divide="ignore"):
-        of_floor = (1 - a - b) ** 2 * f * (1 - f) / visits
-        of_sensor = (f * b * (1 - b) + (1 - f) * a * (1 - a)) / n
-        return np.asarray(q * (1 - q) / (of_floor + of_sensor))
+        of_floor = (1 - a - b) ** 2 * f * (1 - f) / visits  # first part of Var(O | w)
+        of_sensor = (f * b * (1 - b) + (1 - f) * a * (1 - a)) / n  # second part
+        return np.asarray(q * (1 - q) / (of_floor + of_sensor))  # n_eff
 
 
 Of = Literal["bits", "tiles"]
@@ -325,7 +325,7 @@ def _of_run(
     if variance <= 0.0:
         return np.full(total.size, np.nan), pairs
     with np.errstate(invalid="ignore", divide="ignore"):
-        return total / pairs / variance, pairs
+        return total / pairs / variance, pairs  # I(d)
 
 
 def lag_one(result: Result, level: float = 0.95) -> Interval:

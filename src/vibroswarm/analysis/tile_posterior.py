@@ -161,7 +161,7 @@ def posterior_of_counts(log_likelihood_ratios: Values, log_of_prior: Values) -> 
     parts = [np.empty((0, tiles + 1))]
     for first in range(0, rows, at_once):
         ratios = log_likelihood_ratios[first : first + at_once]
-        joint = count_weights(ratios) * np.exp(of_set)[:, None]
+        joint = count_weights(ratios) * np.exp(of_set)[:, None]  # pi_k e_k / C(N, k)
         total = joint.sum(axis=0)
         small = total < _SMALL
         joint /= np.where(small, 1.0, total)

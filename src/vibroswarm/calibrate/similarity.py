@@ -91,7 +91,7 @@ class Similarity:
 def cosine(a: Floats, b: Floats) -> float:
     """Cosine similarity S; nan if one histogram is empty."""
     norms = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / norms if norms > 0 else math.nan
+    return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:

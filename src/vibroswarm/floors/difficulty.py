@@ -69,7 +69,7 @@ def moran_index(tiles: ArrayLike) -> float:
     # Unordered pairs in numerator and denominator: the factor 2 of the ordered pairs cancels.
     pairs = rows * (columns - 1) + columns * (rows - 1)
     alike = np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
-    return float(grid.size / pairs * alike / np.sum(apart * apart))
+    return float(grid.size / pairs * alike / np.sum(apart * apart))  # Eq. 4
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
@@ -126,7 +126,7 @@ def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
         return math.nan
     shares = sizes / total
     most = math.log2(total)
-    return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)  # not -0.0 by rounding
+    return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)  # Eq. 5; not -0.0 by rounding
 
 
 _PRINTED: Final = {

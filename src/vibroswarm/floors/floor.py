@@ -77,7 +77,7 @@ class Floor:
     @property
     def fill_ratio(self) -> float:
         """Share of tiles that vibrate, f (Eq. 3)."""
-        return np.count_nonzero(self.tiles) / self.tiles.size
+        return np.count_nonzero(self.tiles) / self.tiles.size  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Return the vibrating share of the tiled area inside an arena of ``width_m`` by ``height_m``; f if

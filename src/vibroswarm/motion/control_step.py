@@ -265,8 +265,8 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
         note_turns_end(swarm, setup, i, before, after)
     left, right = wheel_commands_percent(after, setup)
     full = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
-    left_m_s = left * full * (1.0 - row.misalignment)
-    right_m_s = right * full * (1.0 + row.misalignment)
+    left_m_s = left * full * (1.0 - row.misalignment)  # Eq. 19a
+    right_m_s = right * full * (1.0 + row.misalignment)  # Eq. 19b
     track_m = setup.drive_track_m if after.mode == DRIVE else setup.turn_track_m
     row.speed_m_s = 0.5 * (left_m_s + right_m_s)
     row.rate_rad_s = (right_m_s - left_m_s) / track_m

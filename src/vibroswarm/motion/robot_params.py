@@ -5,7 +5,7 @@
 | misalignment | m_d | - | U(min, max), one a robot |
 | speed factor | s_d | - | Gamma(shape, scale) + location, clipped; one a sample or one a robot |
 | battery | b_d | - | 1 - t / battery_life |
-| wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 15) |
+| wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 19) |
 | track | - | m | turn rate = (v_r - v_l) / track |
 
 Turns in place are stable if the closed loop of the turn controller is:

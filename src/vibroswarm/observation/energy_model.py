@@ -66,7 +66,7 @@ def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArra
     from scipy.special import gammaincinv
 
     shape, scale, location = _gamma(sensor, vibrating)
-    return (scale * gammaincinv(shape, u) + location).astype(np.float32)
+    return (scale * gammaincinv(shape, u) + location).astype(np.float32)  # Eq. 20
 
 
 def energies_of(

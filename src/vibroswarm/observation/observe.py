@@ -4,7 +4,7 @@
 |---|---|---|---|---|
 | energy | E | RMS of the filtered acceleration | (samples,) | the tile kind's quantile of u |
 | threshold | theta_E | as E | scalar | |
-| observation | O | 0, 1 | (samples,) | 1 if E > theta_E (Eq. 6): 1 if u > F(theta_E), E not needed |
+| observation | O | 0, 1 | (samples,) | 1 if E > theta_E (Eq. 15): 1 if u > F(theta_E), E not needed |
 | false positive, false negative | - | - | scalar | 1 - F_still(theta_E), F_vibrating(theta_E) |
 
 Changing the floor changes no noise: the uniform number belongs to (seed, run, robot, sample). A place

@@ -3,7 +3,7 @@
 | cost | figure of a run | source in the paper |
 |---|---|---|
 | intended | sum over robots of (1 + abs(f - f*) N_tiles) e_d; e_d = t/T_end right, 5 wrong, 1 undecided | its text |
-| printed | the same with (1 + abs(f - f*) / N_tiles) | its equation |
+| printed | the same with (1 + abs(f - f*) / N_tiles) | Eq. 23 |
 | authors_code | the same with abs(f - f*) / 0.04; undecided 3 | its program |
 | decision_time | mean over robots of min(t, T_end), s | - |
 | errors | mean over robots of t/T_end right, ``false_alarm`` or ``miss`` wrong, ``undecided`` undecided | - |
@@ -41,7 +41,7 @@ def intended(outcomes: Outcomes) -> Array:
 
 def printed(outcomes: Outcomes) -> Array:
     """Compute the paper's cost as its equation defines it, in which the error of the estimate hardly counts."""
-    return _paper(outcomes, 1.0 + _error(outcomes, "printed") / outcomes.tiles, UNDECIDED)
+    return _paper(outcomes, 1.0 + _error(outcomes, "printed") / outcomes.tiles, UNDECIDED)  # Eq. 23a
 
 
 def authors_code(outcomes: Outcomes) -> Array:
@@ -146,6 +146,6 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
 def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
     """Sum the product of both factors over robots, (runs, 1)."""
     check_truth(outcomes)
-    of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)
+    of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)  # Eq. 23b
     of_decision = np.where(outcomes.undecided, undecided, of_decision)
-    return np.asarray((of_estimate * of_decision).sum(axis=1, keepdims=True))
+    return np.asarray((of_estimate * of_decision).sum(axis=1, keepdims=True))  # Eq. 23c

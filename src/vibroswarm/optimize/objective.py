@@ -197,7 +197,7 @@ class Objective:
             rank = math.ceil(quantile * costs_of.size) - 1
             return float(np.partition(costs_of, rank)[rank])
         mean = float(costs_of.mean())
-        return mean if self.statistic == "mean" else mean + float(costs_of.std())
+        return mean if self.statistic == "mean" else mean + float(costs_of.std())  # Eq. 22
 
     def _time_at_error(self, rows: Array) -> float:
         time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)

@@ -2,8 +2,8 @@
 
 | name | symbol | equation |
 |---|---|---|
-| velocity | v_i | v' = w v + w_p R_1 (p_b - p) + w_g R_2 (g_b - p) |
-| position | p_i | p' = p + v', clipped to the bounds |
+| velocity | v_i | v' = w v + w_p R_1 (p_b - p) + w_g R_2 (g_b - p) (Eq. 21a) |
+| position | p_i | p' = p + v' (Eq. 21b), clipped to the bounds |
 | inertia | w | from 1.0 to 0.4, linear over the iterations |
 | weights | w_p, w_g | 0.75, 0.75 |
 | random factors | R_1, R_2 | diagonal, uniform in (0, 1), for each particle, dimension and iteration |
@@ -190,9 +190,9 @@ class Pso:
         r_1, r_2 = random.random((2, *self.position.shape))
         to_personal = np.array([self.archive[key].point for key in self.personal]) - self.position
         to_global = self.archive[self.best()].point - self.position
-        self.velocity = (
+        self.velocity = (  # Eq. 21a
             inertia * self.velocity
             + settings.weight_personal * r_1 * to_personal
             + settings.weight_global * r_2 * to_global
         )
-        self.position = np.clip(self.position + self.velocity, 0.0, 1.0)
+        self.position = np.clip(self.position + self.velocity, 0.0, 1.0)  # Eq. 21b

@@ -52,9 +52,9 @@ def allocate(
     best = int(np.argmin(value))
     # Differences below their own error are not resolved, so near-equal candidates share runs instead of one taking all.
     distance = np.maximum(value - value[best], 0.5 * noise / np.sqrt(n) + 1e-12)
-    weight = (noise / distance) ** 2
+    weight = (noise / distance) ** 2  # N_i, Chen et al. 2000
     others = np.arange(value.size) != best
-    weight[best] = noise[best] * np.sqrt(float(((weight[others] / noise[others]) ** 2).sum()))
+    weight[best] = noise[best] * np.sqrt(float(((weight[others] / noise[others]) ** 2).sum()))  # N_b
     given[there] = _share_out(weight, n, more)
     return given
 

@@ -113,6 +113,7 @@ def mean(
         made |= _parts(found)
     if published_runs is not None and made["standard_error"] is not None:
         sd = float(found.std(ddof=1)) if published_sd is None else published_sd
+        # sqrt(s^2 / n + S^2 / N)
         made["standard_error"] = math.hypot(made["standard_error"], sd / math.sqrt(published_runs))
     return made | {"cannot": cannot}
 

@@ -101,17 +101,18 @@ def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
     alike = min(math.sqrt(above * below / others), 1.0) if others > 0.0 else 0.0
     down = _together(above - low_above, high_below - below, alike)
     up = _together(high_above - above, below - low_below, alike)
-    return above - below - down, above - below + up
+    return above - below - down, above - below + up  # Zou & Donner 2008
 
 
 def _together(first: float, second: float, alike: float) -> float:
-    return math.sqrt(first**2 + second**2 + 2.0 * alike * first * second)
+    return math.sqrt(first**2 + second**2 + 2.0 * alike * first * second)  # w(p, q)
 
 
 def share_limits(share: float, n: int, tail: float) -> Limits:
     """Limits of the mean of n independent values between 0 and 1, each wrong with probability ``tail`` at most."""
     total, each = share * n, tail / math.e
     least, most = math.floor(total + 1e-9), math.ceil(total - 1e-9)
+    # Clopper & Pearson 1934, at c / (2 e)
     low = float(betaincinv(least, n - least + 1, each)) if least > 0 else 0.0
     high = float(betaincinv(most + 1, n - most, 1.0 - each)) if most < n else 1.0
     return low, high

@@ -2,10 +2,10 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 7, 8) |
+| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 10, 11) |
 | boundary | x | - | 0.5 in the paper |
-| belief | p | - | P(f < x) = I_x(alpha, beta) (Eq. 9) |
-| variance | Gamma | - | alpha beta / ((alpha+beta)^2 (alpha+beta+1)) (Eq. 12) |
+| belief | p | - | P(f < x) = I_x(alpha, beta) (Eq. 12) |
+| variance | Gamma | - | alpha beta / ((alpha+beta)^2 (alpha+beta+1)) (Eq. 17) |
 
 For whole alpha and beta, with n = alpha + beta, the belief is the upper tail of a binomial distribution:
 
@@ -32,7 +32,7 @@ HALF_LOG_TAU: Final = 0.5 * math.log(2.0 * math.pi)
 
 @kernel
 def belief_below(alpha: int, beta: int, boundary: float) -> float:
-    """Return p = P(f < boundary) for f ~ Beta(alpha, beta), integers alpha, beta >= 1, 0 < boundary < 1 (Eq. 9).
+    """Return p = P(f < boundary) for f ~ Beta(alpha, beta), integers alpha, beta >= 1, 0 < boundary < 1 (Eq. 12).
 
     Takes some sqrt(alpha + beta) steps; accurate to 1e-12 or better.
     """
@@ -81,6 +81,6 @@ def stirling_rest(z: float) -> float:
 
 @kernel
 def variance(alpha: int, beta: int) -> float:
-    """Return Gamma, the variance of Beta(alpha, beta) (Eq. 12)."""
+    """Return Gamma, the variance of Beta(alpha, beta) (Eq. 17)."""
     total = float(alpha + beta)
-    return alpha * beta / (total * total * (total + 1.0))
+    return alpha * beta / (total * total * (total + 1.0))  # Eq. 17

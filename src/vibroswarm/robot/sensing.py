@@ -68,20 +68,20 @@ def sense_step(state: SenseState, program: SenseProgram, ax: float, ay: float, a
     if state.taken == 0 and program.settled:
         last = magnitude
         filtered = (program.forward + program.before) / (1.0 - program.feedback) * magnitude
-    filtered = program.feedback * filtered + program.forward * magnitude + program.before * last
+    filtered = program.feedback * filtered + program.forward * magnitude + program.before * last  # Eq. 14
     return SenseState(magnitude, filtered, state.squares + filtered * filtered, state.taken + 1)
 
 
 @kernel
 def energy(state: SenseState) -> float:
     """Return E, the root mean square of the readings so far; 0 before the first."""
-    return math.sqrt(state.squares / state.taken) if state.taken > 0 else 0.0
+    return math.sqrt(state.squares / state.taken) if state.taken > 0 else 0.0  # Algorithm 2
 
 
 @kernel
 def observation(state: SenseState, rms_threshold: float) -> int:
-    """Return O = (E > theta_E), strictly (Eq. 6)."""
-    return 1 if energy(state) > rms_threshold else 0
+    """Return O = (E > theta_E), strictly (Eq. 15)."""
+    return 1 if energy(state) > rms_threshold else 0  # Eq. 15
 
 
 def high_pass(cutoff_hz: float, rate_hz: float = 350.0) -> tuple[float, float, float]:

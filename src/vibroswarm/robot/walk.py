@@ -87,14 +87,14 @@ class Dice(NamedTuple):
 @inlined
 def leg_duration_ms(program: WalkProgram, u: float) -> float:
     """Return T_r ~ Cauchy(gamma_0, gamma), clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
-    leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))
+    leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))  # Eq. 6
     return min(max(leg_ms, program.leg_min_ms), program.leg_max_ms)
 
 
 @inlined
 def turn_angle_deg(program: WalkProgram, u: float) -> float:
     """Return phi ~ U(-turn_max, turn_max), deg, anticlockwise positive."""
-    return program.turn_max_deg * (2.0 * u - 1.0)
+    return program.turn_max_deg * (2.0 * u - 1.0)  # Eq. 7
 
 
 @kernel

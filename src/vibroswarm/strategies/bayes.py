@@ -2,8 +2,8 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 7, 8) |
-| decision | d_f | - | 0 if p > p_c, 1 if 1 - p > p_c, and -1 while undecided (Eq. 10) |
+| alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 10, 11) |
+| decision | d_f | - | 0 if p > p_c, 1 if 1 - p > p_c, and -1 while undecided (Eq. 13) |
 | min_observations | O_c | - | a robot may decide only with strictly more than O_c counted observations |
 """
 
@@ -38,8 +38,8 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
-    """Add bits from other robots to the posterior, like own readings (Eq. 8)."""
-    s.alpha += ones
+    """Add bits from other robots to the posterior, like own readings (Eq. 11)."""
+    s.alpha += ones  # Eq. 11
     s.beta += zeros
 
 
@@ -50,14 +50,14 @@ def decision(s: Row, a: Row, p: Row, w: World) -> int:
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return P(f < boundary) of the posterior (Eq. 9)."""
+    """Return P(f < boundary) of the posterior (Eq. 12)."""
     return belief_below(s.alpha, s.beta, w)
 
 
 @inlined
 def observe(s: Row, observation: int) -> None:
-    """Add an own reading to the posterior (Eq. 7)."""
-    s.alpha += observation
+    """Add an own reading to the posterior (Eq. 10)."""
+    s.alpha += observation  # Eq. 10
     s.beta += 1 - observation
     s.own += 1
 
@@ -85,8 +85,8 @@ def enough(own: int, received: int, w: World) -> bool:
 
 @inlined
 def decided(p_below: float, before: int, w: World) -> int:
-    """Return d_f by Eq. 10, with strict inequalities; ``before`` if the belief decides nothing."""
-    if p_below > w.credible_threshold:
+    """Return d_f by Eq. 13, with strict inequalities; ``before`` if the belief decides nothing."""
+    if p_below > w.credible_threshold:  # Eq. 13
         return 0
     if 1.0 - p_below > w.credible_threshold:
         return 1

@@ -2,8 +2,8 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| weight | delta | - | exp(-eta Gamma) abs(1/2 - p)^kappa, in [0, 0.5^kappa] (Eq. 13) |
-| probability | - | - | delta (1 - p) + (1 - delta) O (Eq. 11) |
+| weight | delta | - | exp(-eta Gamma) abs(1/2 - p)^kappa, in [0, 0.5^kappa] (Eq. 18) |
+| probability | - | - | delta (1 - p) + (1 - delta) O (Eq. 16) |
 
 With delta = 0 it sends O, as without feedback.
 """
@@ -58,16 +58,16 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inner
 def weight(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
-    """Return delta (Eq. 13)."""
-    delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa
+    """Return delta (Eq. 18)."""
+    delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa  # Eq. 18
     return delta
 
 
 @inner
 def probability(observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
-    """Return the probability that the message is 1 (Eq. 11)."""
+    """Return the probability that the message is 1 (Eq. 16)."""
     delta = weight(alpha, beta, belief, eta, kappa)
-    return delta * (1.0 - belief) + (1.0 - delta) * observation
+    return delta * (1.0 - belief) + (1.0 - delta) * observation  # Eq. 16
 
 
 @inner

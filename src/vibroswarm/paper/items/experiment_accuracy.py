@@ -172,13 +172,13 @@ def _z(
     rise: float,
 ) -> float:
     """Unexplained rise in standard deviations over subsets."""
-    return (rise - float(plain.mean() - fewer.mean())) / _subset_sd(drawn, plain, robots)
+    return (rise - float(plain.mean() - fewer.mean())) / _subset_sd(drawn, plain, robots)  # z
 
 
 def _subset_sd(drawn: NDArray[np.float64], plain: NDArray[np.float64], robots: int) -> float:
     """Standard deviation of the mean distance over subsets of the pool, m; nan if the variances do not show one."""
     between = float(drawn.var(ddof=1) - plain.var(ddof=1)) * (POOL - robots) / POOL
-    return between**0.5 if between > 0 else float("nan")
+    return between**0.5 if between > 0 else float("nan")  # S
 
 
 def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:

@@ -128,7 +128,7 @@ def error_of_difference(values: Any, spread: float | None = None) -> float:
     """
     own = float(np.std(values, ddof=1))
     theirs = own if spread is None else spread
-    return float(np.sqrt(own**2 / np.size(values) + theirs**2 / REAL_EXPERIMENTS))
+    return float(np.sqrt(own**2 / np.size(values) + theirs**2 / REAL_EXPERIMENTS))  # e
 
 
 def in_standard_errors(less: float, error: float) -> float | None:
