@@ -118,9 +118,9 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
         raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
     columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
     columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()
-    found = means | of_swarms(columns, by_run.count, t_end_s)
-    figures = [pl.Series(name, found[name], nan_to_null=True) for name in FIGURES]
-    counts = [one.cast(pl.Int64) if one.name in COUNTS else one for one in figures]
+    values = means | of_swarms(columns, by_run.count, t_end_s)
+    figures = [pl.Series(name, values[name], nan_to_null=True) for name in FIGURES]
+    counts = [column.cast(pl.Int64) if column.name in COUNTS else column for column in figures]
     return joined.select("run", "truth", "consensus", "robots").with_columns(counts)
 
 
@@ -191,7 +191,7 @@ def summary(
         InputError: the tables are not of the same runs, or the level is no share.
     """
     table = run_figures(robots, runs, t_end_s)
-    of = table["robots"].to_numpy()
+    robot_counts = table["robots"].to_numpy()
     known = table.filter(pl.col("truth").is_not_null())
     right, wrong, of_known = (known[name].to_numpy() for name in ("right", "wrong", "robots"))
     undecided = table["undecided"].to_numpy()
@@ -199,18 +199,18 @@ def summary(
     iccs = {
         "decision_time": icc_of_times(robots, t_end_s),
         "right": icc_of_counts(right, of_known),
-        "undecided": icc_of_counts(undecided, of),
+        "undecided": icc_of_counts(undecided, robot_counts),
     }
     named: dict[str, Any] = {
         **{name: interval(name, figures, level, seed) for name in INTERVALS},
         **consensus_shares(table, level),
         **{f"icc_{name}": value for name, value in iccs.items()},
-        **{f"design_effect_{name}": design_effect(value, of) for name, value in iccs.items()},
+        **{f"design_effect_{name}": design_effect(value, robot_counts) for name, value in iccs.items()},
     }
     reached = table["consensus_time_s"].fill_null(math.inf).to_numpy()
     return CellSummary(
         runs=table.height,
-        robots=int(of.sum()),
+        robots=int(robot_counts.sum()),
         t_end_s=t_end_s,
         level=level,
         consensus_median_s=quantile_interval(reached, 0.5, level),

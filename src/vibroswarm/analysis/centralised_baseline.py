@@ -108,16 +108,16 @@ def pooled_counting(
     passages = first_passages(result, table["run"].to_list(), rule)
     tuning = np.arange(table.height) % 2 == 0
     wrong, undecided = table["wrong_share"].to_numpy(), table["undecided_share"].to_numpy()
-    aim = float((wrong + undecided_counts * undecided)[tuning].mean())
+    target = float((wrong + undecided_counts * undecided)[tuning].mean())
     truth = table["truth"].to_numpy()
-    index, tuned = _tune(passages, truth, tuning, aim, undecided_counts)
+    index, tuned = _tune(passages, truth, tuning, target, undecided_counts)
     judged = ~tuning
     decision, time_s = passages.decision[judged, index], passages.time_s[judged, index]
     pooled_wrong = ((decision != -1) & (decision != truth[judged])).astype(np.float64)
     pooled_left = (decision == -1).astype(np.float64)
     time_s = np.where(decision == -1, t_end_s, time_s)
-    theirs = table["decision_time_s"].to_numpy()[judged]
-    their_error = (wrong + undecided_counts * undecided)[judged]
+    strategy_time_s = table["decision_time_s"].to_numpy()[judged]
+    strategy_error = (wrong + undecided_counts * undecided)[judged]
     error = pooled_wrong + undecided_counts * pooled_left
     n = int(judged.sum())
     return PooledCounting(
@@ -127,17 +127,17 @@ def pooled_counting(
         runs_tuned=int(tuning.sum()),
         runs_judged=n,
         tuned_error=tuned,
-        strategy_tuned_error=aim,
+        strategy_tuned_error=target,
         time_s=mean_interval(time_s, level),
         wrong=wilson(int(pooled_wrong.sum()), n, level),
         undecided=wilson(int(pooled_left.sum()), n, level),
         error=mean_interval(error, level),
-        strategy_time_s=mean_interval(theirs, level),
+        strategy_time_s=mean_interval(strategy_time_s, level),
         strategy_wrong=mean_interval(wrong[judged], level),
         strategy_undecided=mean_interval(undecided[judged], level),
-        strategy_error=mean_interval(their_error, level),
-        time_difference_s=sign_flip_interval(theirs - time_s, level, seed),
-        error_difference=sign_flip_interval(their_error - error, level, seed),
+        strategy_error=mean_interval(strategy_error, level),
+        time_difference_s=sign_flip_interval(strategy_time_s - time_s, level, seed),
+        error_difference=sign_flip_interval(strategy_error - error, level, seed),
     )
 
 

@@ -246,16 +246,16 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
     Args:
         tile: tile of each sample, -1 for none. bits: what it read; both of shape (samples,).
     """
-    where, read = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
-    on = where >= 0
-    number = np.bincount(where[on])
-    ones, n = np.bincount(where[on], read[on])[number > 0], number[number > 0].astype(np.float64)
+    tile_of, bit = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
+    on = tile_of >= 0
+    visits = np.bincount(tile_of[on])
+    ones, n = np.bincount(tile_of[on], bit[on])[visits > 0], visits[visits > 0].astype(np.float64)
     if n.size == 0:
         return ObservedShare(math.nan, math.nan, 0.0, 0)
     share, smooth = float((ones / n).mean()), (ones + 0.5) / (n + 1.0)
     variance = float((smooth * (1.0 - smooth) / n).sum()) / n.size**2
-    of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
-    return ObservedShare(share, math.sqrt(variance), of_one / variance, n.size)
+    variance_of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
+    return ObservedShare(share, math.sqrt(variance), variance_of_one / variance, n.size)
 
 
 def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | None:
@@ -309,10 +309,10 @@ def _words(verdict: Word, share: float, boundary: float, tested: float, truth: i
     if verdict == "decidable":
         return f"{seen}, on the right side of {line}: it can be decided."
     if verdict == "wrong side":
-        found = f"but {kind} than {boundary:.1%} vibrates"
+        problem = f"but {kind} than {boundary:.1%} vibrates"
         if tested != boundary:
-            found = f"on the wrong side of {line}"
-        return f"{seen}, {found}: more samples make the wrong answer surer, and feedback makes it faster."
+            problem = f"on the wrong side of {line}"
+        return f"{seen}, {problem}: more samples make the wrong answer surer, and feedback makes it faster."
     return f"{seen}, just {line}: however many samples are taken, it is decided by chance alone."
 
 

@@ -74,8 +74,8 @@ def detection_curve(
         )
         below = pl.col("truth") == 0
         frames[-1] = frames[-1].with_columns(
-            pl.when(below).then(pl.col(f"{of}wrong{end}")).alias(f"{of}false_alarm{end}")
-            for of in ("", "robots_")
+            pl.when(below).then(pl.col(f"{unit}wrong{end}")).alias(f"{unit}false_alarm{end}")
+            for unit in ("", "robots_")
             for end in ("", "_low", "_high")
         )
     if not frames:
@@ -140,8 +140,8 @@ def needed(
         InputError: an error or level outside 0 to 1, neither swarm nor robots.
     """
     check_level(level)
-    wanted = error if false_alarms is None else false_alarms
-    for name, value in (("error", error), ("false_alarms", wanted)):
+    alarm_rate = error if false_alarms is None else false_alarms
+    for name, value in (("error", error), ("false_alarms", alarm_rate)):
         if not 0.0 < value < 1.0:
             raise InputError(f"{value!r} is no error to aim at; give a share such as 0.05", field=name)
     if of not in ("swarm", "robots"):
@@ -152,13 +152,13 @@ def needed(
         events = _swarm_events if of == "swarm" else _robot_events
         right, wrong = events(robots, runs, t_end_s, level, seed)
         row |= _first_below(right, error)
-        row |= _clear(wrong, wanted) if row["truth"] == 0 else dict.fromkeys(_ALARM)
+        row |= _clear(wrong, alarm_rate) if row["truth"] == 0 else dict.fromkeys(_ALARM)
         rows.append(row)
     if not rows:
         raise InputError("give at least one cell", field="cells")
-    whole = {"truth": pl.Int8, "robots": pl.Int64, "runs": pl.Int64}
+    integers = {"truth": pl.Int8, "robots": pl.Int64, "runs": pl.Int64}
     shares = dict.fromkeys(("needed_s", "missed", "missed_high", *_ALARM), pl.Float64)
-    frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **whole, **shares})
+    frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **integers, **shares})
     enough = pl.when(pl.col("needed_s").is_not_null()).then(pl.col("robots"))
     fewest = (enough == enough.min().over("fill_ratio")).fill_null(False)
     return frame.with_columns(fewest=fewest).sort("fill_ratio", "robots")
@@ -207,14 +207,14 @@ def _swarm_events(
 ) -> tuple[_Events, _Events]:
     """Compute the shares of right and wrong consensus at each time at which one is reached."""
     table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
-    n, found = table.height, []
+    n, events = table.height, []
     for outcome in ("right", "wrong"):
         at = np.sort(table.filter(pl.col("consensus") == outcome)["consensus_time_s"].to_numpy())
         count = np.arange(at.size + 1)
         low, high = wilson_limits(count, n, level)
         share = count / n if n else np.full(count.size, np.nan)
-        found.append(_Events(np.append(0.0, at), share, low, high))
-    return found[0], found[1]
+        events.append(_Events(np.append(0.0, at), share, low, high))
+    return events[0], events[1]
 
 
 def _robot_events(
@@ -223,11 +223,11 @@ def _robot_events(
     """Compute the shares of robots that had decided right, and wrong, on an even grid of times."""
     times = np.linspace(0.0, t_end_s, GRID)
     table = robot_incidence(robots, runs, t_end_s, times, level, seed)
-    found = [
+    events = [
         _Events(times, *(table[f"{name}{end}"].fill_null(np.nan).to_numpy() for end in ("", "_low", "_high")))
         for name in ("right", "wrong")
     ]
-    return found[0], found[1]
+    return events[0], events[1]
 
 
 def _first_below(right: _Events, error: float) -> dict[str, float | None]:

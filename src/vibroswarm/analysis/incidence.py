@@ -51,8 +51,8 @@ def robot_incidence(
         "undecided": (table, decided),
     }
     columns: dict[str, NDArray[np.float64]] = {"time_s": times}
-    for name, (of, which) in parts.items():
-        counted = _counts_over_time(with_truth.filter(which), of, times)
+    for name, (table_of, which) in parts.items():
+        counted = _counts_over_time(with_truth.filter(which), table_of, times)
         if name == "undecided":
             counted = [(size, size - count, number) for size, count, number in counted]
         limits = _limits(counted, times.size, level, seed)
@@ -124,8 +124,8 @@ def swarm_incidence(
         ("wrong", ("wrong",), known),
         ("open", ("right", "wrong", "truth_undefined"), table.height),
     ):
-        of = together.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
-        at = np.sort(of["consensus_time_s"].to_numpy())
+        reached = together.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
+        at = np.sort(reached["consensus_time_s"].to_numpy())
         count = np.searchsorted(at, times, side="right").astype(np.float64)
         count = n - count if name == "open" else count
         low, high = wilson_limits(count, n, level)

@@ -203,18 +203,18 @@ def cluster_share_of_distinct(
     check_level(level)
     order = np.lexsort((of, count))  # one order, so that the same runs get the same draws
     count, of, runs = count[order], of[order], runs[order]
-    there = (of > 0) & (runs > 0)
-    above, below, times = count[there].astype(np.float64), of[there].astype(np.float64), runs[there]
+    valid = (of > 0) & (runs > 0)
+    ones, sizes, times = count[valid].astype(np.float64), of[valid].astype(np.float64), runs[valid]
     n = int(times.sum())
     if n == 0:
         return undefined(level, 0, "cluster bootstrap")
-    share = float(above @ times) / float(below @ times)
-    off_zero, off_one = int(times[above > 0].sum()), int(times[above < below].sum())
+    share = float(ones @ times) / float(sizes @ times)
+    off_zero, off_one = int(times[ones > 0].sum()), int(times[ones < sizes].sum())
     if min(off_zero, off_one) < FEW:
-        effective = _independent_robots(above, below, times, share)
+        effective = _independent_robots(ones, sizes, times, share)
         low, high = wilson_limits(share * effective, effective, level)
         return Interval(share, min(float(low), share), max(float(high), share), level, n, "cluster wilson")
-    low_, high_ = _resampled(above, below, times, level, seed, DRAWS)
+    low_, high_ = _resampled(ones, sizes, times, level, seed, DRAWS)
     return Interval(share, max(low_, 0.0), min(high_, 1.0), level, n, "cluster bootstrap")
 
 

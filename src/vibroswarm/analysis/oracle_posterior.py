@@ -141,15 +141,15 @@ def could_be_known(
             field="energies",
         )
     find = _by_chains if chains else _exactly
-    each = find(result, prior, alpha, times, energies)
-    runs = pl.DataFrame([one.row for one in each], schema=_RUNS, orient="row")
+    posteriors = find(result, prior, alpha, times, energies)
+    runs = pl.DataFrame([p.row for p in posteriors], schema=_RUNS, orient="row")
     decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
     wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
-    unsettled = sum(not one.settled for one in each)
-    if unsettled > UNSETTLED * len(each):
+    unsettled = sum(not p.settled for p in posteriors)
+    if unsettled > UNSETTLED * len(posteriors):
         raise InputError(
-            f"the chains that sample the posterior left {unsettled} of {len(each)} runs open (Monte Carlo error over "
-            f"{SMALL:g} near 1 - alpha): no figure is given",
+            f"the chains that sample the posterior left {unsettled} of {len(posteriors)} runs open "
+            f"(Monte Carlo error over {SMALL:g} near 1 - alpha): no figure is given",
             field="result",
         )
     return Known(
@@ -157,7 +157,7 @@ def could_be_known(
         alpha=alpha,
         how="chains" if chains else "exact",
         runs=runs,
-        over_time=_over_time(runs, [one.in_truth for one in each], times, level),
+        over_time=_over_time(runs, [p.in_truth for p in posteriors], times, level),
         known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
         wrong=wilson(wrong, decided.height, level),
         claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
@@ -208,7 +208,7 @@ def _exactly(
     scenario, ratios = result.scenario, log_ratios(result, energies)
     at, below = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
     when, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
-    found = []
+    posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
         part = slice(*(int(k) for k in np.searchsorted(at, [run, run + 1])))
         floor = result.floor(run)
@@ -222,8 +222,8 @@ def _exactly(
             row = (times[k], int(above[k] > under[k]), truth, 1.0 - max(above[k], under[k]), 0.0)
         in_truth = None if truth is None else (above if truth == 1 else under)
         end = None if in_truth is None else float(in_truth[-1])
-        found.append(_RunPosterior((run, *row, end), in_truth, True))
-    return found
+        posteriors.append(_RunPosterior((run, *row, end), in_truth, True))
+    return posteriors
 
 
 def _by_chains(
@@ -231,7 +231,7 @@ def _by_chains(
 ) -> list[_RunPosterior]:
     scenario = result.scenario
     at, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
-    found = []
+    posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
         low, high = (int(k) for k in np.searchsorted(at, [run, run + 1]))
         floor = result.floor(run)
@@ -249,8 +249,8 @@ def _by_chains(
         if known.time_s is not None:
             look = known.look
             row = (known.time_s, int(look.above > look.under), truth, 1.0 - look.larger, look.error)
-        found.append(_RunPosterior((run, *row, None), None, known.settled))
-    return found
+        posteriors.append(_RunPosterior((run, *row, None), None, known.settled))
+    return posteriors
 
 
 def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.int64]:
@@ -301,7 +301,7 @@ def _over_time(
     number = max(runs.height, 1)
     known = np.searchsorted(np.sort(at), times, side="right")
     low, high = wilson_limits(known, runs.height, level)
-    beliefs = [one for one in in_truth if one is not None]
+    beliefs = [beliefs_of_run for beliefs_of_run in in_truth if beliefs_of_run is not None]
     return pl.DataFrame(
         {
             "time_s": times,

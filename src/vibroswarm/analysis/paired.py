@@ -116,8 +116,8 @@ def compare(
 
 
 def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, seed: int) -> Paired:
-    here = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
-    a, b = (here[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
+    values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
+    a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
     d = a - b
     d[np.isclose(a, b, rtol=1e-12, atol=1e-12)] = 0.0  # rounding is no difference
     interval, p_value = sign_flip(d, level, seed)
@@ -141,8 +141,8 @@ def holm(p_values: ArrayLike) -> list[float]:
     """Correct p-values over their family by Holm's method, in their order; undefined ones are ignored."""
     p = np.asarray(p_values, dtype=np.float64).ravel()
     corrected = np.full(p.size, np.nan)
-    there = np.flatnonzero(~np.isnan(p))
-    order = there[np.argsort(p[there], kind="stable")]
+    defined = np.flatnonzero(~np.isnan(p))
+    order = defined[np.argsort(p[defined], kind="stable")]
     scaled = p[order] * np.arange(order.size, 0, -1)
     corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)  # Holm 1979
     return [float(value) for value in corrected]

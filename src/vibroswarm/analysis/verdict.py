@@ -83,9 +83,9 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         InputError: the result holds no such run.
     """
     check_threads()
-    there = result.runs["run"].to_list()
-    run = int(there[0]) if run is None and there else run
-    if run is None or run not in there:
+    available = result.runs["run"].to_list()
+    run = int(available[0]) if run is None and available else run
+    if run is None or run not in available:
         raise InputError(f"there is no run {shown(run)} in this result", field="run")
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]

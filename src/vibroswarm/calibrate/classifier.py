@@ -77,11 +77,11 @@ def columns_of(samples: pl.DataFrame) -> Floats:
     course = np.arctan2(stepped["dy_m"].to_numpy(), stepped["dx_m"].to_numpy())
     turned = np.append(0.0, (np.diff(course) + np.pi) % (2 * np.pi) - np.pi)
     wall = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
-    found = []
+    rows = []
     for first in range(0, len(x) - STRETCH + 1, STRETCH):
         k = slice(first, first + STRETCH)
         shaking = kind[k] == 1
-        found.append(
+        rows.append(
             [
                 *_mean_and_spread(energy[k][shaking]),
                 *_mean_and_spread(energy[k][~shaking]),
@@ -99,7 +99,7 @@ def columns_of(samples: pl.DataFrame) -> Floats:
                 float(shaking.mean()),
             ]
         )
-    return np.array(found).reshape(len(found), -1)
+    return np.array(rows).reshape(len(rows), -1)
 
 
 def _mean_and_spread(values: Floats) -> tuple[float, float]:
@@ -130,7 +130,7 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
         share = expit(design @ w)
         return np.asarray((design.T * (weight * share * (1.0 - share))) @ design + np.diag(ridge))
 
-    found = minimize(
+    optimum = minimize(
         loss,
         np.zeros(design.shape[1]),
         jac=slope,
@@ -138,7 +138,7 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
         method="trust-exact",
         options={"gtol": 1e-4},
     )
-    return np.asarray(found.x)
+    return np.asarray(optimum.x)
 
 
 def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
@@ -165,14 +165,18 @@ def classifier_accuracy(
     Raises:
         InputError: fewer than two robots.
     """
-    a, b = [_by_robot(one) for one in real], [_by_robot(one) for one in simulated]
-    robots = sorted(set.intersection(*(set(one) for one in (*a, *b))))
+    a, b = [_by_robot(session) for session in real], [_by_robot(session) for session in simulated]
+    robots = sorted(set.intersection(*(set(session) for session in (*a, *b))))
     if len(robots) < 2:
         raise InputError("a classifier split by robot needs at least two robots", field="robots")
     return ClassifierAccuracy(
         simulated=_share_interval([_held_out(a, b, i, robots) for i in range(len(a))], level),
         simulated_by_robot=_share_interval(
-            [float(np.mean([_by_robot_share(one, other, robots) for other in b])) for one in a], level
+            [
+                float(np.mean([_by_robot_share(session, other_session, robots) for other_session in b]))
+                for session in a
+            ],
+            level,
         ),
         real=_among(a, robots, level),
     )
@@ -180,8 +184,8 @@ def classifier_accuracy(
 
 def _share_interval(shares: list[float], level: float) -> Interval:
     """``mean_interval`` clipped to [0, 1]."""
-    found = mean_interval(shares, level)
-    return found._replace(low=max(found.low, 0.0), high=min(found.high, 1.0))
+    interval = mean_interval(shares, level)
+    return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 
 
 def _by_robot(samples: pl.DataFrame) -> Stretches:
@@ -189,14 +193,14 @@ def _by_robot(samples: pl.DataFrame) -> Stretches:
 
 
 def _rows(sessions: Sequence[Stretches], robots: Sequence[int]) -> Floats:
-    return np.concatenate([one[robot] for one in sessions for robot in robots])
+    return np.concatenate([session[robot] for session in sessions for robot in robots])
 
 
 def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, robots: list[int]) -> float:
     """Test on one real and one simulated session, train on the other sessions; mean over robots."""
     other = session % len(simulated)
-    rest_real = [one for i, one in enumerate(real) if i != session] or real
-    rest_simulated = [one for i, one in enumerate(simulated) if i != other] or simulated
+    rest_real = [table for i, table in enumerate(real) if i != session] or real
+    rest_simulated = [table for i, table in enumerate(simulated) if i != other] or simulated
     return _by_robot_share(real[session], simulated[other], robots, (rest_real, rest_simulated))
 
 

@@ -88,9 +88,9 @@ class Fold:
         return {
             "session": self.session,
             "fields": self.fit.changed,
-            "scores": [{name: plain(value) for name, value in asdict(one).items()} for one in self.scores],
+            "scores": [{name: plain(value) for name, value in asdict(row).items()} for row in self.scores],
             "readings": [
-                {name: plain(value) for name, value in asdict(one).items()} for one in self.readings
+                {name: plain(value) for name, value in asdict(row).items()} for row in self.readings
             ],
             "told_apart": self.accuracy_fitted,
             "told_apart_other": plain(self.accuracy_simulator),
@@ -134,43 +134,50 @@ def folds(
     sessions = found.sessions
     if len(sessions) < 2:
         raise InputError("needs at least two sessions", field="--folds")
-    made = []
+    results = []
     for k, session in enumerate(sessions):
 
         def report(share: float, k: int = k) -> None:
             if progress is not None:
                 progress((k + share) / len(sessions))
 
-        rest = found.only([one for one in sessions if one != session])
-        made.append(
+        rest = found.only([number for number in sessions if number != session])
+        results.append(
             _fold(found, rest, session, fit(rest, base, candidates=candidates, progress=report), other)
         )
-    return made
+    return results
 
 
 def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Dataset | None) -> Fold:
     """Evaluate a fit on the session that was held out."""
     scenario = on_floor(fitted.scenario, found.floors[session])
-    there = dataset_of([simulate(scenario, _SEED + session, SIMULATED)])
-    simulated = replace(there, samples=there.seen_by(fitted.camera))
-    held = found.only([session]).samples
+    dataset = dataset_of([simulate(scenario, _SEED + session, SIMULATED)])
+    simulated = replace(dataset, samples=dataset.seen_by(fitted.camera))
+    held_out = found.only([session]).samples
     threshold = scenario.sensor.rms_threshold
-    scores = tuple(_score(feature, held, simulated, rest, other) for feature in FEATURES)
-    recorded = readings_of(held, threshold)
-    each = [readings_of(one, threshold) for one in simulated.by_session]
+    scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)
+    recorded = readings_of(held_out, threshold)
+    each = [readings_of(rates, threshold) for rates in simulated.by_session]
     readings = tuple(
         Reading(name, value, float(np.nanmean(own)), float(np.nanstd(own, ddof=1)))
         for name, value in recorded.items()
-        if np.isfinite(own := np.array([one[name] for one in each])).sum() > 1 and np.isfinite(value)
+        if np.isfinite(own := np.array([rates[name] for rates in each])).sum() > 1 and np.isfinite(value)
     )
-    accuracy_simulator = np.nan if other is None else _told(held, other.by_session)
+    accuracy_simulator = np.nan if other is None else _told(held_out, other.by_session)
     return Fold(
-        session, fitted, scores, readings, _told(held, simulated.by_session[:CLASSIFIED]), accuracy_simulator
+        session,
+        fitted,
+        scores,
+        readings,
+        _told(held_out, simulated.by_session[:CLASSIFIED]),
+        accuracy_simulator,
     )
 
 
 def _told(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
-    return float(np.mean([classifier_accuracy([held], [one]).simulated_by_robot.estimate for one in others]))
+    return float(
+        np.mean([classifier_accuracy([held], [other]).simulated_by_robot.estimate for other in others])
+    )
 
 
 def _score(
@@ -179,10 +186,12 @@ def _score(
     """Compare one feature of the held-out session with simulated, other real, and another simulator's sessions."""
     own = values_of(held, feature)
     sources = [simulated, rest, *([] if other is None else [other])]
-    pooled = [np.concatenate([values_of(one, feature) for one in each.by_session]) for each in sources]
-    count = min(len(own), *(len(one) for one in pooled))
-    alike = [at_equal_counts(feature, own, one, count) for one in pooled]
-    distances = [_distance(feature, own, one) for one in pooled]
+    pooled = [
+        np.concatenate([values_of(values, feature) for values in source.by_session]) for source in sources
+    ]
+    count = min(len(own), *(len(values) for values in pooled))
+    alike = [at_equal_counts(feature, own, values, count) for values in pooled]
+    distances = [_distance(feature, own, values) for values in pooled]
     if other is None:
         alike, distances = [*alike, np.nan], [*distances, np.nan]
     return Score(feature, count, *alike, *distances)
@@ -190,8 +199,8 @@ def _score(
 
 def _distance(feature: str, own: Floats, other: Floats) -> float:
     """Energy distance of one session to the pooled sessions of a source."""
-    found = compare_distance(feature, [own], [other])
-    return np.nan if found is None else found.effect.estimate
+    distance = compare_distance(feature, [own], [other])
+    return np.nan if distance is None else distance.effect.estimate
 
 
 def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
@@ -207,7 +216,7 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     def share(where: NDArray[np.bool_]) -> float:
         return float(wrong[where].mean()) if where.any() else np.nan
 
-    found = {
+    rates = {
         "false positive": share(~on),
         "false negative": share(on),
         "share of ones": float(bits.mean()),
@@ -216,6 +225,6 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     for low, high in pairwise(EDGES_M):
         inside = (edge >= low) & (edge < high)
         span = f"{1000 * low:.0f} to {1000 * high:.0f} mm from an edge"
-        found[f"false positive, {span}"] = share(~on & inside)
-        found[f"false negative, {span}"] = share(on & inside)
-    return found
+        rates[f"false positive, {span}"] = share(~on & inside)
+        rates[f"false negative, {span}"] = share(on & inside)
+    return rates

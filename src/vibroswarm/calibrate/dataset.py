@@ -55,7 +55,7 @@ class Dataset:
         """The same with positions of recordings corrected for a camera."""
         if camera == RIGHT:
             return self
-        return dataset_of([corrected(one, camera) for one in self.results]).only(self.sessions)
+        return dataset_of([corrected(result, camera) for result in self.results]).only(self.sessions)
 
     def seen_by(self, camera: Camera) -> pl.DataFrame:
         """``samples`` at the positions where a camera would see them, with all columns that depend on the position."""
@@ -64,9 +64,11 @@ class Dataset:
         parts = []
         for own in moved.partition_by("run", maintain_order=True):
             floor = self.floors[own["run"][0]]
-            found = _with_edges(own, floor)
+            relocated = _with_edges(own, floor)
             parts.append(
-                found.with_columns(vibrating=pl.Series(floor.tiles.ravel()[found["tile"].to_numpy()] == 1))
+                relocated.with_columns(
+                    vibrating=pl.Series(floor.tiles.ravel()[relocated["tile"].to_numpy()] == 1)
+                )
             )
         steps = {f"d{name}": pl.col(name).diff().over("run", "robot") for name in ("x_m", "y_m")}
         return (
@@ -92,24 +94,24 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         raise InputError("nothing to fit; give at least one recording", field="REAL")
     floors: list[Floor] = []
     tables: list[dict[str, pl.DataFrame]] = []
-    sizes = {(one.scenario.arena.width_m, one.scenario.arena.height_m) for one in results}
+    sizes = {(result.scenario.arena.width_m, result.scenario.arena.height_m) for result in results}
     if len(sizes) > 1:
         raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
-    for one in results:
-        runs = one.runs["run"].to_list()
+    for result in results:
+        runs = result.runs["run"].to_list()
         number = {int(run): len(floors) + k for k, run in enumerate(runs)}
-        table = sample_table(one)
-        parts = [_with_edges(table.filter(pl.col("run") == run), one.floor(run)) for run in runs]
-        approaches, turns = approach_tables(one, table)
+        table = sample_table(result)
+        parts = [_with_edges(table.filter(pl.col("run") == run), result.floor(run)) for run in runs]
+        approaches, turns = approach_tables(result, table)
         frames = {
-            "samples": pl.concat(parts), "drives": drive_table(one), "approaches": approaches, "turns": turns,
-            "exchange": packet_loss(one),
+            "samples": pl.concat(parts), "drives": drive_table(result), "approaches": approaches, "turns": turns,
+            "exchange": packet_loss(result),
         }  # fmt: skip
         numbered = pl.col("run").replace_strict(number, return_dtype=pl.UInt32)
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
-        floors += [one.floor(run) for run in runs]
+        floors += [result.floor(run) for run in runs]
     return Dataset(
-        **{name: pl.concat([one[name] for one in tables]) for name in tables[0]},
+        **{name: pl.concat([result[name] for result in tables]) for name in tables[0]},
         floors=tuple(floors),
         arena_m=next(iter(sizes)),
         results=tuple(results),

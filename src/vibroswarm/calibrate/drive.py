@@ -84,8 +84,8 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
         return None
     end_s = float(result.ends.filter((pl.col("run") == run) & (pl.col("robot") == robot))["end_s"][0])
     times = np.arange(0.0, end_s, STEP_S)
-    where = pose(result.segments, run, robot, times)
-    return np.column_stack([times, where[:, 0], where[:, 1]])
+    poses = pose(result.segments, run, robot, times)
+    return np.column_stack([times, poses[:, 0], poses[:, 1]])
 
 
 def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, float] | None:
@@ -119,8 +119,12 @@ def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
 
     ``lag_one``: correlation of a robot's speed with that of its next drive, about its own line.
     """
-    own = [one for one in drives.partition_by("robot", maintain_order=True) if one.height >= LEAST_DRIVES]
-    fits = np.array([_robot(one) for one in own]).reshape(-1, 7)
+    own = [
+        robot_drives
+        for robot_drives in drives.partition_by("robot", maintain_order=True)
+        if robot_drives.height >= LEAST_DRIVES
+    ]
+    fits = np.array([_robot(robot_drives) for robot_drives in own]).reshape(-1, 7)
     mean, start, drop, within, lag, veers, veers_within = (column[~np.isnan(column)] for column in fits.T)
     between = float(mean.std(ddof=1)) if mean.size > 1 else None
     spread = float(np.sqrt((within**2).mean())) if within.size else None

@@ -36,9 +36,12 @@ class Effect:
         """Plain values for JSON."""
         return {
             "strategy": self.strategy,
-            "figures": [{name: one.as_dict() for name, one in each.items()} for each in self.figures],
+            "figures": [
+                {name: interval.as_dict() for name, interval in figures_of.items()}
+                for figures_of in self.figures
+            ],
             "consensus": list(self.consensus),
-            "differences": [one.as_dict() for one in self.differences],
+            "differences": [interval.as_dict() for interval in self.differences],
         }
 
 
@@ -63,17 +66,20 @@ def effects(
             pieces: dict[str, list[tuple[pl.DataFrame, pl.DataFrame]]] = {name: [] for name in strategies}
             for start in range(0, runs, BATCH):
                 chosen = list(range(start, min(start + BATCH, runs)))
-                whole = simulate(scenario, seed + block, chosen, energies=False)
+                shared = simulate(scenario, seed + block, chosen, energies=False)
                 for name in strategies:
-                    one = replay(whole, scenario.with_values({"strategy.name": name}))
-                    pieces[name].append((one.robots, one.runs))
+                    replayed = replay(shared, scenario.with_values({"strategy.name": name}))
+                    pieces[name].append((replayed.robots, replayed.runs))
                 done += 1
                 if progress is not None:
                     progress(done / all_of)
             cells.append(
                 {
-                    name: (pl.concat([one[0] for one in each]), pl.concat([one[1] for one in each]))
-                    for name, each in pieces.items()
+                    name: (
+                        pl.concat([replayed[0] for replayed in parts]),
+                        pl.concat([replayed[1] for replayed in parts]),
+                    )
+                    for name, parts in pieces.items()
                 }
             )
         blocks.append(cells)
@@ -84,7 +90,7 @@ def _effect(
     name: str, blocks: list[list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]]], t_end_s: float
 ) -> Effect:
     tables = [[run_figures(*cell[name], t_end_s) for cell in cells] for cells in blocks]
-    here = [compare(second, first) for first, second in tables]
+    comparisons = [compare(second, first) for first, second in tables]
     figures = [
         {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in FIGURES}
         for table in tables[0]
@@ -97,5 +103,5 @@ def _effect(
         name,
         (figures[0], figures[1]),
         (shares[0], shares[1]),
-        tuple(confirmed(a, b) for a, b in zip(*here, strict=True)),
+        tuple(confirmed(a, b) for a, b in zip(*comparisons, strict=True)),
     )

@@ -71,8 +71,8 @@ def sample_table(result: Result) -> pl.DataFrame:
         raise InputError("has no energies; simulate with energies", field="result")
     vibrating = np.empty(frame.height, dtype=np.bool_)
     run = frame["run"].to_numpy()
-    for one in np.unique(run):
-        of_run, floor = run == one, result.floor(int(one))
+    for number in np.unique(run):
+        of_run, floor = run == number, result.floor(int(number))
         x, y = (frame[name].to_numpy()[of_run] for name in ("x_m", "y_m"))
         vibrating[of_run] = floor.tiles[nearest_tile(floor, x, y)] == 1
     frame = frame.with_columns(vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")
@@ -95,7 +95,9 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
-    at = {run: one.get("wraps_at", {}).get("avoid_total_s") for run, one in enumerate(result.sessions)}
+    at = {
+        run: session.get("wraps_at", {}).get("avoid_total_s") for run, session in enumerate(result.sessions)
+    }
     key = ["run", "robot", "sample"]
     totals = frame.join(result.rows.select(*key, "avoid_total_s"), on=key, how="left", maintain_order="left")
     turns = totals.select(
@@ -160,11 +162,11 @@ def histogram(values: Floats, feature: str) -> Floats:
 def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
     """Bin of each value between evenly spaced edges; values outside go to the first or last bin."""
     last = edges.size - 2
-    even = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
-    near: NDArray[np.int64] = np.clip(even, 0, last).astype(np.int64)
-    near -= (values < edges[near]) & (near > 0)  # rounding may shift a value by one bin
-    near += (values >= edges[near + 1]) & (near < last)
-    return near
+    fraction = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
+    index: NDArray[np.int64] = np.clip(fraction, 0, last).astype(np.int64)
+    index -= (values < edges[index]) & (index > 0)  # rounding may shift a value by one bin
+    index += (values >= edges[index + 1]) & (index < last)
+    return index
 
 
 def shapeless(feature: str, u: Floats) -> Floats:
@@ -188,7 +190,7 @@ class Sessions:
 
     def values(self, feature: str, *, as_published: bool = False) -> list[Floats]:
         """Values of a feature, session by session."""
-        return [values_of(one, feature, as_published=as_published) for one in self.samples]
+        return [values_of(samples, feature, as_published=as_published) for samples in self.samples]
 
 
 def sessions_of(result: Result) -> Sessions:

@@ -70,10 +70,10 @@ class Fit:
         """Plain values for JSON."""
         return {
             "fields": self.changed,
-            "figures": [asdict(one) for one in self.figures],
+            "figures": [asdict(item) for item in self.figures],
             "predictive_check": {
-                name: dict(zip(("recorded", "low", "high"), one, strict=True))
-                for name, one in self.predicted.items()
+                name: dict(zip(("recorded", "low", "high"), item, strict=True))
+                for name, item in self.predicted.items()
             },
             "camera": asdict(self.camera),
             "motion_runs": self.motion_runs,

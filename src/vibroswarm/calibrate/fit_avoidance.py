@@ -76,7 +76,7 @@ class AvoidanceFit:
     @property
     def values(self) -> dict[str, float]:
         """Posterior means."""
-        return {name: float(self.weights @ one) for name, one in self.draws.items()}
+        return {name: float(self.weights @ draws) for name, draws in self.draws.items()}
 
     def fields(self, base: Scenario, speed_m_s: float) -> dict[str, object]:
         """Fields of the scenario."""
@@ -86,7 +86,7 @@ class AvoidanceFit:
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
     """Fields for these parameters; all rays are turned in proportion to the outermost."""
     rays = base.rays
-    found: dict[str, object] = {
+    fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
         "walk.turn_gain_percent_per_deg": round(values["gain"], 2),
         "walk.blind_after_turn_ms": round(values["blind_ms"], 1),
@@ -96,9 +96,9 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
     }
     if "threshold_mm" in values:
         most = max(abs(angle) for angle in rays.angle_deg) or 1.0
-        found["walk.avoidance_threshold_mm"] = round(values["threshold_mm"], 2)
-        found["rays.angle_deg"] = [round(angle / most * values["ray_deg"], 2) for angle in rays.angle_deg]
-    return found
+        fields["walk.avoidance_threshold_mm"] = round(values["threshold_mm"], 2)
+        fields["rays.angle_deg"] = [round(angle / most * values["ray_deg"], 2) for angle in rays.angle_deg]
+    return fields
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
@@ -139,7 +139,7 @@ def fit_avoidance(
         scenario: all other fields as fitted. speed_m_s: at the start, mean over robots (for turning rates).
         candidates: number of parameter vectors tried, one run each.
     """
-    real = np.array([summary(one.sort("robot", "time_s"), found.arena_m) for one in found.by_session])
+    real = np.array([summary(session.sort("robot", "time_s"), found.arena_m) for session in found.by_session])
     prior = PRIOR | ({} if scenario.rays.forward_each_m is not None else UNSEEN)
     u = uniforms(_SEED, 0, 0, Purpose.OPTIMIZER, candidates * len(prior)).reshape(candidates, -1)
     low, high = np.array(list(prior.values())).T
@@ -205,7 +205,12 @@ def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, sp
     picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
     return np.array(
         [
-            _simulated(scenario, {name: float(one[k]) for name, one in draws.items()}, speed_m_s, 10**6 + i)
+            _simulated(
+                scenario,
+                {name: float(values_of[k]) for name, values_of in draws.items()},
+                speed_m_s,
+                10**6 + i,
+            )
             for i, k in enumerate(picked.tolist())
         ]
     )

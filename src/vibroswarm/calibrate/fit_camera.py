@@ -61,8 +61,8 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
         true = _camera(at).true(x, y, found.arena_m)
         distance = np.empty(x.size)
         for floor in set(found.floors):
-            there = np.isin(run, [k for k, one in enumerate(found.floors) if one == floor])
-            distance[there] = signed_edge_distance(floor, true[0][there], true[1][there])[0]
+            on_floor = np.isin(run, [k for k, other_floor in enumerate(found.floors) if other_floor == floor])
+            distance[on_floor] = signed_edge_distance(floor, true[0][on_floor], true[1][on_floor])[0]
         return distance
 
     def best(theta: Floats, start: Floats, weight: Floats) -> Floats:
@@ -87,7 +87,10 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
         return CameraFit(RIGHT, {}, gain)
     cluster, start = robot_clusters(samples), np.r_[at[:3], theta[6:]]
     rows = [_camera(best(theta, start, cluster_weights(_SEED, draw, 0, cluster))) for draw in range(draws)]
-    by_name = {name: np.array([getattr(one, name) for one in rows]) for name in Camera.__dataclass_fields__}
+    by_name = {
+        name: np.array([getattr(other_floor, name) for other_floor in rows])
+        for name in Camera.__dataclass_fields__
+    }
     return CameraFit(_camera(at), by_name, gain)
 
 

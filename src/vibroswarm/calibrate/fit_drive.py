@@ -61,10 +61,10 @@ class DriveFit:
 
     def fields(self, base: Scenario) -> dict[str, object]:
         """Fields of the scenario given by these estimates."""
-        robot, found = base.robot, self.values
-        mean = self.distance_ratio * found["start_speed_m_s"] / robot.full_speed_m_s
-        kept = found["share_between"] > 0.5
-        spread = (found["between_m_s"] if kept else found["within_m_s"]) / robot.full_speed_m_s
+        robot, values = base.robot, self.values
+        mean = self.distance_ratio * values["start_speed_m_s"] / robot.full_speed_m_s
+        kept = values["share_between"] > 0.5
+        spread = (values["between_m_s"] if kept else values["within_m_s"]) / robot.full_speed_m_s
         spread = max(spread, 1e-3)
         low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
         fields: dict[str, object] = {
@@ -74,14 +74,14 @@ class DriveFit:
             "robot.speed_factor_min": low,
             "robot.speed_factor_max": high,
             "robot.speed_redraw": "robot" if kept else "sample",
-            "robot.speed_wander": _round(min(found["within_m_s"] / found["speed_m_s"], 0.4))
+            "robot.speed_wander": _round(min(values["within_m_s"] / values["speed_m_s"], 0.4))
             if kept
             else None,
-            "robot.battery_life_s": _round(max(found["battery_life_s"], 1.01 * base.run.t_end_s), 0),
+            "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
         }
-        if "veer_rad_s" in found:
-            per = robot.drive_track_m / (2.0 * found["start_speed_m_s"])
-            middle, half = found["veer_rad_s"] * per, np.sqrt(3.0) * found["veer_between_rad_s"] * per
+        if "veer_rad_s" in values:
+            per = robot.drive_track_m / (2.0 * values["start_speed_m_s"])
+            middle, half = values["veer_rad_s"] * per, np.sqrt(3.0) * values["veer_between_rad_s"] * per
             fields["robot.misalignment_min"] = _round(max(middle - half, -0.5))
             fields["robot.misalignment_max"] = _round(min(middle + half, 0.5))
         return fields | (self._each(base, low, high) if kept else {})
@@ -91,16 +91,16 @@ class DriveFit:
         if len(self.bodies) == 0:
             return {}
         speeds, veers = self.bodies.T
-        factors = [_round(self.distance_ratio * one / base.robot.full_speed_m_s) for one in speeds]
-        found: dict[str, object] = {
+        factors = [_round(self.distance_ratio * value / base.robot.full_speed_m_s) for value in speeds]
+        fields: dict[str, object] = {
             "robot.speed_factors": factors,
             "robot.speed_factor_min": min(low, *factors),
             "robot.speed_factor_max": max(high, *factors),
         }
         if np.isfinite(veers).all():
             bent = veers * base.robot.drive_track_m / (2.0 * speeds)
-            found["robot.misalignments"] = [_round(one) for one in np.clip(bent, -0.5, 0.5)]
-        return found
+            fields["robot.misalignments"] = [_round(value) for value in np.clip(bent, -0.5, 0.5)]
+        return fields
 
 
 def _round(value: float, digits: int = 5) -> float:
@@ -118,7 +118,9 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
         raise InputError("at least two robots with ten drives each are needed to fit speeds", field="REAL")
     values = _estimates(table)
     resampled = [_estimates(table[resample(_SEED, draw, 0, len(table))]) for draw in range(draws)]
-    draws_by_name = {name: np.array([one[name] for one in resampled if name in one]) for name in values}
+    draws_by_name = {
+        name: np.array([estimates[name] for estimates in resampled if name in estimates]) for name in values
+    }
     return DriveFit(values, draws_by_name, _distance_ratio(found, table, base), _bodies(table, runs))
 
 
@@ -137,13 +139,13 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
 def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
     """Mean speed and veer of each robot over sessions, in the order of the first session."""
     sessions = [table[runs == run][:, [1, 4]] for run in np.unique(runs)]
-    if len({len(one) for one in sessions}) > 1:
+    if len({len(session) for session in sessions}) > 1:
         return np.zeros((0, 2))
     first = sessions[0]
     matched = []
-    for one in sessions:
-        apart = np.nan_to_num((first[:, None] - one[None]) / APART)
-        matched.append(one[linear_sum_assignment((apart**2).sum(axis=2))[1]])
+    for session in sessions:
+        apart = np.nan_to_num((first[:, None] - session[None]) / APART)
+        matched.append(session[linear_sum_assignment((apart**2).sum(axis=2))[1]])
     if len(matched) > 1:
         scatter = np.nan_to_num(np.var(matched, axis=0, ddof=1).mean(axis=0)) / np.square(APART)
         if scatter.mean() > 1.0:
@@ -177,7 +179,7 @@ def _estimates(table: Floats) -> dict[str, float]:
     mean, start, lost, within, veer = table.T
     between = float(start.std(ddof=1))
     inside = float(np.sqrt((within**2).mean()))
-    found = {
+    estimates = {
         "speed_m_s": float(mean.mean()),
         "start_speed_m_s": float(start.mean()),
         "between_m_s": between,
@@ -187,5 +189,5 @@ def _estimates(table: Floats) -> dict[str, float]:
     }
     known = veer[np.isfinite(veer)]
     if known.size > 1:
-        found |= {"veer_rad_s": float(known.mean()), "veer_between_rad_s": float(known.std(ddof=1))}
-    return found
+        estimates |= {"veer_rad_s": float(known.mean()), "veer_between_rad_s": float(known.std(ddof=1))}
+    return estimates

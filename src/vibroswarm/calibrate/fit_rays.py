@@ -54,14 +54,14 @@ class RaysFit:
 
     def fields(self, base: Scenario) -> dict[str, object]:
         """Fields of the scenario."""
-        found: dict[str, object] = {}
+        fields: dict[str, object] = {}
         if self.forward_m:
-            found["rays.angle_deg"] = _angles(base, self.values["ray_deg"])
-            found["rays.forward_m"] = round(float(np.mean(self.forward_m)), 4)
-            found["rays.forward_each_m"] = [round(one, 4) for one in self.forward_m]
+            fields["rays.angle_deg"] = _angles(base, self.values["ray_deg"])
+            fields["rays.forward_m"] = round(float(np.mean(self.forward_m)), 4)
+            fields["rays.forward_each_m"] = [round(forward_m, 4) for forward_m in self.forward_m]
         if "turn_max_deg" in self.values:
-            found["walk.turn_max_deg"] = round(self.values["turn_max_deg"], 1)
-        return found
+            fields["walk.turn_max_deg"] = round(self.values["turn_max_deg"], 1)
+        return fields
 
 
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
@@ -69,22 +69,22 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     values: dict[str, float] = {}
     kept: dict[str, Floats] = {}
     forward: tuple[float, ...] = ()
-    near = found.approaches.filter(
+    approaches = found.approaches.filter(
         (pl.col("nearest_robot_m") > ALONE_M)
         & (pl.col("distance_m") < MOST_M)
         & (pl.col("incidence_rad").abs() < np.radians(95.0))
     )
-    robot = near["robot"].to_numpy().astype(np.int64)
+    robot = approaches["robot"].to_numpy().astype(np.int64)
     robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]
     if robot.size and np.bincount(robot, minlength=robots).min() >= LEAST_APPROACHES:
-        distance, incidence = near["distance_m"].to_numpy(), near["incidence_rad"].to_numpy()
+        distance, incidence = approaches["distance_m"].to_numpy(), approaches["incidence_rad"].to_numpy()
         angle, ahead = _fit(distance, incidence, robot, base)
         rows = [
             _fit(distance[k], incidence[k], robot[k], base)
             for k in (_resampled(robot, n) for n in range(draws))
         ]
         each = np.array([row[1] for row in rows])
-        forward = tuple(float(one) for one in ahead)
+        forward = tuple(float(ranks) for ranks in ahead)
         values |= {"ray_deg": angle, "forward_m": float(ahead.mean())}
         kept |= {"ray_deg": np.array([row[0] for row in rows]), "forward_m": each.mean(axis=1)}
         if robots > 1:
@@ -94,7 +94,7 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     if turned.size >= LEAST_TURNS:
         values["turn_max_deg"] = _most(turned)
         u = uniforms(_SEED, 0, 1, Purpose.BOOTSTRAP, draws * turned.size).reshape(draws, -1)
-        kept["turn_max_deg"] = np.array([_most(turned[(one * turned.size).astype(int)]) for one in u])
+        kept["turn_max_deg"] = np.array([_most(turned[(ranks * turned.size).astype(int)]) for ranks in u])
     return RaysFit(values, kept, forward)
 
 
@@ -106,15 +106,15 @@ def _resampled(robot: Ints, draw: int) -> Ints:
     """Bootstrap rows, resampled within each robot."""
     u = uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, robot.size)
     picked = np.empty(robot.size, dtype=np.int64)
-    for one in np.unique(robot):
-        own = np.flatnonzero(robot == one)
+    for number in np.unique(robot):
+        own = np.flatnonzero(robot == number)
         picked[own] = own[(u[own] * own.size).astype(np.int64)]
     return picked
 
 
 def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tuple[float, Floats]:
     """Outermost angle, deg, and F of each robot, (robots,)."""
-    losses = [_ahead(distance, incidence, robot, base, one)[1] for one in GRID_DEG.tolist()]
+    losses = [_ahead(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
     best = float(GRID_DEG[int(np.argmin(losses))])
     return best, _ahead(distance, incidence, robot, base, best)[0]
 
@@ -128,7 +128,7 @@ def _ahead(
     side = np.array(base.rays.side_m)[:, None]
     rays = reach * np.cos(bent) * np.cos(incidence) - (side + reach * np.sin(bent)) * np.sin(incidence)
     rest, weight = distance - rays.max(axis=0), np.maximum(np.cos(incidence), 1e-3)
-    own = [robot == one for one in range(int(robot.max()) + 1)]
+    own = [robot == number for number in range(int(robot.max()) + 1)]
     ahead = np.clip([_weighted_median(rest[k] / weight[k], weight[k]) for k in own], 0.0, 0.5)
     error = np.abs(rest - ahead[robot] * weight)
     return ahead, float(np.minimum(error, CLIP_M).mean())
@@ -142,5 +142,5 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 
 def _angles(base: Scenario, ray_deg: float) -> list[float]:
     """The base's rays, turned in proportion so that the outermost is at ``ray_deg``."""
-    most = max(abs(one) for one in base.rays.angle_deg) or 1.0
-    return [round(one / most * ray_deg, 2) for one in base.rays.angle_deg]
+    most = max(abs(angle_deg) for angle_deg in base.rays.angle_deg) or 1.0
+    return [round(angle_deg / most * ray_deg, 2) for angle_deg in base.rays.angle_deg]

@@ -66,8 +66,8 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     base = np.array([names[hash(floor)] for floor in found.floors])[run] * (
         max(f.tiles.size for f in found.floors)
     )
-    below, beside = base + tile, np.where(other >= 0, base + other, base + tile)
-    tiles = np.unique(np.r_[below, beside], return_inverse=True)[1].reshape(2, -1)
+    below, neighbour = base + tile, np.where(other >= 0, base + other, base + tile)
+    tiles = np.unique(np.r_[below, neighbour], return_inverse=True)[1].reshape(2, -1)
     vib_tile, still_tile = np.where(on, tiles[0], tiles[1]), np.where(on, tiles[1], tiles[0])
     cluster = robot_clusters(samples)
     of_tile, of_robot = np.zeros(int(tiles.max()) + 1), np.zeros(int(cluster.max()) + 1)
@@ -76,7 +76,9 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
 
     def with_factors() -> _Data:
         return _Data(
-            energy, edge, *(np.exp(of_tile[one] + of_robot[cluster]) for one in (vib_tile, still_tile))
+            energy,
+            edge,
+            *(np.exp(of_tile[values_of] + of_robot[cluster]) for values_of in (vib_tile, still_tile)),
         )
 
     for _ in range(ROUNDS):
@@ -94,7 +96,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         for name, value in _values(_fit(data, weight, theta, quick=True)).items():
             kept[name].append(value)
     spread_draws = _spread_draws(of_tile, of_robot, draws)
-    return SensorFit(values, {name: np.array(one) for name, one in kept.items()} | spread_draws)
+    return SensorFit(values, {name: np.array(values_of) for name, values_of in kept.items()} | spread_draws)
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:
@@ -106,8 +108,8 @@ def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> F
 def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
     """Log likelihood of each sample if all tiles and robots are alike."""
     even = np.ones(energy.size)
-    one, other = _parts(theta, _Data(energy, edge_m, even, even))
-    return np.asarray(np.log(one + other + _FLOOR))
+    from_vibrating, from_still = _parts(theta, _Data(energy, edge_m, even, even))
+    return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
 
 
 def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
@@ -139,23 +141,25 @@ def _parts(theta: Floats, data: _Data) -> tuple[Floats, Floats]:
     """Likelihood of each sample as felt from a vibrating and from a still tile."""
     k, s, loc, k2, s2, loc2, reach, blur = theta
     p = ndtr((reach / 100.0 - data.edge_m) / (np.exp(blur) / 100.0))
-    one = p * _density(data.energy / data.vibrating, np.exp(k), np.exp(s), loc) / data.vibrating
-    other = (1 - p) * _density(data.energy / data.still, np.exp(k2), np.exp(s2), loc2) / data.still
-    return one, other
+    from_vibrating = p * _density(data.energy / data.vibrating, np.exp(k), np.exp(s), loc) / data.vibrating
+    from_still = (1 - p) * _density(data.energy / data.still, np.exp(k2), np.exp(s2), loc2) / data.still
+    return from_vibrating, from_still
 
 
 def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Floats:
     """Maximise the weighted likelihood from start values ``theta``."""
 
     def loss(at: Floats) -> float:
-        one, other = _parts(at, data)
-        return -float(weight @ np.log(one + other + _FLOOR)) / float(weight.sum())
+        from_vibrating, from_still = _parts(at, data)
+        return -float(weight @ np.log(from_vibrating + from_still + _FLOOR)) / float(weight.sum())
 
     bounds = [(0.0, 4.0), (-5.0, 2.0), (-2.0, 0.5)] * 2 + [(-3.0, 8.0), (-2.0, 2.0)]
     inside = np.clip(theta, *np.array(bounds).T)
     most = 25 if quick else 200
-    found = minimize(loss, inside, method="L-BFGS-B", bounds=bounds, options={"maxiter": most, "ftol": 1e-10})
-    return np.asarray(found.x)
+    optimum = minimize(
+        loss, inside, method="L-BFGS-B", bounds=bounds, options={"maxiter": most, "ftol": 1e-10}
+    )
+    return np.asarray(optimum.x)
 
 
 def _factors(
@@ -163,8 +167,8 @@ def _factors(
     before: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, tuple[float, float]]:  # fmt: skip
     """Logarithms of the factors of tiles and robots, and their spreads."""
-    one, other = _parts(theta, data)
-    share = one / (one + other + _FLOOR)
+    from_vibrating, from_still = _parts(theta, data)
+    share = from_vibrating / (from_vibrating + from_still + _FLOOR)
     values = _values(theta)
     log_energy = np.log(np.maximum(data.energy, 1e-3))
     rest = [
@@ -210,8 +214,8 @@ def _mean_log(shape: float, scale: float, location: float) -> float:
 
 def _spread_draws(of_tile: Floats, of_robot: Floats, draws: int) -> dict[str, Floats]:
     """Bootstrap draws of the spreads of tiles and robots."""
-    found: dict[str, Floats] = {}
+    spreads: dict[str, Floats] = {}
     for name, values, stream in (("tile_spread", of_tile, 1), ("robot_spread", of_robot, 2)):
         picked = [values[resample(_SEED, draw, stream, values.size)] for draw in range(draws)]
-        found[name] = np.array([one.std(ddof=1) if one.size > 1 else 0.0 for one in picked])
-    return found
+        spreads[name] = np.array([factors.std(ddof=1) if factors.size > 1 else 0.0 for factors in picked])
+    return spreads

@@ -42,8 +42,8 @@ class Comparison:
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
-            "similarities": [one.as_dict() for one in self.similarities],
-            "energy_distances": [one.as_dict() for one in self.distances],
+            "similarities": [row.as_dict() for row in self.similarities],
+            "energy_distances": [row.as_dict() for row in self.distances],
             "told_apart": self.classifier.as_dict(),
             "missing": list(self.missing),
         }
@@ -58,11 +58,14 @@ def compare(real: Result, simulated: Result, known: RealCache | None = None) -> 
     Raises:
         InputError: no energies, or fewer than two robots.
     """
-    one, other = sessions_of(real), sessions_of(simulated)
+    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
     similarities, distances, missing = [], [], []
     for feature in FEATURES:
-        values = one.values(feature), other.values(feature)
-        published = one.values(feature, as_published=True), other.values(feature, as_published=True)
+        values = real_sessions.values(feature), simulated_sessions.values(feature)
+        published = (
+            real_sessions.values(feature, as_published=True),
+            simulated_sessions.values(feature, as_published=True),
+        )
         alike = compare_feature(feature, *values, published)
         apart = compare_distance(feature, *values, known=known)
         if alike is None or apart is None:
@@ -71,7 +74,10 @@ def compare(real: Result, simulated: Result, known: RealCache | None = None) -> 
         similarities.append(alike)
         distances.append(apart)
     return Comparison(
-        tuple(similarities), tuple(distances), classifier_accuracy(one.samples, other.samples), tuple(missing)
+        tuple(similarities),
+        tuple(distances),
+        classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
+        tuple(missing),
     )
 
 
@@ -104,13 +110,15 @@ def comparison_figure(
     """Draw a row for each feature, real and simulated, with similarities in the titles; legible in grey."""
     from matplotlib.figure import Figure
 
-    one, other = sessions_of(real), sessions_of(simulated)
+    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
     shown = [feature for feature in features if feature not in found.missing]
     figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
     axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
     for row, feature in enumerate(shown):
-        alike = next(each for each in found.similarities if each.feature == feature)
-        values = [np.concatenate(each.values(feature)) for each in (one, other)]
+        alike = next(sessions for sessions in found.similarities if sessions.feature == feature)
+        values = [
+            np.concatenate(sessions.values(feature)) for sessions in (real_sessions, simulated_sessions)
+        ]
         _draw(axes[row], values, feature)
         axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
         axes[row][1].set_title(
@@ -127,7 +135,7 @@ def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None
         heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
         for axis, height, ink in zip(pair, heights, INK, strict=True):
             axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)
-            axis.set_ylim(0.0, 1.05 * max(float(one.max()) for one in heights))
+            axis.set_ylim(0.0, 1.05 * max(float(counts.max()) for counts in heights))
     else:
         grids = [np.histogram2d(each[:, 0], each[:, 1], bins, spans)[0] / len(each) for each in values]
         most = max(float(grid.max()) for grid in grids)
@@ -146,7 +154,7 @@ def write_comparison_pictures(real: Result, simulated: Result, found: Comparison
     """Draw each feature into a file, and all into ``together.png``; returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name in [one for one in FEATURES if one not in found.missing] + ["together"]:
+    for name in [feature for feature in FEATURES if feature not in found.missing] + ["together"]:
         chosen = FEATURES if name == "together" else (name,)
         with whole_file(folder / f"{name}.png") as part, MATPLOTLIB_LOCK:
             comparison_figure(real, simulated, found, chosen).savefig(part, dpi=150)

@@ -59,13 +59,13 @@ class Figure:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in SI units."""
-        found: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
+        values: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
         if self.interval is not None:
             low, high = (
                 end if math.isfinite(end) else None for end in (self.interval.low, self.interval.high)
             )
-            found |= {"estimate": self.interval.estimate, "low": low, "high": high}
-        return found
+            values |= {"estimate": self.interval.estimate, "low": low, "high": high}
+        return values
 
 
 def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figure]:
@@ -76,19 +76,19 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
     """
     threshold = result.scenario.sensor.rms_threshold if rms_threshold is None else rms_threshold
     samples, drives, lost = sample_table(result), drive_table(result), packet_loss(result)
-    found: dict[str, list[float | None]] = {name: [] for name in FIGURES}
+    columns: dict[str, list[float | None]] = {name: [] for name in FIGURES}
     for run in result.runs["run"].to_list():
         values: dict[str, Any] = drive_of(drives.filter(pl.col("run") == run))
         values |= _of_samples(result, samples.filter(pl.col("run") == run), threshold)
         own = lost.filter(pl.col("run") == run)["packet_loss"]
         values["packet_loss"] = own[0] if own.len() else None
-        for name, column in found.items():
+        for name, column in columns.items():
             value = values[name]
             column.append(None if value is None or not math.isfinite(value) else float(value))
-    known = {name: [value for value in column if value is not None] for name, column in found.items()}
+    known = {name: [value for value in column if value is not None] for name, column in columns.items()}
     return [
         Figure(name, tuple(column), mean_interval(known[name]) if known[name] else None)
-        for name, column in found.items()
+        for name, column in columns.items()
     ]
 
 

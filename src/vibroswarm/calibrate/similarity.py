@@ -141,11 +141,11 @@ def at_equal_counts(
 
 def null_similarity(feature: str, real: Floats, count: int) -> float:
     """S of ``count`` real values and as many spread uniformly, mean over draws."""
-    found = []
+    similarities = []
     for draw in range(DRAWS):
         u = uniforms(_SEED, draw, 2, Purpose.BOOTSTRAP, 2 * count).reshape(count, 2)
-        found.append(similarity(feature, subsample(real, count, draw, 0), shapeless(feature, u)))
-    return float(np.mean(found))
+        similarities.append(similarity(feature, subsample(real, count, draw, 0), shapeless(feature, u)))
+    return float(np.mean(similarities))
 
 
 def compare_feature(
@@ -159,7 +159,7 @@ def compare_feature(
     Args:
         published: the values as the authors computed them, if different.
     """
-    least = min(len(one) for one in (*real, *simulated))
+    least = min(len(sessions) for sessions in (*real, *simulated))
     if least < 10:
         return None
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
@@ -169,7 +169,9 @@ def compare_feature(
     within = [at_equal_counts(feature, a, b, least, drawn) for a, b in combinations(real, 2)]
     return Similarity(
         feature=feature,
-        as_published=similarity(feature, *(np.concatenate(one) for one in published or (real, simulated))),
+        as_published=similarity(
+            feature, *(np.concatenate(sessions) for sessions in published or (real, simulated))
+        ),
         count=count,
         at_equal_counts=at_equal_counts(feature, all_real, all_simulated, count),
         null=null_similarity(feature, all_real, count),
@@ -257,16 +259,16 @@ def compare_distance(
     Args:
         known: earlier results for the same real sessions at the same level; extended.
     """
-    if min(len(one) for one in (*real, *simulated)) < 10:
+    if min(len(session) for session in (*real, *simulated)) < 10:
         return None
     scale = np.concatenate(real).std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    a, b = ([_thinned(one) / scale for one in each] for each in (real, simulated))
+    a, b = ([_thinned(session) / scale for session in sessions] for sessions in (real, simulated))
     known = {} if known is None else known
     if feature not in known:
         known[feature] = _inside(a, level)
     inside = known[feature]
-    inside_b = [mean_distance(one) for one in b]
+    inside_b = [mean_distance(session) for session in b]
     against = [
         float(np.mean([effect_size(x, y, of_x, of_y) for y, of_y in zip(b, inside_b, strict=True)]))
         for x, of_x in zip(a, inside.each, strict=True)
@@ -276,14 +278,14 @@ def compare_distance(
 
 def _inside(sessions: Sequence[Floats], level: float) -> RealDistances:
     """Distances within and between the real sessions."""
-    each = tuple(mean_distance(one) for one in sessions)
+    within = tuple(mean_distance(session) for session in sessions)
     if len(sessions) < 2:
-        return RealDistances(each, None)
+        return RealDistances(within, None)
     pairs = np.full((len(sessions), len(sessions)), np.nan)
     for i in range(len(sessions)):
         for j in range(i):
-            pairs[i, j] = pairs[j, i] = effect_size(sessions[i], sessions[j], each[i], each[j])
-    return RealDistances(each, mean_interval(np.nanmean(pairs, axis=1).tolist(), level))
+            pairs[i, j] = pairs[j, i] = effect_size(sessions[i], sessions[j], within[i], within[j])
+    return RealDistances(within, mean_interval(np.nanmean(pairs, axis=1).tolist(), level))
 
 
 def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: float | None = None) -> float:

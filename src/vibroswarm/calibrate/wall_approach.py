@@ -76,8 +76,8 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
                 continue
             others = [other for name, other in paths.items() if name != robot and other is not None]
             own = of_run.filter(pl.col("robot") == robot).select("time_s", "avoid_s").to_numpy()
-            approaches += [(int(run), robot, *one) for one in _approaches(path, own, others, size)]
-            turns += [(int(run), robot, one) for one in _leg_turns(path, own, size)]
+            approaches += [(int(run), robot, *approach) for approach in _approaches(path, own, others, size)]
+            turns += [(int(run), robot, approach) for approach in _leg_turns(path, own, size)]
     return (
         pl.DataFrame(approaches, schema=APPROACHES, orient="row"),
         pl.DataFrame(turns, schema=TURNS, orient="row"),
@@ -101,7 +101,7 @@ def _approaches(
     path: _Path, samples: Floats, others: list[_Path], size: tuple[float, float]
 ) -> list[tuple[float, float, float]]:
     """Distance and incidence of each turn away from a wall, and distance of the nearest robot."""
-    found = []
+    approaches = []
     for before, (until_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
         if not avoid_s > 1e-9:
             continue
@@ -110,13 +110,18 @@ def _approaches(
         if place is None:
             continue
         at, x, y, course = place
-        near = [
-            float(np.hypot(np.interp(at, one.time_s, one.x_m) - x, np.interp(at, one.time_s, one.y_m) - y))
-            for one in others
+        distances_m = [
+            float(
+                np.hypot(
+                    np.interp(at, other_path.time_s, other_path.x_m) - x,
+                    np.interp(at, other_path.time_s, other_path.y_m) - y,
+                )
+            )
+            for other_path in others
         ]
         distance, incidence = _to_wall(x, y, course, size)
-        found.append((distance, incidence, min(near, default=np.inf)))
-    return found
+        approaches.append((distance, incidence, min(distances_m, default=np.inf)))
+    return approaches
 
 
 def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float, float] | None:
@@ -159,7 +164,7 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
     """
     steps = np.flatnonzero(np.diff(np.r_[0, path.driving.astype(np.int8), 0]))
     drives = [(a, b) for a, b in zip(steps[::2], steps[1::2], strict=True) if b - a >= COURSE_STEPS]
-    found = []
+    turns_rad = []
     for (before, stop), (start, after) in pairwise(drives):
         x, y = path.x_m[stop], path.y_m[stop]
         if (
@@ -167,14 +172,14 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
             or min(x, size[0] - x, y, size[1] - y) < FAR_M
         ):
             continue
-        near = (samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + 3.0)
-        if np.nansum(samples[near, 1][:2]) > 1e-9:
+        nearby = (samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + 3.0)
+        if np.nansum(samples[nearby, 1][:2]) > 1e-9:
             continue
         turned = _course(path, start, after, 0) - _course(path, before, stop, -1)
         angle = float(_wrapped(np.array([turned]))[0])
         if abs(angle) > LEAST_TURN:
-            found.append(angle)
-    return found
+            turns_rad.append(angle)
+    return turns_rad
 
 
 def _course(path: _Path, first: int, last: int, end: int) -> float:

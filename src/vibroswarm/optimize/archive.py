@@ -84,12 +84,12 @@ class Archive:
 
     def score(self, key: int, objective: int = 0) -> float:
         """Compute the score of a candidate; infinite without runs or if one failed."""
-        found = self[key]
-        if found.failed or not found.rows:
+        candidate = self[key]
+        if candidate.failed or not candidate.rows:
             return math.inf
         count, known = self.count(key), self._scores.get((key, objective))
         if known is None or known[0] != count:
-            rows = found.all_rows()[:, :, self.columns[objective]]
+            rows = candidate.all_rows()[:, :, self.columns[objective]]
             known = (count, self.objectives[objective].score(rows))
             self._scores[key, objective] = known
         return known[1]
@@ -100,12 +100,12 @@ class Archive:
 
     def estimate(self, key: int) -> tuple[float, float]:
         """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error."""
-        found, count = self[key], self.count(key)
-        if found.failed or not count:
+        candidate, count = self[key], self.count(key)
+        if candidate.failed or not count:
             return math.inf, math.inf
         known = self._corrected.get(key)
         if known is None or known[0] != count:
-            rows = found.all_rows()[:, :, self.columns[0]]
+            rows = candidate.all_rows()[:, :, self.columns[0]]
             known = (count, *self.objectives[0].estimate(rows))
             self._corrected[key] = known
         return known[1], known[2]

@@ -84,8 +84,8 @@ class BatchSampler(ABC):
 
     def next_starts(self, count: int) -> list[Point]:
         """Take starts that have not been proposed yet."""
-        found, self.starts = self.starts[:count], self.starts[count:]
-        return found
+        taken, self.starts = self.starts[:count], self.starts[count:]
+        return taken
 
 
 class Random(BatchSampler):
@@ -111,10 +111,10 @@ class Sobol(BatchSampler):
 
         points = self.next_starts(count)
         if not hasattr(self, "sequence"):
-            whole = 1 << max(self.points - 1, 0).bit_length()  # balanced at powers of two
+            size = 1 << max(self.points - 1, 0).bit_length()  # balanced at powers of two
             number = int(chance(self.seed, "sobol").integers(2**63))  # scipy wants a generator that can spawn
             sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(number))
-            self.sequence = list(sampler.random(whole))
+            self.sequence = list(sampler.random(size))
         more = count - len(points)
         taken, self.sequence = self.sequence[:more], self.sequence[more:]
         return [*points, *taken]

@@ -119,9 +119,9 @@ def check_figures(values: Any, runs: int, name: str) -> Array:
     if array.ndim != 2 or array.shape[0] != runs or array.shape[1] < 1:
         raise InputError(f"gives shape {np.shape(values)} for {runs} runs; one number a run", field=name)
     if bad := np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist():
-        told = array[bad[0]].tolist()
+        row = array[bad[0]].tolist()
         raise InputError(
-            f"gives {told[0] if len(told) == 1 else told} for {len(bad)} of {runs} runs; a cost is a finite number",
+            f"gives {row[0] if len(row) == 1 else row} for {len(bad)} of {runs} runs; a cost is a finite number",
             field=name,
         )
     return array

@@ -56,7 +56,7 @@ class Piece:
 
 def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ...]:
     """Return the user code that cases and motion need, with its text."""
-    return plugins.texts_of([motion, *(code for one in cases for code in one.codes)])
+    return plugins.texts_of([motion, *(code for case in cases for code in case.codes)])
 
 
 def derived_seed(seed: int, purpose: str) -> int:
@@ -73,15 +73,15 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
     try:
         plugins.install_all(piece.code)
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
-        found = outcomes_of(scenarios, piece.seed, range(piece.first, piece.last), piece.motion)
+        outcomes = outcomes_of(scenarios, piece.seed, range(piece.first, piece.last), piece.motion)
     except InputError as error:
         return str(error)
-    return rows_of(found, objectives)
+    return rows_of(outcomes, objectives)
 
 
 def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
     """Stack figures of all objectives, (runs, cases, columns)."""
-    return np.stack([np.hstack([o.figures(found) for o in objectives]) for found in cases], axis=1)
+    return np.stack([np.hstack([o.figures(outcomes) for o in objectives]) for outcomes in cases], axis=1)
 
 
 @lru_cache(maxsize=64)
@@ -142,8 +142,8 @@ def do_pieces(
     """
     even = len(pieces) - len(pieces) % pool.width
     parts = [_shared(piece, 1 if k < even else pool.width) for k, piece in enumerate(pieces)]
-    came = iter(_do_each([part for shared in parts for part in shared], objectives, pool, progress))
-    return [_together([next(came) for _ in shared]) for shared in parts]
+    results = iter(_do_each([part for shared in parts for part in shared], objectives, pool, progress))
+    return [_together([next(results) for _ in shared]) for shared in parts]
 
 
 def _shared(piece: Piece, count: int) -> list[Piece]:
@@ -166,19 +166,19 @@ def _do_each(
     pool: Workers,
     progress: Callable[[int], None],
 ) -> list[Rows | str]:
-    found: dict[int, Rows | str] = {}
+    results: dict[int, Rows | str] = {}
     failures: Counter[int] = Counter()
 
     def take(future: Future[Rows | str], k: int) -> list[int]:
         try:
-            found[k] = future.result()
+            results[k] = future.result()
         except (InputError, RunError, BrokenExecutor, CancelledError):
             raise
         except Exception as error:
             failures[k] += 1
             if failures[k] < TRIES:
                 return [k]
-            found[k] = f"{type(error).__name__}: {error}"
+            results[k] = f"{type(error).__name__}: {error}"
         return []
 
     do_all(
@@ -187,9 +187,9 @@ def _do_each(
         lambda k: pool.executor.submit(do_piece, pieces[k], objectives),
         take,
         ahead=lambda: 4 * pool.width,
-        progress=lambda: progress(sum(pieces[k].last - pieces[k].first for k in found)),
+        progress=lambda: progress(sum(pieces[k].last - pieces[k].first for k in results)),
     )
-    return [found[k] for k in range(len(pieces))]
+    return [results[k] for k in range(len(pieces))]
 
 
 @dataclass(frozen=True)
@@ -216,13 +216,13 @@ def figures_of(
     progress: Callable[[int], None] = lambda done: None,
 ) -> RunFigures:
     """Simulate runs 0 to ``runs`` with one set of values; values that move alike share motion under the same seed."""
-    texts, given = tuple(c.to_toml() for c in cases), tuple(values.items())
+    texts, items = tuple(c.to_toml() for c in cases), tuple(values.items())
     step = 5 * PIECE
     code = code_of(cases, motion)
-    pieces = [Piece(texts, given, seed, motion, k, min(k + step, runs), code) for k in range(0, runs, step)]
-    found = do_pieces(pieces, objectives, workers, progress)
-    good = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if not isinstance(rows, str)]
-    bad = [(piece, rows) for piece, rows in zip(pieces, found, strict=True) if isinstance(rows, str)]
+    pieces = [Piece(texts, items, seed, motion, k, min(k + step, runs), code) for k in range(0, runs, step)]
+    results = do_pieces(pieces, objectives, workers, progress)
+    good = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if not isinstance(rows, str)]
+    bad = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if isinstance(rows, str)]
     if not good:
         raise RunError(f"all {runs} runs failed: {bad[0][1]}")
     return RunFigures(

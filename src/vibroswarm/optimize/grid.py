@@ -173,7 +173,7 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
     Args:
         grid: the grid. result: of ``grid.study``.
     """
-    found = []
+    scored_cells = []
     for cell in result.study.cells:
         robots, outcomes = _outcomes(result, cell)
         scored = _scored(cell.name, cell, grid.objective, outcomes)
@@ -184,11 +184,11 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
             float(outcomes.wrong.mean()),
             float(outcomes.undecided.mean()),
         )
-        found.append((cell, scored, figures))
-    best = found[int(np.argmin([scored.score.estimate for _, scored, _ in found]))][1]
+        scored_cells.append((cell, scored, figures))
+    best = scored_cells[int(np.argmin([scored.score.estimate for _, scored, _ in scored_cells]))][1]
     nodes = [
         Node(cell, scored, paired_score(grid.objective, scored, best), *figures)
-        for cell, scored, figures in found
+        for cell, scored, figures in scored_cells
     ]
     return Nodes(grid, tuple(nodes))
 

@@ -53,7 +53,9 @@ def grid_page(
     words = (f"The lowest: {values_said(best.cell.point)}. {IN_FOLDER}",)
     file = "grid.toml" if file_text(grid) else ""
     sections.append(Section("The lowest cell", words, (commands(file, "paper"),)))
-    drawn = [Section(TITLES[name], parts=(_shown(name, one, nodes),)) for name, one in pictures.items()]
+    drawn = [
+        Section(TITLES[name], parts=(_shown(name, picture, nodes),)) for name, picture in pictures.items()
+    ]
     if drawn:
         sections.append(Section("The cells as pictures", sections=tuple(drawn), side_by_side=len(drawn) > 1))
     folded = bool(drawn) and len(nodes.nodes) > ROWS_IN_SIGHT
@@ -86,8 +88,8 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
         words.append(
             "The lowest cell was not scored on fresh runs: this page shows only the score on its own runs."
         )
-    elif said := luck_words(truth):
-        words.append(said)
+    elif warning := luck_words(truth):
+        words.append(warning)
     others = sum(node.as_good for node in nodes.nodes if node is not nodes.best)
     if others:
         words.append(f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are {GRID_LUCK}")
@@ -102,7 +104,7 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
 
 def _edges(nodes: Nodes) -> list[str]:
     """List numeric fields with three or more values of which the lowest cell has the first or the last."""
-    found = []
+    edges = []
     best = nodes.best.cell.point
     short = short_names(list(best))
     for name, value in best.items():
@@ -110,8 +112,8 @@ def _edges(nodes: Nodes) -> list[str]:
         numbers = sorted(v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
         if len(numbers) == len(values) > 2 and value in (numbers[0], numbers[-1]):
             ends = f"{value_said(numbers[0])} to {value_said(numbers[-1])}"
-            found.append(f"`{short[name]}` {value_said(value)} ({ends})")
-    return found
+            edges.append(f"`{short[name]}` {value_said(value)} ({ends})")
+    return edges
 
 
 def _cell_table(nodes: Nodes) -> ReportTable:
@@ -121,8 +123,8 @@ def _cell_table(nodes: Nodes) -> ReportTable:
         for node in nodes.nodes
     ]
     varied = [name for name in nodes.grid.study.varied if name in table.columns]
-    shown = [*varied, "score", "score_low", "score_high", "standing", "above_best", "above_best_low"]
-    shown += [
+    column_names = [*varied, "score", "score_low", "score_high", "standing", "above_best", "above_best_low"]
+    column_names += [
         "above_best_high",
         "decision_time_s",
         "robots_wrong",
@@ -142,13 +144,13 @@ def _cell_table(nodes: Nodes) -> ReportTable:
     }  # fmt: skip
     caption = f"With 95 % intervals. {_shared(nodes)}".strip()
     return ReportTable(
-        table.with_columns(standing=pl.Series(standing)).select(shown), columns, caption, "grid"
+        table.with_columns(standing=pl.Series(standing)).select(column_names), columns, caption, "grid"
     )
 
 
 def _shown(name: str, picture: Picture, nodes: Nodes) -> ReportPicture:
-    one = picture_of(picture, name)
-    return replace(one, caption=f"{one.caption} {_shared(nodes)}".strip())
+    shown = picture_of(picture, name)
+    return replace(shown, caption=f"{shown.caption} {_shared(nodes)}".strip())
 
 
 def _shared(nodes: Nodes) -> str:

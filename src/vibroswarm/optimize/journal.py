@@ -148,10 +148,10 @@ class Journal:
     def _check(self, search: Search, mixed: bool) -> None:
         path = self.folder / HEAD
         head = read_json(path, "the head of a search")
-        version, told = entry(head, "format", int, path), entry(head, "hash", str, path)
+        version, saved_hash = entry(head, "format", int, path), entry(head, "hash", str, path)
         made_by = texts(entry(head, "versions", dict, path), "versions", path)
         check_format(version, FORMAT, str(self.folder))
-        if told != search.hash:
+        if saved_hash != search.hash:
             different = differences(Search.read(self.folder / SEARCH), search)
             raise InputError(
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
@@ -185,16 +185,16 @@ def steps_in(folder: Path) -> Iterator[Step]:
 def _step(step: Any) -> Step:
     """Check a line: the pieces of each request contain its runs, and all have the same cases and columns."""
     asks = [Ask(_count(key, 0), _count(runs, 1)) for key, runs in step["asks"]]
-    found = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
+    results = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
     origins = [str(origin) for origin in step["origins"]]
-    if not len(asks) == len(found) == len(origins):
+    if not len(asks) == len(results) == len(origins):
         raise ValueError("not as many pieces as asks")
-    for ask, pieces in zip(asks, found, strict=True):
+    for ask, pieces in zip(asks, results, strict=True):
         if sum(len(p) if isinstance(p, np.ndarray) else p[1] for p in pieces) != ask.runs:
             raise ValueError("not as many runs as asked for")
-    if len({piece.shape[1:] for pieces in found for piece in pieces if isinstance(piece, np.ndarray)}) > 1:
+    if len({piece.shape[1:] for pieces in results for piece in pieces if isinstance(piece, np.ndarray)}) > 1:
         raise ValueError("rows of different width")
-    return Step(asks, origins, found)
+    return Step(asks, origins, results)
 
 
 def _count(value: Any, low: int) -> int:
@@ -249,9 +249,9 @@ def held_result(path: Path) -> dict[str, Any] | None:
             raise InputError(f"is damaged: 'best' has {shown(value)} for {name}", field=str(path))
     if (truth := result.get("truth")) is not None:
         score = entry(entry(truth, "true", dict, path), "score", dict, path)
-        for about, name in ((truth, "believed"), (score, "low"), (score, "estimate"), (score, "high")):
-            if about.get(name) is not None or name not in about:
-                number(about, name, path)
+        for part, name in ((truth, "believed"), (score, "low"), (score, "estimate"), (score, "high")):
+            if part.get(name) is not None or name not in part:
+                number(part, name, path)
         entry(truth, "says", str, path)
     if (front := result.get("front")) is not None:
         entry(front, "says", str, path)

@@ -192,14 +192,14 @@ class _Loop:
             self.journal.cut()
         self.replaying = False
         pieces = [(ask, piece) for ask in asks for piece in self.evaluator.pieces(ask)]
-        found = do_pieces(
+        results = do_pieces(
             [piece for _, piece in pieces],
             self.archive.objectives,
             self.pool,
             lambda done: self._report_progress(method, stage, wanted, done),
         )
         by_ask: dict[int, list[Any]] = {ask.key: [] for ask in asks}
-        for (ask, piece), rows in zip(pieces, found, strict=True):
+        for (ask, piece), rows in zip(pieces, results, strict=True):
             by_ask[ask.key].append(rows if not isinstance(rows, str) else (rows, piece.last - piece.first))
         self._add_runs(asks, [by_ask[ask.key] for ask in asks])
         if self.journal is not None:
@@ -237,8 +237,8 @@ class _Loop:
     def _name_columns(self, asks: Sequence[Ask]) -> None:
         rows = [self.archive[ask.key].rows[0] for ask in asks if self.archive[ask.key].rows]
         if not rows:
-            why = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
-            raise RunError(f"all of the first {sum(a.runs for a in asks)} runs failed: {why}")
+            cause = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
+            raise RunError(f"all of the first {sum(a.runs for a in asks)} runs failed: {cause}")
         widths = [WIDTHS.get(objective.name, 1) for objective in self.archive.objectives]
         bounds = [0, *accumulate(widths if len(widths) > 1 else [rows[0].shape[2]])]
         self.archive.columns = [slice(first, end) for first, end in pairwise(bounds)]

@@ -165,9 +165,9 @@ class Objective:
 
         The other scores are not smooth in the data, so that the correction would be unstable.
         """
-        one = rows.shape[1] == 1 or self.over == "mean"
+        linear = rows.shape[1] == 1 or self.over == "mean"
         freed, error = corrected(self.score, rows)
-        smooth = one and self.name not in AIMS and self.statistic == "mean+sd"
+        smooth = linear and self.name not in AIMS and self.statistic == "mean+sd"
         return (freed if smooth else self.score(rows)), error
 
     def _quantile(self) -> float | None:
@@ -230,9 +230,9 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
     """
     runs = rows.shape[0]
     count = min(groups, runs)
-    whole = score(rows)
+    estimate = score(rows)
     if count < 2:
-        return whole, math.inf
+        return estimate, math.inf
     bounds = np.linspace(0, runs, count + 1).astype(np.int64)
     keep = np.ones(runs, dtype=np.bool_)
     left = np.empty(count)
@@ -240,11 +240,11 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
         keep[bounds[g] : bounds[g + 1]] = False
         left[g] = score(rows[keep])
         keep[bounds[g] : bounds[g + 1]] = True
-    if not math.isfinite(whole):
-        return whole, math.inf
+    if not math.isfinite(estimate):
+        return estimate, math.inf
     mean = float(left.mean())
     error = math.sqrt((count - 1) / count * float(((left - mean) ** 2).sum()))
-    return count * whole - (count - 1) * mean, error
+    return count * estimate - (count - 1) * mean, error
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:

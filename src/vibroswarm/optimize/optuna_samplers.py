@@ -283,8 +283,8 @@ class Cmaes(BatchSampler):
 
     def propose(self, count: int) -> list[Point]:
         """Propose a generation; starts replace its first points."""
-        asked = [self.optimizer.ask() for _ in range(count)]
-        self.asked = [*self.next_starts(count), *asked][:count]
+        points = [self.optimizer.ask() for _ in range(count)]
+        self.asked = [*self.next_starts(count), *points][:count]
         return self.asked
 
     def learn(self, keys: Sequence[int]) -> None:
@@ -293,8 +293,8 @@ class Cmaes(BatchSampler):
             return
         scores = [self.archive.score(key) for key in keys]
         worst = max((s for s in scores if math.isfinite(s)), default=1.0)
-        told = [s if math.isfinite(s) else worst + abs(worst) + 1.0 for s in scores]
-        self.optimizer.tell(list(zip(self.asked, told, strict=True)))
+        losses = [s if math.isfinite(s) else worst + abs(worst) + 1.0 for s in scores]
+        self.optimizer.tell(list(zip(self.asked, losses, strict=True)))
 
 
 def front(archive: Archive, keys: Sequence[int]) -> list[int]:

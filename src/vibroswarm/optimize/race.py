@@ -40,46 +40,51 @@ def allocate(
     """
     value, n = np.asarray(estimates, dtype=np.float64), np.asarray(counts, dtype=np.float64)
     error = np.asarray(errors, dtype=np.float64)
-    given = np.zeros(value.size, dtype=np.int64)
-    there = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
-    if there.size == 0 or more <= 0:
-        return given
-    if there.size == 1:
-        given[there[0]] = more
-        return given
-    value, n = value[there], n[there]
-    noise = np.maximum(error[there] * np.sqrt(n), 1e-12)
+    shares = np.zeros(value.size, dtype=np.int64)
+    valid = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
+    if valid.size == 0 or more <= 0:
+        return shares
+    if valid.size == 1:
+        shares[valid[0]] = more
+        return shares
+    value, n = value[valid], n[valid]
+    noise = np.maximum(error[valid] * np.sqrt(n), 1e-12)
     best = int(np.argmin(value))
     # Differences below their own error are not resolved, so near-equal candidates share runs instead of one taking all.
     distance = np.maximum(value - value[best], 0.5 * noise / np.sqrt(n) + 1e-12)
     weight = (noise / distance) ** 2  # N_i, Chen et al. 2000
     others = np.arange(value.size) != best
     weight[best] = noise[best] * np.sqrt(float(((weight[others] / noise[others]) ** 2).sum()))  # N_b
-    given[there] = _share_out(weight, n, more)
-    return given
+    shares[valid] = _share_out(weight, n, more)
+    return shares
 
 
 def allocate_runs(archive: Archive, keys: Sequence[int], more: int) -> list[Ask]:
     """Request further runs of candidates as ``allocate`` divides them."""
-    found = [archive.estimate(key) for key in keys]
-    given = allocate([f[0] for f in found], [f[1] for f in found], [archive.count(k) for k in keys], more)
-    return [Ask(key, int(count)) for key, count in zip(keys, given, strict=True) if count]
+    scores = [archive.estimate(key) for key in keys]
+    shares = allocate(
+        [e[0] for e in scores],
+        [e[1] for e in scores],
+        [archive.count(k) for k in keys],
+        more,
+    )
+    return [Ask(key, int(count)) for key, count in zip(keys, shares, strict=True) if count]
 
 
-def _share_out(weight: NDArray[np.float64], there: NDArray[np.float64], more: int) -> NDArray[np.int64]:
+def _share_out(weight: NDArray[np.float64], present: NDArray[np.float64], more: int) -> NDArray[np.int64]:
     """Divide ``more`` runs so that the totals come as close as possible to the shares of the weights."""
     active = np.ones(weight.size, dtype=np.bool_)
     while True:  # those above their share get none; the others share the rest
-        total = there[active].sum() + more
-        wanted = np.where(active, weight / weight[active].sum() * total - there, 0.0)
-        if (wanted[active] >= 0).all():
+        total = present[active].sum() + more
+        ideal = np.where(active, weight / weight[active].sum() * total - present, 0.0)
+        if (ideal[active] >= 0).all():
             break
-        active &= wanted >= 0
-    whole = np.floor(wanted).astype(np.int64)
-    left = more - int(whole.sum())
-    rest = np.argsort(-(wanted - whole), kind="stable")[:left]
-    whole[rest] += 1
-    return whole
+        active &= ideal >= 0
+    counts = np.floor(ideal).astype(np.int64)
+    left = more - int(counts.sum())
+    rest = np.argsort(-(ideal - counts), kind="stable")[:left]
+    counts[rest] += 1
+    return counts
 
 
 FIRST_SHARE: Final = 0.3
@@ -133,14 +138,14 @@ class Race:
         self.iteration += 1
         best = self.best()
         scores = [self.archive.estimate(key)[0] for key in self.keys]
-        there = [s for s in scores if math.isfinite(s)]
+        finite = [s for s in scores if math.isfinite(s)]
         self.history.append(
             Iteration(
                 number=self.iteration,
                 runs=self.archive.runs,
                 best_key=best,
                 best=self.archive.estimate(best)[0],
-                mean=sum(there) / len(there) if there else math.inf,
+                mean=sum(finite) / len(finite) if finite else math.inf,
                 mean_point=tuple(float(u) for u in self.archive[best].point),
             )
         )

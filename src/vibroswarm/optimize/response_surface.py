@@ -31,20 +31,20 @@ Array = NDArray[np.float64]
 
 def optima(archive: Archive, keys: Sequence[int], seed: int) -> list[Point]:
     """Find the minima of both surfaces; none if there are too few candidates to fit them."""
-    there = [k for k in keys if np.isfinite(archive.estimate(k)[0])]
-    points = np.array([archive[k].point for k in there]).reshape(len(there), -1)
-    scores = np.array([archive.estimate(k)[0] for k in there])
-    runs = np.array([archive.count(k) for k in there], dtype=np.float64)
-    found: list[Point] = []
+    valid = [k for k in keys if np.isfinite(archive.estimate(k)[0])]
+    points = np.array([archive[k].point for k in valid]).reshape(len(valid), -1)
+    scores = np.array([archive.estimate(k)[0] for k in valid])
+    runs = np.array([archive.count(k) for k in valid], dtype=np.float64)
+    minima: list[Point] = []
     for _ in range(2):
         if len(points) < 2 * coefficients(archive.space.size):
             break
         surface = fit(points, scores, runs)
-        found.append(lowest(surface, points, seed))
+        minima.append(lowest(surface, points, seed))
         fitted = features(points) @ surface
         better = fitted <= np.median(fitted)
         points, scores, runs = points[better], scores[better], runs[better]
-    return found
+    return minima
 
 
 def coefficients(dimensions: int) -> int:
@@ -86,5 +86,5 @@ def lowest(surface: Array, points: Array, seed: int) -> Point:
     def height(u: Array) -> float:
         return float((features(u[None, :]) @ surface)[0])
 
-    found = minimize(height, best, bounds=list(zip(low, high, strict=True)), method="L-BFGS-B")
-    return np.clip(found.x if height(found.x) <= height(best) else best, 0.0, 1.0)
+    minimum = minimize(height, best, bounds=list(zip(low, high, strict=True)), method="L-BFGS-B")
+    return np.clip(minimum.x if height(minimum.x) <= height(best) else best, 0.0, 1.0)

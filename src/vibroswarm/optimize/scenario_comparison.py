@@ -121,7 +121,7 @@ def compare_scenarios(
     blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
     with workers_for(executor, workers) as pool:
         for purpose in ("check", "second check"):
-            at, told = derived_seed(seed, purpose), 2 * len(blocks) * runs
+            at, runs_before = derived_seed(seed, purpose), 2 * len(blocks) * runs
             blocks.append(
                 [
                     _block(
@@ -131,17 +131,17 @@ def compare_scenarios(
                         runs,
                         at,
                         pool,
-                        shifted_progress(progress, told + k * runs),
+                        shifted_progress(progress, runs_before + k * runs),
                     )
                     for k, (name, scenarios) in enumerate(both)
                 ]
             )
-    ((one, of_one), (two, of_two)), ((one_again, _), (two_again, _)) = blocks
+    ((score_one, of_one), (score_two, of_two)), ((one_again, _), (two_again, _)) = blocks
     return Checked(
         objective,
-        one,
-        two,
-        paired_score(objective, one, two),
+        score_one,
+        score_two,
+        paired_score(objective, score_one, score_two),
         paired_score(objective, one_again, two_again),
         compare(of_one, of_two, FIGURES),
     )

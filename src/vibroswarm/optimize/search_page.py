@@ -71,21 +71,21 @@ def warnings_of(
 def _unfinished(found: Found) -> str:
     """Warn if a search is unfinished; less than one step may remain, or a few runs after a failure."""
     search = found.search
-    wanted = search.search_runs + search.final_runs
+    budget = search.search_runs + search.final_runs
     step = search.pso.runs_an_iteration if search.settings.method == "pso" else search.settings.evaluations
-    if found.runs > min(wanted - step, ENOUGH * wanted):
+    if found.runs > min(budget - step, ENOUGH * budget):
         return ""
-    return f"The search is not finished: {found.runs:,} of {wanted:,} runs."
+    return f"The search is not finished: {found.runs:,} of {budget:,} runs."
 
 
 def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[str]:
     words = []
     if found.archive.failed:
-        why = "; ".join(reasons(found.archive))
-        words.append(f"{failures_said(found.archive.failed)}." + (f" Why: {why}" if why else ""))
+        causes = "; ".join(reasons(found.archive))
+        words.append(f"{failures_said(found.archive.failed)}." + (f" Why: {causes}" if causes else ""))
     for scored in () if truth is None else (truth.winner, *truth.others):
-        if said := fresh_failures_said(scored):
-            words.append(f"{said}.")
+        if fresh_failures := fresh_failures_said(scored):
+            words.append(f"{fresh_failures}.")
     failed = 0 if front is None else sum(member.failed for member in front.members)
     if failed:
         words.append(f"{failed:,} fresh runs of the front's candidates FAILED and are in no figure.")
@@ -141,8 +141,8 @@ def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
 
 def _front_luck(front: Front) -> str:
     left = not all(member.stays for member in front.members)
-    far = any(abs(share) > TELLING for share in front.too_little)
-    return front.words if left or far else ""
+    biased = any(abs(share) > TELLING for share in front.too_little)
+    return front.words if left or biased else ""
 
 
 QUOTE: Final = (
@@ -192,7 +192,9 @@ def search_page(
 def truth_parts(truth: Truth, believed_runs: int, cases: Sequence[str], unit: str) -> tuple[ReportTable, ...]:
     """Tabulate the three numbers, then the score by case and its parts, if there are any."""
     more = (tables.case_table(truth.winner, cases, unit), tables.part_table(truth.winner))
-    return tables.believed_and_true(truth, believed_runs, unit), *(one for one in more if one is not None)
+    return tables.believed_and_true(truth, believed_runs, unit), *(
+        table for table in more if table is not None
+    )
 
 
 def file_text(search: Search | Grid) -> str:
@@ -268,12 +270,12 @@ def _front_section(found: Found, front: Front, drawn: Mapping[str, ReportPicture
     short = short_names(names)
     columns = {name: Column(end, digits=6) for name, end in short.items()}
     columns["stays"] = Column("on fresh runs", tones={"stays": "good", "beaten": "bad"})
-    shown = ["stays"]
+    column_names = ["stays"]
     for name, unit in zip(front.names, front.units, strict=True):
         words = {"believed": f"{name}: believed", "true": "true", "true low": "from", "true high": "to"}
         columns |= {f"{name}, {kind}": Column(title, unit, 4) for kind, title in words.items()}
-        shown += [f"{name}, {kind}" for kind in words]
-    frame = frame.select(*shown, *names, "fresh runs", "failed")
+        column_names += [f"{name}, {kind}" for kind in words]
+    frame = frame.select(*column_names, *names, "fresh runs", "failed")
     caption = (
         f"Candidates on the Pareto front of the search, scored again on {front.runs:,} fresh runs "
         "each; `stays`: still on the front there. Intervals of 95 %."
@@ -304,8 +306,8 @@ def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Sec
     if front is not None:
         count, failed = len(front.members), sum(member.failed for member in front.members)
         fresh.append(("front", count, front.runs * count - failed, failed))
-    why = tables.failure_table(found.archive)
-    parts = (tables.account(found, fresh), *(() if why is None else (why,)))
+    failures = tables.failure_table(found.archive)
+    parts = (tables.account(found, fresh), *(() if failures is None else (failures,)))
     text = (f"{found.runs:,} runs by the search; {failures_said(found.archive.failed)}.",)
     return Section("Runs", text, parts)
 
@@ -314,7 +316,7 @@ def _shown(
     name: str, picture: Picture, found: Found, truth: Truth | None, front: Front | None
 ) -> ReportPicture:
     """Add to a picture's caption from which runs it is drawn."""
-    one = picture_of(picture, name)
+    shown = picture_of(picture, name)
     more = ""
     if name == "true-front" and front is not None:
         more = f" From {front.runs:,} fresh runs of each candidate."
@@ -324,7 +326,7 @@ def _shown(
         more = f" From the {runs:,} runs of the search{race}."
         if name == "scores" and truth is not None:
             more += f" The line across: {truth.winner.score.n:,} fresh runs."
-    return replace(one, caption=f"{one.caption}{more}")
+    return replace(shown, caption=f"{shown.caption}{more}")
 
 
 def _details(search: Search, has_file: bool, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:

@@ -52,16 +52,19 @@ def history_table(found: Found) -> pl.DataFrame:
     rows = []
     space = found.search.space
     for stage, history in (("search", found.history), ("race", found.race)):
-        for one in history:
+        for iteration in history:
             row: dict[str, Any] = {
-                "stage": stage, "iteration": one.number, "runs": one.runs, "best": plain(one.best),
-                "mean": plain(one.mean), "best_key": one.best_key,
+                "stage": stage, "iteration": iteration.number, "runs": iteration.runs, "best": plain(iteration.best),
+                "mean": plain(iteration.mean), "best_key": iteration.best_key,
             }  # fmt: skip
             for name, value, share in zip(
-                space.names, space.values(np.array(one.mean_point)).values(), one.mean_point, strict=True
+                space.names,
+                space.values(np.array(iteration.mean_point)).values(),
+                iteration.mean_point,
+                strict=True,
             ):
                 row |= {f"mean {name}": value, f"mean {name}, of its bounds": share}
-            row |= {f"personal {k}": plain(score) for k, score in enumerate(one.personal)}
+            row |= {f"personal {k}": plain(score) for k, score in enumerate(iteration.personal)}
             rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -84,16 +87,18 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     history = found.history
     label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
     scores = pl.DataFrame(
-        [(one.number, plain(one.best), plain(one.mean)) for one in history],
+        [(iteration.number, plain(iteration.best), plain(iteration.mean)) for iteration in history],
         schema={"iteration": pl.Int64, "best": pl.Float64, "mean": pl.Float64},
         orient="row",
     )
-    rows = [(one.number, k, plain(s)) for one in history for k, s in enumerate(one.personal)]
+    rows = [
+        (iteration.number, k, plain(s)) for iteration in history for k, s in enumerate(iteration.personal)
+    ]
     own = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
     shares = [
-        (one.number, name.rpartition(".")[2], share)
-        for one in history
-        for name, share in zip(space.names, one.mean_point, strict=True)
+        (iteration.number, name.rpartition(".")[2], share)
+        for iteration in history
+        for name, share in zip(space.names, iteration.mean_point, strict=True)
     ]
     parameters = pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row")
     true = None if truth is None else truth.winner.score.estimate

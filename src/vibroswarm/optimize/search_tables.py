@@ -190,11 +190,11 @@ def value_table(
     rows: list[dict[str, Any]] = []
     plain_numbers = not any(d.choices for d in search.space)
     for d in search.space:
-        shown = {"winner": values[d.name]} | {
-            f"other {k}": of.get(d.name) for k, of in enumerate(others.values())
+        by_candidate = {"winner": values[d.name]} | {
+            f"other {k}": other.get(d.name) for k, other in enumerate(others.values())
         }
         row: dict[str, Any] = {"field": d.name}
-        row |= {k: _shown(v, plain_numbers) for k, v in shown.items()}
+        row |= {k: _shown(v, plain_numbers) for k, v in by_candidate.items()}
         row |= {"low": None if d.choices else d.low, "high": None if d.choices else d.high}
         row["place"] = None if d.choices else place_of(d, values[d.name])
         at = bound_of(d, values[d.name])
@@ -246,11 +246,11 @@ def history_of(found: Found) -> ReportTable:
     """Tabulate the iterations, with the mean of each field."""
     rows = []
     for stage, history in (("search", found.history), ("race", found.race)):
-        for one in history:
+        for iteration in history:
             mean = found.search.space.dimensions
-            row: dict[str, Any] = {"stage": stage, "iteration": one.number, "runs": one.runs}
-            row |= {"best": plain(one.best), "mean": plain(one.mean)}
-            rows.append(row | {d.name: share for d, share in zip(mean, one.mean_point, strict=True)})
+            row: dict[str, Any] = {"stage": stage, "iteration": iteration.number, "runs": iteration.runs}
+            row |= {"best": plain(iteration.best), "mean": plain(iteration.mean)}
+            rows.append(row | {d.name: share for d, share in zip(mean, iteration.mean_point, strict=True)})
     short = short_names(found.search.space.names)
     columns = {"runs": Column("runs so far"), "best": Column(digits=4), "mean": Column(digits=4)}
     columns |= {name: Column(end, percent=True) for name, end in short.items()}
@@ -264,13 +264,14 @@ def history_of(found: Found) -> ReportTable:
 def account(found: Found, fresh: Sequence[tuple[str, int, int, int]]) -> ReportTable:
     """Tabulate requested and finished runs by stage; ``fresh`` has name, candidates, finished and failed runs."""
     search = found.search
-    wanted = {"search": search.search_runs, "race": search.final_runs}
+    budgets = {"search": search.search_runs, "race": search.final_runs}
     rows: list[dict[str, Any]] = []
-    for stage, of in wanted.items():
-        mine = [c for c in found.archive.candidates if _stage(c) == stage]
-        if mine or of:
-            rows.append({"stage": stage, "candidates": len(mine), "wanted": of,
-                         "runs": sum(c.count for c in mine), "failed": sum(c.failed for c in mine)})  # fmt: skip
+    for stage, budget in budgets.items():
+        in_stage = [c for c in found.archive.candidates if _stage(c) == stage]
+        if in_stage or budget:
+            runs, failed = sum(c.count for c in in_stage), sum(c.failed for c in in_stage)
+            rows.append({"stage": stage, "candidates": len(in_stage), "wanted": budget,
+                         "runs": runs, "failed": failed})  # fmt: skip
     for name, candidates, done, failed in fresh:
         rows.append({"stage": f"fresh runs of the {name}", "candidates": candidates, "wanted": done + failed,
                      "runs": done + failed, "failed": failed})  # fmt: skip
@@ -284,20 +285,20 @@ def account(found: Found, fresh: Sequence[tuple[str, int, int, int]]) -> ReportT
 
 def failure_table(archive: Archive) -> ReportTable | None:
     """Tabulate why runs failed; None if none did."""
-    found: dict[str, list[Candidate]] = {}
+    by_cause: dict[str, list[Candidate]] = {}
     for c in archive.candidates:
         if c.failed:
-            found.setdefault(c.why or "not known", []).append(c)
-    if not found:
+            by_cause.setdefault(c.why or "not known", []).append(c)
+    if not by_cause:
         return None
     rows = [
         {
-            "why": why,
-            "runs": sum(c.failed for c in many),
-            "candidates": len(many),
-            "the first": many[0].origin,
+            "why": cause,
+            "runs": sum(c.failed for c in candidates),
+            "candidates": len(candidates),
+            "the first": candidates[0].origin,
         }
-        for why, many in sorted(found.items(), key=lambda of: (-len(of[1]), of[0]))
+        for cause, candidates in sorted(by_cause.items(), key=lambda item: (-len(item[1]), item[0]))
     ]
     caption = "Why runs failed, by the first reason of each candidate; none of them could win."
     return ReportTable(_frame(rows), {"why": Column(prose=True)}, caption, "failures")

@@ -71,7 +71,7 @@ class Sensitivity:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {**vars(self), "fields": [vars(one) for one in self.fields]}
+        return {**vars(self), "fields": [vars(index) for index in self.fields]}
 
 
 def sobol_indices(
@@ -100,11 +100,11 @@ def sobol_indices(
         for k, point in enumerate(design)
     ]  # fmt: skip
     with workers_for(executor, workers) as pool:
-        found = do_pieces(pieces, search.objectives[:1], pool, progress)
-    bad = [rows for rows in found if isinstance(rows, str)]
+        results = do_pieces(pieces, search.objectives[:1], pool, progress)
+    bad = [rows for rows in results if isinstance(rows, str)]
     if bad:
         raise RunError(f"{len(bad) * replicates} runs failed, and every point is needed: {bad[0]}")
-    costs = np.array([np.mean(rows, axis=1)[:, 0] for rows in found if not isinstance(rows, str)])
+    costs = np.array([np.mean(rows, axis=1)[:, 0] for rows in results if not isinstance(rows, str)])
     return indices(search.space.names, costs, search.seed)
 
 
@@ -153,22 +153,22 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         )))
         for k, name in enumerate(names)
     ]  # fmt: skip
-    whole = np.concatenate([by_row[:, 0], by_row[:, -1]])
+    pooled = np.concatenate([by_row[:, 0], by_row[:, -1]])
     return Sensitivity(
         fields=tuple(sorted(fields, key=lambda one: -one.total)),
         points=mean.size,
         replicates=replicates,
         runs=costs.size,
         failed=0,
-        noise_share=float(noise.mean() / whole.var()) if whole.var() > 0 else 0.0,
+        noise_share=float(noise.mean() / pooled.var()) if pooled.var() > 0 else 0.0,
     )
 
 
 def _shares(rows: Array, noise: Array) -> Array:
     """Compute first-order and total indices, (2, d), from rows A, A with column i of B, B (Saltelli 2010)."""
     a, b = rows[:, 0], rows[:, -1]
-    whole = np.concatenate([a, b])
-    centre, variance = whole.mean(), whole.var() - float(noise.mean())
+    pooled = np.concatenate([a, b])
+    centre, variance = pooled.mean(), pooled.var() - float(noise.mean())
     if variance <= 0:
         return np.full((2, rows.shape[1] - 2), np.nan)
     mixed = rows[:, 1:-1]
@@ -183,7 +183,7 @@ def write_sensitivity(found: Sensitivity, folder: str | Path) -> None:
     Raises:
         RunError: it cannot be written.
     """
-    table = pl.DataFrame([vars(one) for one in found.fields])
+    table = pl.DataFrame([vars(index) for index in found.fields])
     write_files(Path(folder), {"sensitivity.csv": csv_bytes(table)})
 
 
@@ -204,12 +204,12 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     library, archive = optuna(), found.archive
     distributions = {d.name: distribution_of(library, d) for d in archive.space}
     scored = [(c, archive.score(c.key)) for c in archive.candidates]
-    there = [(c, score) for c, score in scored if math.isfinite(score)]
-    if len(there) < MIN_CANDIDATES:
-        raise InputError(f"{len(there)} candidates are too few; at least {MIN_CANDIDATES}", field="found")
+    finite = [(c, score) for c, score in scored if math.isfinite(score)]
+    if len(finite) < MIN_CANDIDATES:
+        raise InputError(f"{len(finite)} candidates are too few; at least {MIN_CANDIDATES}", field="found")
     with ignore_warnings():
         study = library.create_study()
-        for candidate, score in there:
+        for candidate, score in finite:
             study.add_trial(
                 library.trial.create_trial(
                     params=dict(candidate.values), distributions=distributions, value=score

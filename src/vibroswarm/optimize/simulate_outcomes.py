@@ -45,11 +45,11 @@ def outcomes_of(
     for k, scenario in enumerate(scenarios):
         moving = (k,) if steers(scenario) else ()  # each by itself
         alike.setdefault((*moving, *(getattr(scenario, section) for section in OF_MOTION)), []).append(k)
-    found: dict[int, Outcomes] = {}
+    by_scenario: dict[int, Outcomes] = {}
     for group in alike.values():
-        came = _followed([scenarios[k] for k in group], seed, runs, motion)
-        found |= dict(zip(group, came, strict=True))
-    return [found[k] for k in range(len(scenarios))]
+        outcomes = _followed([scenarios[k] for k in group], seed, runs, motion)
+        by_scenario |= dict(zip(group, outcomes, strict=True))
+    return [by_scenario[k] for k in range(len(scenarios))]
 
 
 def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str) -> list[Outcomes]:
@@ -91,11 +91,11 @@ KEPT: Final = 4
 def _loop_of(scenario: Scenario, seed: int) -> ClosedLoop:
     """Return the closed loop of this scenario, cached for each thread."""
     loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
-    found = next((one for one in loops if one.scenario is scenario and one.seed == seed), None)
-    if found is None:
+    cached = next((loop for loop in loops if loop.scenario is scenario and loop.seed == seed), None)
+    if cached is None:
         return ClosedLoop(scenario, seed)
-    loops.remove(found)  # while it is used, since the same scenario may be requested twice at once
-    return found
+    loops.remove(cached)  # while it is used, since the same scenario may be requested twice at once
+    return cached
 
 
 def _keep(loop: ClosedLoop) -> None:
@@ -140,7 +140,7 @@ class _ScenarioRuns:
         """
         tick_s = self.scenario.tick_s
         after_s = now_s + tick_s
-        longer = [one for one in self.ends_s if one > after_s]
+        longer = [t_s for t_s in self.ends_s if t_s > after_s]
         if not longer:
             return now_s + PIECE_S
         remaining_s = sum(longer) / len(longer) - now_s

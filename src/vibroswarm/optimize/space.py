@@ -63,17 +63,17 @@ class Dimension:
         Raises:
             InputError: the bounds are reversed, a log scale starts at 0, or the list is empty.
         """
-        where = f"space.{name}"
+        field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
             if len(given) < 2:
                 raise InputError(
-                    "is a list of one value or none; give at least two to choose from", field=where
+                    "is a list of one value or none; give at least two to choose from", field=field
                 )
             return cls(name, 0.0, float(len(given)), choices=tuple(given))
         if isinstance(given, Mapping) and "steps" in given:
-            raise InputError("'steps' is for a grid; leave it out", field=where)
-        low, high, scale, whole = bounds_of(given, where)
-        return cls(name, float(low), float(high), scale, whole)
+            raise InputError("'steps' is for a grid; leave it out", field=field)
+        low, high, scale, is_whole = bounds_of(given, field)
+        return cls(name, float(low), float(high), scale, is_whole)
 
     def value(self, u: float) -> Any:
         """Return the value at the fraction ``u`` in [0, 1]."""
@@ -120,12 +120,12 @@ class Space:
         Raises:
             InputError: a field is unknown or has wrong bounds, or there is none.
         """
-        given = fields_in(block, "space")
-        if not given:
+        fields = fields_in(block, "space")
+        if not fields:
             raise InputError("is empty; name at least one field with bounds", field="space")
-        if "preset" in given:
+        if "preset" in fields:
             raise InputError("a preset cannot be searched over; name fields", field="space.preset")
-        return cls(tuple(Dimension.of(name, bounds) for name, bounds in given.items()))
+        return cls(tuple(Dimension.of(name, bounds) for name, bounds in fields.items()))
 
     def __iter__(self) -> Iterator[Dimension]:
         return iter(self.dimensions)

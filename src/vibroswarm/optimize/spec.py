@@ -156,8 +156,8 @@ class Search:
             raise InputError("is a list of presets or of tables of values", field="start")
         objectives, settings = objectives_from(own.get("objective", {})), own.get("search", {})
         if isinstance(settings, Mapping):
-            given = {"method": "nsga2"} if len(objectives) > 1 else {}
-            settings = given | dict(settings) | ({} if method is None else {"method": method})
+            defaults = {"method": "nsga2"} if len(objectives) > 1 else {}
+            settings = defaults | dict(settings) | ({} if method is None else {"method": method})
         return cls(
             study=study,
             space=Space.of(PAPER if block is None else block),
@@ -274,8 +274,8 @@ class Search:
     @property
     def has_dashboard(self) -> bool:
         """Whether a copy for Optuna's dashboard is written."""
-        wanted = self.settings.dashboard
-        return self.settings.method in OF_OPTUNA if wanted is None else wanted
+        requested = self.settings.dashboard
+        return self.settings.method in OF_OPTUNA if requested is None else requested
 
     @property
     def pso_settings(self) -> PsoSettings:
@@ -321,11 +321,11 @@ def differences(there: Search, given: Search) -> list[str]:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
+    items: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{before}{key}"
-        found += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
-    return found
+        items += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
+    return items
 
 
 def _settings(kind: Any, block: Any, name: str) -> Any:
@@ -343,9 +343,9 @@ def check_scenario(scenario: Scenario, where: str) -> None:
     floor = scenario.floor_for(0, 0)
     alike = not scenario.floor.drawn_by_run or scenario.task.name == "fill_ratio"  # the answer, for all runs
     if alike and truth_on(scenario, floor) is None:
-        why = (
+        reason = (
             "the fill ratio is the decision boundary itself, where "
             if scenario.task.name == "fill_ratio"
             else ""
         )
-        raise InputError(f"{why}no decision is right", field=where)
+        raise InputError(f"{reason}no decision is right", field=where)

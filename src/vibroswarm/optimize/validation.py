@@ -181,7 +181,7 @@ def score_fresh(
     scored: list[Scored] = []
     with workers_for(executor, workers) as pool:
         for name, values in named:
-            told = shifted_progress(progress, len(scored) * runs)
+            shifted = shifted_progress(progress, len(scored) * runs)
             many = figures_of(
                 cases,
                 values,
@@ -190,7 +190,7 @@ def score_fresh(
                 seed,
                 pool,
                 motion=search.study.motion,
-                progress=told,
+                progress=shifted,
             )
             scored.append(
                 scored_of(name, dict(values), search.objectives[0], many.rows, many.runs, many.failed)
@@ -208,10 +208,10 @@ def scored_of(
 ) -> Scored:
     """Score the rows of one set of values."""
     cases = tuple(objective.interval(rows[:, k : k + 1]) for k in range(rows.shape[1]))
-    whole = cases[0] if len(cases) == 1 else objective.interval(rows)
+    score = cases[0] if len(cases) == 1 else objective.interval(rows)
     parts = _parts(rows) if objective.name == "time_at_error" else None
     several = cases if len(cases) > 1 else ()
-    return Scored(name, values, whole, rows, runs, failed, several, parts, objective.limits)
+    return Scored(name, values, score, rows, runs, failed, several, parts, objective.limits)
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
@@ -236,7 +236,7 @@ def _beyond(share: Interval, limit: float) -> str:
 
 def _parts(rows: Rows) -> dict[str, Interval]:
     """Compute time, error of deciding robots, and undecided robots, each in its worst case."""
-    found: dict[str, Interval] = {}
+    worst: dict[str, Interval] = {}
     for case in range(rows.shape[1]):
         time_s, wrong, decided, robots = (rows[:, case, k] for k in range(4))
         parts = {
@@ -245,9 +245,9 @@ def _parts(rows: Rows) -> dict[str, Interval]:
             "robots_undecided": cluster_share(robots - decided, robots),
         }
         for name, value in parts.items():
-            if name not in found or value.estimate > found[name].estimate:
-                found[name] = value
-    return found
+            if name not in worst or value.estimate > worst[name].estimate:
+                worst[name] = value
+    return worst
 
 
 MIN_FRESH_RUNS: Final = 200

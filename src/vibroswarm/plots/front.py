@@ -99,10 +99,10 @@ def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[n
 
 
 def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
-    given = "front" in frame.columns
+    has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
     front = np.zeros(frame.height, dtype=bool)
-    if given:
+    if has_front:
         front = frame["front"].cast(pl.Boolean).fill_null(False).to_numpy() & known
     else:
         front[known] = on_front(frame["time"].to_numpy()[known], frame["error"].to_numpy()[known])

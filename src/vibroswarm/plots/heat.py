@@ -175,12 +175,12 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
         step = 1
         size = min(size, pitch / LINE_SPACING) if upright or turned else size
     places = list(range(0, len(values), step))
-    shown = (
+    labels = (
         fitted_names([texts[place] for place in places], size, room)
         if not numeric
         else [texts[place] for place in places]
     )
-    axis.set_ticks([place + 0.5 for place in places], labels=shown, fontsize=size)
+    axis.set_ticks([place + 0.5 for place in places], labels=labels, fontsize=size)
     axis.set_tick_params(length=0)
     if turned:
         for label in axis.get_ticklabels():

@@ -60,24 +60,24 @@ def tidy(
             )
     if frame.is_empty():
         raise InputError("the frame has no rows; there is nothing to draw")
-    made = frame.with_columns(
+    tidied = frame.with_columns(
         pl.lit(None, dtype=pl.Float64).alias(name) for name in optional_numbers if name not in frame.columns
     )
-    wanted = (*numbers, *optional_numbers)
-    for name in wanted:
-        if not (made.schema[name].is_numeric() or made.schema[name] in (pl.Null, pl.Boolean)):
-            raise InputError(f"holds {made.schema[name]}, not numbers", field=name)
-    made = made.with_columns(
-        *(pl.col(name).cast(pl.Float64).fill_nan(None) for name in wanted),
+    number_columns = (*numbers, *optional_numbers)
+    for name in number_columns:
+        if not (tidied.schema[name].is_numeric() or tidied.schema[name] in (pl.Null, pl.Boolean)):
+            raise InputError(f"holds {tidied.schema[name]}, not numbers", field=name)
+    tidied = tidied.with_columns(
+        *(pl.col(name).cast(pl.Float64).fill_nan(None) for name in number_columns),
         *(pl.col(name).cast(pl.String).fill_null("(no name)") for name in texts),
     )
-    for name in wanted:
-        if made[name].is_infinite().any():
+    for name in number_columns:
+        if tidied[name].is_infinite().any():
             raise InputError("holds an infinite number; leave null where there is no value", field=name)
     for name in complete:
-        if made[name].has_nulls():
+        if tidied[name].has_nulls():
             raise InputError("holds a missing number where one is needed", field=name)
-    return made
+    return tidied
 
 
 def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
@@ -265,12 +265,22 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
         return
     looks = [look(index) for index in range(len(plane.series))]
     handles: list[Any] = [
-        Line2D([], [], ls="", marker=one.marker, markeredgecolor=one.colour, markerfacecolor="none")
+        Line2D(
+            [],
+            [],
+            ls="",
+            marker=series_look.marker,
+            markeredgecolor=series_look.colour,
+            markerfacecolor="none",
+        )
         if marks
         else Patch(
-            facecolor=PAPER, edgecolor=one.colour, hatch=hatched(style, one.hatch), linewidth=style.line_pt
+            facecolor=PAPER,
+            edgecolor=series_look.colour,
+            hatch=hatched(style, series_look.hatch),
+            linewidth=style.line_pt,
         )
-        for one in looks
+        for series_look in looks
     ]
     legend_below(plane.rows.figure, style, handles, plane.series)
 

@@ -53,25 +53,25 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
 
     Lines break after spaces and after separators in paths and names.
     """
-    whole = plain(text).strip()
+    full = plain(text).strip()
     most = int(lines * room_pt / (size_pt * NARROWEST_EM)) + 1
-    for letters in range(min(len(whole), most), 0, -1):
-        shorter = whole if letters == len(whole) else _without_middle(whole, letters)
+    for letters in range(min(len(full), most), 0, -1):
+        shorter = full if letters == len(full) else _without_middle(full, letters)
         broken = _broken(shorter, size_pt, room_pt)
         if len(broken) <= lines:
             return "\n".join(broken)
-    return ELLIPSIS if whole else ""
+    return ELLIPSIS if full else ""
 
 
 def fitted_names(names: Sequence[object], size_pt: float, room_pt: float, lines: int = 1) -> list[str]:
     """``fitted`` for many names; different names that would look alike are numbered."""
-    made = [fitted(name, size_pt, room_pt, lines) for name in names]
+    shortened = [fitted(name, size_pt, room_pt, lines) for name in names]
     seen: dict[str, set[str]] = {}
-    for name, short in zip(names, made, strict=True):
+    for name, short in zip(names, shortened, strict=True):
         seen.setdefault(short, set()).add(str(name))
     return [
         short if len(seen[short]) == 1 else fitted(f"{place}) {plain(name)}", size_pt, room_pt, lines)
-        for place, (name, short) in enumerate(zip(names, made, strict=True), start=1)
+        for place, (name, short) in enumerate(zip(names, shortened, strict=True), start=1)
     ]
 
 
@@ -369,9 +369,9 @@ def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Se
     if not names:
         return
     room = style.width_in * 72 - style.small_pt * 5
-    shown = fitted_names(names, style.small_pt, room)
+    labels = fitted_names(names, style.small_pt, room)
     figure.legend(
-        list(handles), shown, loc="outside lower center", ncols=_legend_columns(style, names), columnspacing=1.4,
+        list(handles), labels, loc="outside lower center", ncols=_legend_columns(style, names), columnspacing=1.4,
         borderaxespad=0.2, borderpad=0.1, labelspacing=0.35,
     )  # fmt: skip
 
@@ -380,12 +380,12 @@ def _legend_columns(style: Style, names: Sequence[str]) -> int:
     """The largest number of legend columns that fits the width and leaves none almost empty."""
     room_pt = style.width_in * 72 - style.small_pt * 2
     handle_pt, gap_pt = style.small_pt * 3, style.small_pt * 1.4
-    shown = fitted_names(names, style.small_pt, room_pt - handle_pt)
-    for columns in range(len(shown), 1, -1):
-        widest = [max(width_pt(name, style.small_pt) for name in part) for part in _dealt(shown, columns)]
+    labels = fitted_names(names, style.small_pt, room_pt - handle_pt)
+    for columns in range(len(labels), 1, -1):
+        widest = [max(width_pt(name, style.small_pt) for name in part) for part in _dealt(labels, columns)]
         if sum(widest) + columns * handle_pt + (columns - 1) * gap_pt <= room_pt:
-            lines = math.ceil(len(shown) / columns)
-            return math.ceil(len(shown) / lines)
+            lines = math.ceil(len(labels) / columns)
+            return math.ceil(len(labels) / lines)
     return 1
 
 

@@ -119,10 +119,10 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
     feedback = "no" if scenario.strategy.name == "none" else scenario.strategy.name
-    made = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
+    origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     axes.set_title(
         f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{feedback} feedback, {made}: {summary['consensus'] or 'decisions not logged'}",
+        f"{feedback} feedback, {origin}: {summary['consensus'] or 'decisions not logged'}",
         fontsize=9,
         wrap=True,
     )

@@ -112,7 +112,7 @@ def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> Non
         others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         raise InputError(
             f"has no column '{column}'{nearest(column, there)}, needed for {use}{others}; it has "
-            f"{', '.join(repr(one) for one in there[:20])}",
+            f"{', '.join(repr(name_of) for name_of in there[:20])}",
             field=name,
         )
 
@@ -127,14 +127,14 @@ def numbers_of(
     """
     stripped = cells.str.strip_chars()
     empty = stripped.is_in(list(missing))
-    found = stripped.cast(pl.Float64, strict=False)
-    wrong = ~empty & ~found.is_finite().fill_null(False)
+    numbers = stripped.cast(pl.Float64, strict=False)
+    wrong = ~empty & ~numbers.is_finite().fill_null(False)
     if wrong.any():
         k = int(wrong.arg_true()[0])
         raise InputError(
             f"'{str(cells[k])[:40]}' in column '{column}' is not a number", field=f"{name}, row {lines[k]}"
         )
-    return pl.select(pl.when(~empty).then(found)).to_series()
+    return pl.select(pl.when(~empty).then(numbers)).to_series()
 
 
 def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
@@ -142,11 +142,11 @@ def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, colum
     if use not in _ALLOWED:
         return
     low, high, words = _ALLOWED[use]
-    whole = isinstance(low, int)
+    is_whole = isinstance(low, int)
     numbers = values.to_numpy()
     with np.errstate(invalid="ignore"):
         wrong = (numbers < low) | (numbers > high)
-        if whole:
+        if is_whole:
             wrong |= numbers != np.rint(numbers)
     wrong &= ~np.isnan(numbers)
     if wrong.any():
@@ -215,7 +215,7 @@ def column_map(text: str, name: str) -> ColumnMap:
     if lacking:
         raise InputError(f"does not name the column for {lacking[0]}", field=f"{name}, [columns]")
     missing = values.get("missing", ["", "None", "nan", "NaN"])
-    if not isinstance(missing, list) or not all(isinstance(one, str) for one in missing):
+    if not isinstance(missing, list) or not all(isinstance(text_value, str) for text_value in missing):
         raise InputError("must be a list of strings", field=f"{name}, missing")
     settings = values.get("settings", {})
     if not isinstance(settings, dict):
@@ -223,37 +223,39 @@ def column_map(text: str, name: str) -> ColumnMap:
     return ColumnMap(
         name=str(values.get("name", name)),
         columns={use: _column(use, value, name) for use, value in columns.items()},
-        missing=tuple(one.strip() for one in missing),
+        missing=tuple(text_value.strip() for text_value in missing),
         settings=settings,
     )
 
 
 def _column(use: str, value: Any, name: str) -> Column:
     """Check the map of one column."""
-    where = f"{name}, columns.{use}"
+    location = f"{name}, columns.{use}"
     if use not in USES:
-        raise InputError(f"unknown column{nearest(use, USES)}", field=where)
+        raise InputError(f"unknown column{nearest(use, USES)}", field=location)
     if isinstance(value, str):
         return Column(value)
     if not isinstance(value, dict) or not isinstance(value.get("name"), str):
         raise InputError(
-            'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=where
+            'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=location
         )
     unknown = set(value) - {"name", "times", "plus", "wraps_at", "values"}
     if unknown:
-        raise InputError(f"unknown key '{min(unknown)}'", field=where)
+        raise InputError(f"unknown key '{min(unknown)}'", field=location)
     table = value.get("values")
     if table is not None and not isinstance(table, dict):
-        raise InputError("values must be a table from text to number", field=where)
+        raise InputError("values must be a table from text to number", field=location)
     wraps_at = value.get("wraps_at")
     if wraps_at is not None and use not in COUNTERS:
-        raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=where)
+        raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=location)
     return Column(
         value["name"],
-        plain_number(value.get("times", 1.0), "times", where),
-        plain_number(value.get("plus", 0.0), "plus", where),
-        None if wraps_at is None else plain_number(wraps_at, "wraps_at", where),
-        None if table is None else {key: plain_number(one, key, where) for key, one in table.items()},
+        plain_number(value.get("times", 1.0), "times", location),
+        plain_number(value.get("plus", 0.0), "plus", location),
+        None if wraps_at is None else plain_number(wraps_at, "wraps_at", location),
+        None
+        if table is None
+        else {key: plain_number(number, key, location) for key, number in table.items()},
     )
 
 
@@ -268,16 +270,20 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
     table = table_of(text_of(path), name)
     check_columns({use: column.name for use, column in by.columns.items()}, table.columns[1:], name)
     lines = table["line"]
-    found: dict[str, pl.Series] = {"line": lines}
+    columns: dict[str, pl.Series] = {"line": lines}
     for use, column in by.columns.items():
-        found[use] = _converted(table[column.name], lines, name, use, column, by.missing)
+        columns[use] = _converted(table[column.name], lines, name, use, column, by.missing)
     for use in ("robot", "time_s", "x_m", "y_m"):
-        _check_there(found[use], lines, name, by.columns[use].name)
-    _check_tags(found, name)
-    is_sample = found["energy"].is_not_null()
-    frame = pl.DataFrame({use: one.alias(use) for use, one in found.items() if use != "tag"})
+        _check_there(columns[use], lines, name, by.columns[use].name)
+    _check_tags(columns, name)
+    is_sample = columns["energy"].is_not_null()
+    frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})
     samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
-    wraps_at = {use: one.wraps_at * one.times for use, one in by.columns.items() if one.wraps_at is not None}
+    wraps_at = {
+        use: values.wraps_at * values.times
+        for use, values in by.columns.items()
+        if values.wraps_at is not None
+    }
     return Log(
         name=path.name,
         reader=by.name,

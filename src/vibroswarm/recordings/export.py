@@ -57,8 +57,8 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     )
     by_loop = {int(k[0]): frame.to_dicts() for k, frame in due.group_by("loop", maintain_order=True)}
     for loop, time_s in enumerate(loops.tolist()):
-        for robot, where in places.items():
-            lines.append(f"{_place(time_s, robot, where[loop])}{_NOTHING}")
+        for robot, positions in places.items():
+            lines.append(f"{_place(time_s, robot, positions[loop])}{_NOTHING}")
         for row in by_loop.get(loop, []):
             lines.append(_place(time_s, row["robot"], places[row["robot"]][loop]) + _mind(row))
     head = (
@@ -131,7 +131,7 @@ def _settings(result: Result) -> list[str]:
     if any(number != int(number) for number in numbers):
         return ["INFO: settings are not whole numbers and are not logged"]
     robots = s.swarm.robots
-    return [f"{' '.join(str(int(one)) for one in numbers)} 1 {robots} {int(numbers[2])} 0 0 "]
+    return [f"{' '.join(str(int(setting)) for setting in numbers)} 1 {robots} {int(numbers[2])} 0 0 "]
 
 
 def _console(row: dict[str, Any], decided_s: float | None) -> str:

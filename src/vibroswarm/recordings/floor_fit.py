@@ -56,8 +56,8 @@ def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
     k = ORIENTATIONS.index(orientation)
     if k < 4:
         return np.rot90(tiles, k)
-    made = (np.fliplr(tiles), np.flipud(tiles), tiles.T, np.rot90(tiles, 2).T)
-    return made[k - 4]
+    mirrored = (np.fliplr(tiles), np.flipud(tiles), tiles.T, np.rot90(tiles, 2).T)
+    return mirrored[k - 4]
 
 
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
@@ -75,7 +75,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     if seen.sum() < 4 or floor.tiles.all() or not floor.tiles.any():
         return []
     mean = total[seen] / count[seen]
-    found = []
+    fits = []
     nulls: dict[int, NDArray[np.float64]] = {}
     for orientation in ORIENTATIONS:
         tiles = turned(floor.tiles, orientation)
@@ -88,8 +88,8 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
             nulls[int(ones.sum())] = _random_contrasts(mean, int(ones.sum()))
         contrast = float(mean[ones].mean() - mean[~ones].mean())
         above = int((nulls[int(ones.sum())] >= contrast - 1e-12).sum())
-        found.append(FloorFit(orientation, contrast, (above + 1) / (FLOORS + 1)))
-    return sorted(found, key=lambda fit: -fit.contrast)
+        fits.append(FloorFit(orientation, contrast, (above + 1) / (FLOORS + 1)))
+    return sorted(fits, key=lambda fit: -fit.contrast)
 
 
 def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float64]:
@@ -111,14 +111,14 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
         return (
             "The fit of the floor is inconclusive: too few of its tiles were sampled, or all are of one kind."
         )
-    mine = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
-    if mine is None:
+    as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
+    if as_given is None:
         return "The fit of the floor is inconclusive: all sampled tiles are of one kind."
     best = fits[0]
-    odds = f"of random floors {_percent(mine.probability)} fit the energies as well"
-    if mine.probability < UNLIKELY and best is mine:
+    odds = f"of random floors {_percent(as_given.probability)} fit the energies as well"
+    if as_given.probability < UNLIKELY and best is as_given:
         return f"The floor fits: {odds}."
-    if best.probability < LIKELY and mine.probability > AGAINST * best.probability:
+    if best.probability < LIKELY and as_given.probability > AGAINST * best.probability:
         turn = best.orientation[0].upper() + best.orientation[1:]
         raise InputError(
             f"'{floor.name or 'this floor'}' does not fit: {odds}. {turn} it fits "
@@ -126,7 +126,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
             field="--floor",
         )
     better = (
-        "" if best is mine else f"; {best.orientation} it would fit better ({_percent(best.probability)})"
+        "" if best is as_given else f"; {best.orientation} it would fit better ({_percent(best.probability)})"
     )
     return f"The floor may be wrong: {odds}{better}."
 

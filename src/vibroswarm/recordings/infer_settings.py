@@ -87,12 +87,12 @@ def infer_settings(
     threshold = infer_threshold(logs, between)
     credible = 0.95
     gate = infer_gate(logs, credible)
-    found = [threshold, *gate, infer_credible(logs, gate), infer_tau(between)]
+    settings = [threshold, *gate, infer_credible(logs, gate), infer_tau(between)]
     if threshold.value is not None:
-        found.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
+        settings.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
     else:
-        found.append(_undetermined("strategy.name", "the bits read are unknown"))
-    return found
+        settings.append(_undetermined("strategy.name", "the bits read are unknown"))
+    return settings
 
 
 def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
@@ -131,19 +131,19 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     name = "sensor.rms_threshold"
     bits = _logged_bits(logs)
     if not np.isnan(bits).all():
-        zero, one = bits == 0, bits == 1
-        how = "whose bit is logged"
+        read_zero, read_one = bits == 0, bits == 1
+        source = "whose bit is logged"
     elif np.isnan(between.new_alpha).all():
         return _undetermined(name, "neither bits nor posteriors are logged")
     else:
-        zero = between.whole & (between.new_alpha == 0)
-        one = between.whole & (between.new_beta == 0)
-        how = "whose bit follows from alpha or beta not growing"
-    zeros, ones = np.sort(between.energy[zero]), np.sort(between.energy[one])
+        read_zero = between.whole & (between.new_alpha == 0)
+        read_one = between.whole & (between.new_beta == 0)
+        source = "whose bit follows from alpha or beta not growing"
+    zeros, ones = np.sort(between.energy[read_zero]), np.sort(between.energy[read_one])
     if zeros.size == 0 or ones.size == 0:
         return _undetermined(name, f"{zeros.size} samples read as 0 for certain, {ones.size} as 1: too few")
     low, high = float(zeros[-1]), float(ones[0])
-    words = f"{zeros.size} samples {how} to be 0 and {ones.size} to be 1: "
+    words = f"{zeros.size} samples {source} to be 0 and {ones.size} to be 1: "
     if low < high:
         value = _beside(low, high, zeros.size >= ones.size)
         return Inferred(name, value, low, high, f"{words}all zeros up to {low:g}, all ones from {high:g} on")
@@ -170,8 +170,8 @@ def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
 
 def _beside(low: float, high: float, at_low: bool) -> float:
     """Two-digit number in [low, high) nearest the bound with more samples; else the middle."""
-    found = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
-    return found if low - 1e-12 <= found < high else (low + high) / 2
+    rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
+    return rounded if low - 1e-12 <= rounded < high else (low + high) / 2
 
 
 def _roundest(low: float, high: float) -> float:
@@ -202,19 +202,19 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
     if decisions == 0:
         return [_undetermined(name, "no robot decided, or decisions are not logged") for name in names]
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
-    said = "; ".join(
+    counts = "; ".join(
         f"{gate}: {_held(low)} while undecided and sure, at least {high:g} at a first decision"
         for gate, (low, high, _) in bounds.items()
     )
     if len(possible) != 1 or math.isinf(bounds[possible[0]][0]):
-        found = ", ".join(possible) or "none"
+        options = ", ".join(possible) or "none"
         if len(possible) == 1:
-            found += " only, and it never held a robot back"
-        words = f"{decisions} first decisions; possible: {found} ({said})"
+            options += " only, and it never held a robot back"
+        words = f"{decisions} first decisions; possible: {options} ({counts})"
         return [_undetermined(name, words) for name in names]
     gate = possible[0]
     low, high, _ = bounds[gate]
-    words = f"{decisions} first decisions; only '{gate}' fits ({said})"
+    words = f"{decisions} first decisions; only '{gate}' fits ({counts})"
     return [
         Inferred(names[0], gate, None, None, words),
         Inferred(names[1], int(low), low, high - 1, words + f"; {low + 1:g} if the current sample counts"),
@@ -298,16 +298,16 @@ def infer_strategy(
     likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
     if used == 0:
         return _undetermined(name, "neither bits sent, nor posteriors and decisions, are logged")
-    order = sorted(STRATEGIES, key=lambda one: -likelihood[one])
+    order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
     lead = likelihood[order[0]] - likelihood[order[1]]
-    said = f"{used} {words}; log likelihood " + ", ".join(
-        f"{one} {likelihood[one]:.1f}" for one in STRATEGIES
+    evidence = f"{used} {words}; log likelihood " + ", ".join(
+        f"{strategy} {likelihood[strategy]:.1f}" for strategy in STRATEGIES
     )
     # Likelihood ratio of 10^4: bits of one interval are dependent, so a smaller ratio is not enough.
     value = order[0] if lead > 9.2 else None
     if value is None:
-        said += ": too close to each other"
-    return Inferred(name, value, None, None, said)
+        evidence += ": too close to each other"
+    return Inferred(name, value, None, None, evidence)
 
 
 def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
@@ -316,17 +316,17 @@ def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str,
     bit = (frame["energy"].to_numpy() > threshold).astype(float)
     logged = frame["observation"].cast(pl.Float64).to_numpy()
     bit = np.where(np.isnan(logged), bit, logged)
-    found = {"none": bit}
+    chances = {"none": bit}
     decision = frame["decision"].cast(pl.Float64).to_numpy()
-    found["positive"] = np.where(decision >= 0, decision, bit)
+    chances["positive"] = np.where(decision >= 0, decision, bit)
     columns = (*(frame[name].to_list() for name in ("alpha", "beta", "belief_below")), bit.tolist())
-    found["soft"] = np.array(
+    chances["soft"] = np.array(
         [
             np.nan if a is None or b is None or p is None else soft.probability(int(o), a, b, p, eta, kappa)
             for a, b, p, o in zip(*columns, strict=True)
         ]
     )
-    return found
+    return chances
 
 
 def _from_sent(
@@ -338,9 +338,9 @@ def _from_sent(
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
     for log in logs:
         bit = log.samples.sort("time_s")["message"].to_numpy()
-        for one, share in _messages(log, threshold, eta, kappa).items():
+        for strategy, share in _messages(log, threshold, eta, kappa).items():
             likely = np.clip(share, FLOOR_SHARE / 10, 1 - FLOOR_SHARE / 10)
-            total[one] += float(np.log(np.where(bit == 1, likely, 1 - likely)).sum())
+            total[strategy] += float(np.log(np.where(bit == 1, likely, 1 - likely)).sum())
         used += bit.size
     return total, used, "bits sent"
 
@@ -367,7 +367,7 @@ def _from_received(
             & (between.new_received > 0)
             & ~np.isnan(between.spacing_s)
         )
-        found: list[tuple[float, ...]] = []
+        intervals: list[tuple[float, ...]] = []
         for k in rows:
             end = between.time_s[k] - STOP_S
             first, last = np.searchsorted(times, [end - between.spacing_s[k] - LAG_S, end + LAG_S])
@@ -377,13 +377,13 @@ def _from_received(
             if others.size == 0 or not 0 <= ones <= n:
                 continue
             used += n
-            found.append((ones, n, *(float(chance[one][others].mean()) for one in STRATEGIES)))
-        if not found:
+            intervals.append((ones, n, *(float(chance[strategy][others].mean()) for strategy in STRATEGIES)))
+        if not intervals:
             continue
-        of_ones, of_all, *shares = np.array(found).T
-        for one, share in zip(STRATEGIES, shares, strict=True):
+        of_ones, of_all, *shares = np.array(intervals).T
+        for strategy, share in zip(STRATEGIES, shares, strict=True):
             likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
-            total[one] += math.fsum(_log_binomial(of_ones, of_all, likely))
+            total[strategy] += math.fsum(_log_binomial(of_ones, of_all, likely))
     return total, used, "bits received"
 
 

@@ -160,7 +160,7 @@ def _sorted(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
 
 def _once(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
     """Remove repeated rows and count them; refuse two different rows of a robot at one time."""
-    content = [one for one in frame.columns if one != "line"]
+    content = [name_of for name_of in frame.columns if name_of != "line"]
     kept = frame.unique(content, keep="first", maintain_order=True)
     twice = kept.filter(kept.select("robot", "time_s").is_duplicated()).sort("robot", "time_s", "line")
     if twice.height:
@@ -198,8 +198,8 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
     wrapped = odd = lost = 0
     columns = {name: samples[name].cast(pl.Float64).to_numpy().copy() for name in COUNTERS}
     robot, time_s, line = (samples[name].to_numpy() for name in ("robot", "time_s", "line"))
-    for one in np.unique(robot):
-        own = np.flatnonzero(robot == one)
+    for number in np.unique(robot):
+        own = np.flatnonzero(robot == number)
         for name, values in columns.items():
             if np.isnan(values[own]).all():
                 continue
@@ -207,7 +207,7 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
             unknown = own[np.isnan(values[own])]
             if name == "sent" and unknown.size:
                 raise InputError(
-                    f"lacks the number of messages sent by robot {one}, which its other rows have",
+                    f"lacks the number of messages sent by robot {number}, which its other rows have",
                     field=f"{log.name}, row {line[unknown[0]]}",
                 )
             values[own], times, wrong = unwrapped(
@@ -220,18 +220,18 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
                 if fallen.any() or (step > MOST_LOST).any():
                     k = int(np.argmax(fallen | (step > MOST_LOST))) + 1
                     raise InputError(
-                        f"robot {one} has {name} {values[own][k - 1]:g} messages, and then "
+                        f"robot {number} has {name} {values[own][k - 1]:g} messages, and then "
                         f"{samples[name][int(own[k])]:g}",
                         field=f"{log.name}, row {line[own[k]]}",
                     )
             if name == "sent":
                 lost += int((step - 1).sum() + values[own][0])
     counts: dict[str, float] = {"counters_wrapped": wrapped, "counters_odd": odd, "samples_lost": lost}
-    found = {
+    new_columns = {
         name: pl.Series(name, values, nan_to_null=True).cast(samples.schema[name])
         for name, values in columns.items()
     }
-    return samples.with_columns(**found), counts
+    return samples.with_columns(**new_columns), counts
 
 
 def unwrapped(

@@ -72,18 +72,22 @@ def read_webots(path: Path) -> Log:
         numbers_of(pl.Series(cells), lines, name, f"{place}", ())
         for place, cells in enumerate(zip(*rows, strict=True), start=1)
     ]
-    found: dict[str, Any] = {"line": lines} | {use: table[place].alias(use) for use, place in _PLACES.items()}
-    found["y_m"] = 1.0 - found["y_m"]
+    columns: dict[str, Any] = {"line": lines} | {
+        use: table[place].alias(use) for use, place in _PLACES.items()
+    }
+    columns["y_m"] = 1.0 - columns["y_m"]
     for use in ("avoid_total_s", "stop_total_s"):
-        found[use] = pl.Series(found[use].to_numpy() / 1000.0)  # polars would multiply by 0.001
+        columns[use] = pl.Series(columns[use].to_numpy() / 1000.0)  # polars would multiply by 0.001
     for use, place in _PLACES.items():
-        check_values(found[use], lines, name, use, f"{place + 1}")
+        check_values(columns[use], lines, name, use, f"{place + 1}")
     settings = _settings(text)
-    found["observation"] = _bits_read(settings.get("strategy.name"), found["message"], found["decision"])
+    columns["observation"] = _bits_read(
+        settings.get("strategy.name"), columns["message"], columns["decision"]
+    )
     return Log(
         name=path.name,
         reader="webots",
-        samples=log_frame(found, SAMPLES),
+        samples=log_frame(columns, SAMPLES),
         tracks=log_frame({}, TRACKS).clear(),
         settings=settings,
         counts={"rows": len(rows)},
@@ -101,10 +105,12 @@ def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl
 
 def _settings(text: str) -> dict[str, Any]:
     """Settings stated in the log; empty if there are none."""
-    found = _SETTINGS.search(text)
-    if found is None:
+    match = _SETTINGS.search(text)
+    if match is None:
         return {}
-    location, scale, tau, theta_c, least, feedback, eta, *_ = (int(one) for one in found.groups())
+    location, scale, tau, theta_c, least, feedback, eta, *_ = (
+        int(text_value) for text_value in match.groups()
+    )
     return {
         "walk.walk_duration_location_ms": float(location),
         "walk.walk_duration_scale_ms": float(scale),
@@ -161,9 +167,9 @@ def read_log(path: str | Path, reader: str | None = None, columns: str | Path | 
             )
         return _READERS[reader].read(path)
     head = text_of(path)[:HEAD]
-    for one in _READERS.values():
-        if one.recognises(head):
-            return one.read(path)
+    for candidate in _READERS.values():
+        if candidate.recognises(head):
+            return candidate.read(path)
     raise InputError(
         f"is not in a known log format ({', '.join(_READERS)}); any CSV can be read with --columns MAP.toml",
         field=str(path),

@@ -89,14 +89,14 @@ class Recording(Result):
     def write_into(self, folder: Path) -> None:
         """Write the files of a result, ``recording.json``, and a Parquet file each for rows and tracks."""
         super().write_into(folder)
-        about = {
+        head = {
             "names": list(self.names),
-            "sessions": [dict(one) for one in self.sessions],
+            "sessions": [dict(item) for item in self.sessions],
             "stated": list(self.stated),
-            "inferred": [dict(one) for one in self.inferred],
+            "inferred": [dict(item) for item in self.inferred],
             "floor": self.floor_words,
         }
-        text = json.dumps(about, indent=2, allow_nan=False) + "\n"
+        text = json.dumps(head, indent=2, allow_nan=False) + "\n"
         (folder / "recording.json").write_text(text, encoding="utf-8")
         for name in _MORE:
             getattr(self, name).write_parquet(folder / f"{name}.parquet", compression="zstd")
@@ -115,7 +115,7 @@ class Recording(Result):
         if result.seed is not None or result.segments is None:
             raise InputError("is not a recording: result.json has a seed, or no segments", field=str(folder))
         path = folder / "recording.json"
-        about = _head(read_json(path, "the head of a recording"), result, path)
+        head = _head(read_json(path, "the head of a recording"), result, path)
         more = {name: read_table(folder / f"{name}.parquet", _MORE[name], name) for name in _MORE}
         _check_more(result, more, folder)
         fields = {name: getattr(result, name) for name in Result.__dataclass_fields__}
@@ -123,7 +123,7 @@ class Recording(Result):
             **fields,
             rows=more["rows"],
             tracks=more["tracks"],
-            **about,
+            **head,
         )
 
 
@@ -141,13 +141,13 @@ def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
         for key in ("told", "wraps_at"):
             for name in (numbers := entry(session, key, dict, path)):
                 number(numbers, name, path)
-    for one in inferred:
-        entry(one, "name", str, path), entry(one, "evidence", str, path)
+    for setting in inferred:
+        entry(setting, "name", str, path), entry(setting, "evidence", str, path)
         for key in ("value", "low", "high"):
-            if key not in one or isinstance(one[key], list | dict):
+            if key not in setting or isinstance(setting[key], list | dict):
                 raise InputError(f"is damaged: 'inferred' has no {key}", field=str(path))
-            if key != "value" and one[key] is not None:
-                number(one, key, path)
+            if key != "value" and setting[key] is not None:
+                number(setting, key, path)
     return {
         "names": tuple(names),
         "sessions": tuple(sessions),
@@ -165,8 +165,8 @@ def _check_more(result: Result, more: Mapping[str, pl.DataFrame], folder: Path) 
             "columns 'run', 'robot', 'sample' differ from those of motion",
             field=str(folder / "rows.parquet"),
         )
-    there = result.ends.select("run", "robot")
-    if more["tracks"].join(there, on=["run", "robot"], how="anti").height:
+    existing = result.ends.select("run", "robot")
+    if more["tracks"].join(existing, on=["run", "robot"], how="anti").height:
         raise InputError(
             "columns 'run' and 'robot' name one that is not in ends", field=str(folder / "tracks.parquet")
         )
@@ -210,7 +210,7 @@ def recording_of(
     )
     described, stated = _described(scenario, list(stated), ordered, inferred, floor, len(names))
     tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]
-    together = {name: pl.concat([one[name] for one in tables]) for name in tables[0] if name != "told"}
+    together = {name: pl.concat([parts[name] for parts in tables]) for name in tables[0] if name != "told"}
     samples = together["motion"].with_columns(energy=together["rows"]["energy"])
     floor_words = (
         check_floor(floor, samples) if not any_floor else "The fit of the floor was not tested (--any-floor)."
@@ -232,29 +232,29 @@ def recording_of(
                 "log": log.name,
                 "reader": log.reader,
                 "wraps_at": dict(log.wraps_at),
-                "told": dict(log.counts) | one["told"],
+                "told": dict(log.counts) | parts["told"],
             }
-            for log, one in zip(ordered, tables, strict=True)
+            for log, parts in zip(ordered, tables, strict=True)
         ),
         stated=tuple(stated),
-        inferred=tuple(asdict(one) for one in inferred),
+        inferred=tuple(asdict(parts) for parts in inferred),
         floor_words=floor_words,
     )
 
 
 def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
     """Robots of all logs; they must be the same in each."""
-    found = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
+    by_log = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
     if robots is not None:
         return tuple(sorted(robots))
-    for log, one in zip(logs, found, strict=True):
-        if one != found[0]:
+    for log, numbers in zip(logs, by_log, strict=True):
+        if numbers != by_log[0]:
             raise InputError(
-                f"has robots {', '.join(map(str, one))}, and '{logs[0].name}' {', '.join(map(str, found[0]))}; "
+                f"has robots {', '.join(map(str, numbers))}, and '{logs[0].name}' {', '.join(map(str, by_log[0]))}; "
                 "sessions of one recording must have the same robots (name them with --robots)",
                 field=log.name,
             )
-    return tuple(found[0])
+    return tuple(by_log[0])
 
 
 def _described(
@@ -267,7 +267,9 @@ def _described(
 ) -> tuple[Scenario, list[str]]:
     """Scenario that describes the sessions; stated fields override inferred ones."""
     values: dict[str, Any] = {
-        one.name: one.value for one in inferred if one.value is not None and one.name not in stated
+        setting.name: setting.value
+        for setting in inferred
+        if setting.value is not None and setting.name not in stated
     }
     values |= {name: value for log in logs for name, value in log.settings.items() if name not in stated}
     end_s = max(_end_of(log) for log in logs)

@@ -192,7 +192,7 @@ def _put_back(
 ) -> list[dict[str, Any]]:
     """Rows for the samples lost between two of a robot's rows, evenly spaced in time and in messages received."""
     lost = after["sample"] - before["sample"] - 1
-    found = []
+    restored = []
     for nth in range(1, lost + 1):
         share = nth / (lost + 1)
         time_s = before["time_s"] + share * (after["time_s"] - before["time_s"])
@@ -201,7 +201,7 @@ def _put_back(
         if recording.segments is not None:
             x, y, _ = pose(recording.segments, run, after["robot"], time_s)
         tile = recording.floor(run).tile_at(*inside(np.array([x]), np.array([y]), recording.scenario))[0]
-        found.append(
+        restored.append(
             {
                 "run": run,
                 "robot": after["robot"],
@@ -214,7 +214,7 @@ def _put_back(
                 "tile": int(tile),
             }
         )
-    return found
+    return restored
 
 
 def _outcome(
@@ -276,13 +276,13 @@ def _session_outcomes(
     timed = robots.join(last, on=["run", "robot"], how="left").with_columns(
         time_s=pl.coalesce("decision_time_s", "last_s")
     )
-    found = []
+    outcomes = []
     for run in recording.runs["run"].to_list():
         own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
         mean = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
         shares = of_run["consensus"].cast(pl.String).value_counts(normalize=True, sort=True)
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
-        found.append(
+        outcomes.append(
             SessionOutcome(
                 session=run + 1,
                 strategy=strategy,
@@ -294,4 +294,4 @@ def _session_outcomes(
                 belief_in_truth=float(belief.mean()) if belief.size else None,
             )
         )
-    return found
+    return outcomes

@@ -146,15 +146,15 @@ def edge_distance(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Distance from each place to the nearest tile of the other kind, m (inf: none), and that tile's index (-1)."""
     rows, columns, width, height, left, bottom = floor.geometry
-    nearest, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
+    distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
     for index, kind in enumerate(floor.tiles.ravel()):
         x0, y0 = left + (index % columns) * width, bottom + (rows - 1 - index // columns) * height
         dx = np.maximum(np.maximum(x0 - x_m, x_m - x0 - width), 0.0)
         dy = np.maximum(np.maximum(y0 - y_m, y_m - y0 - height), 0.0)
         distance = np.hypot(dx, dy)
-        nearer = (vibrating != bool(kind)) & (distance < nearest)
-        nearest[nearer], tile[nearer] = distance[nearer], index
-    return nearest, tile
+        nearer = (vibrating != bool(kind)) & (distance < distance_m)
+        distance_m[nearer], tile[nearer] = distance[nearer], index
+    return distance_m, tile
 
 
 def error_curves(
@@ -246,11 +246,12 @@ def at_threshold(
 ) -> Threshold:
     """Error rates at a threshold, and whether the floor can be decided with it."""
     data = data or labelled(recording)
-    inner = data.edge_m > margin_m
+    far_from_edges = data.edge_m > margin_m
     bits = data.energy > value
     sessions = np.unique(data.session)
     by_session = [
-        observed_share(data.tile[data.session == one], bits[data.session == one]).share for one in sessions
+        observed_share(data.tile[data.session == session], bits[data.session == session]).share
+        for session in sessions
     ]
     return Threshold(
         rule=name,
@@ -258,7 +259,7 @@ def at_threshold(
         low=low,
         high=high,
         all_samples=rates(data, value, np.ones(bits.size, dtype=np.bool_)),
-        inner_samples=rates(data, value, inner),
+        inner_samples=rates(data, value, far_from_edges),
         share_by_session=mean_interval(by_session),
         decidable=_decidable(data, bits, value, recording),
     )
@@ -279,8 +280,8 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
     """Error rates by distance to the nearest tile of the other kind: from_m, to_m, and the fields of ``Rates``."""
     rows = []
     for from_m, to_m in pairwise(EDGES_M):
-        found = rates(data, threshold, (data.edge_m >= from_m) & (data.edge_m < to_m))
-        rows.append({"from_m": from_m, "to_m": to_m, **asdict(found)})
+        errors = rates(data, threshold, (data.edge_m >= from_m) & (data.edge_m < to_m))
+        rows.append({"from_m": from_m, "to_m": to_m, **asdict(errors)})
     return pl.DataFrame(rows)
 
 
@@ -291,14 +292,14 @@ def _decidable(
     seen = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
     visits = count[count > 0] / data.tile.size
-    found = rates(data, threshold, np.ones(bits.size, dtype=np.bool_))
+    errors = rates(data, threshold, np.ones(bits.size, dtype=np.bool_))
     worth = float(
         effective_with_sensor(
             data.tile.size,
             effective_samples(float(visits @ visits), visits.size),
             data.fill_ratio,
-            found.false_positive,
-            found.false_negative,
+            errors.false_positive,
+            errors.false_negative,
         )
     )
     truth = recording.runs["truth"][0]
@@ -313,4 +314,8 @@ def _weights(data: Labelled) -> list[Floats]:
         cluster_weights(_SEED, draw, 0, robot) * cluster_weights(_SEED, draw, 1, tile)
         for draw in range(RESAMPLES)
     )
-    return [one for one in drawn if one[data.vibrating].sum() > 0 and one[~data.vibrating].sum() > 0]
+    return [
+        weights
+        for weights in drawn
+        if weights[data.vibrating].sum() > 0 and weights[~data.vibrating].sum() > 0
+    ]

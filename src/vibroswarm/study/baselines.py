@@ -88,27 +88,27 @@ def references_of(
     """Compute the references of the selected cells; none for more than ``MOST_CELLS`` cells or too few runs."""
     if len(result.selected) > MOST_CELLS:
         return []
-    found = []
-    for done, (cell, made) in enumerate(_again(result, runs)):
-        if made is not None:
-            found.append(_references(cell, made))
+    references = []
+    for done, (cell, simulated) in enumerate(_again(result, runs)):
+        if simulated is not None:
+            references.append(_references(cell, simulated))
         if progress is not None:
             progress((done + 1) / len(result.selected))
-    return sorted(found, key=lambda one: one.cell.number)
+    return sorted(references, key=lambda reference: reference.cell.number)
 
 
 def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
     """Yield each cell with its runs; cells that share motion share its simulation."""
     for group in result.plan.groups:
         cells = [cell for cell in group.cells if cell.number in result.selected]
-        made: Result | None = None
+        simulated: Result | None = None
         for cell in cells:
             chosen = result.runs_there(cell.number, runs)
             if len(chosen) < MIN_RUNS or cell.scenario.task.name != "fill_ratio":
                 yield cell, None
                 continue
-            made = _one(result, group, cell, chosen, made)
-            yield cell, made
+            simulated = _one(result, group, cell, chosen, simulated)
+            yield cell, simulated
 
 
 def _one(result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None) -> Result:
@@ -161,4 +161,4 @@ def _known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
 
 def reference_table(references: list[References]) -> pl.DataFrame:
     """Tabulate references, one row a cell."""
-    return pl.DataFrame([one.as_row() for one in references], infer_schema_length=None)
+    return pl.DataFrame([reference.as_row() for reference in references], infer_schema_length=None)

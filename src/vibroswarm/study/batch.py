@@ -94,12 +94,12 @@ def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutc
     request.check()
     names = {scenario_of(text).network.name for inferences in observed for text, _ in inferences}
     moves = any(network(name).reads_positions for name in names)
-    whole = source(request.motion).batch(first, request.seed, request.runs, False, moves)
-    moved, end_s = _SharedMotion(first, whole, request), first.run.t_end_s
+    full = source(request.motion).batch(first, request.seed, request.runs, False, moves)
+    moved, end_s = _SharedMotion(first, full, request), first.run.t_end_s
     for inferences in observed:
         seen = scenario_of(inferences[0][0])
         if seen.run.t_end_s != end_s:
-            moved, end_s = _SharedMotion(seen, beginning(whole, seen), request), seen.run.t_end_s
+            moved, end_s = _SharedMotion(seen, beginning(full, seen), request), seen.run.t_end_s
         request.check()
         yield moved.outcomes(
             [scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences]
@@ -138,7 +138,7 @@ class _SharedMotion:
             self.request.check()
             each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation)))
         shape = (len(runs), self.timeline.robots)
-        finals = {name: np.stack([one[name].reshape(shape) for one in each]) for name in each[0]}
+        finals = {name: np.stack([columns[name].reshape(shape) for columns in each]) for name in each[0]}
         fills = np.array(fill_ratios(floors, list(runs), seen.arena.width_m, seen.arena.height_m))
         truth = _truths_of(scenarios, floors, list(runs), fills)
         decided = finals["decision"], finals["decision_time_s"]
@@ -161,11 +161,11 @@ class _SharedMotion:
     ) -> list[pl.DataFrame]:
         motion = self.motion.samples
         observations = observation_frame(scenarios[0], motion, read, energies=True)
-        found = []
+        tables = []
         for scenario, same in zip(scenarios, cells, strict=True):
             inference, _ = infer(scenario, self.request.seed, self.timeline, observations)
-            found += samples_of(motion, observations, inference, same)
-        return found
+            tables += samples_of(motion, observations, inference, same)
+        return tables
 
 
 def _truths_of(
@@ -177,7 +177,9 @@ def _truths_of(
         question = (scenario.task.model_dump_json(), scenario.decision.decision_boundary)
         if question not in known:
             known[question] = truths(scenario, floors, runs, fills)
-    return np.stack([known[one.task.model_dump_json(), one.decision.decision_boundary] for one in scenarios])
+    return np.stack(
+        [known[variant.task.model_dump_json(), variant.decision.decision_boundary] for variant in scenarios]
+    )
 
 
 def samples_of(
@@ -296,9 +298,9 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     for low in range(work.first, work.last, step):
         some = range(low, min(low + step, work.last))
         request = BatchRequest(some, work.seed, work.motion, "samples" in work.keep, cancelled)
-        for came in simulate_batch(work.observed, request):
-            rows.put(came.cells, low, came.robots, came.runs)
-            samples += came.samples
+        for outcomes in simulate_batch(work.observed, request):
+            rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
+            samples += outcomes.samples
     tables = {"robots": rows.table()}
     if "samples" in work.keep:
         order = ["cell", "run", "time_s", "robot"]
@@ -329,10 +331,10 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
     Raises:
         InputError: a table is missing, unexpected or wrong; it names file and column.
     """
-    wanted = {"robots", *study.keep}
-    if set(files) != wanted:
+    required = {"robots", *study.keep}
+    if set(files) != required:
         raise InputError(
-            f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(wanted))}"
+            f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
     cells, robots = [cell.number for cell in group.cells], group.first.swarm.robots
     expected = len(cells) * len(runs) * robots

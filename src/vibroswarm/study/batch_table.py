@@ -129,7 +129,7 @@ def arrays_of(
 def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
     """Spread figures of ``Walk.figures`` over all runs, (runs,) each; nan if nobody sampled in a run."""
     place = np.asarray(figures["run"], dtype=np.int64) - runs.start
-    found = {name: np.full(len(runs), np.nan) for name in WALK}
-    for name, column in found.items():
+    columns = {name: np.full(len(runs), np.nan) for name in WALK}
+    for name, column in columns.items():
         column[place] = figures[name]
-    return found
+    return columns

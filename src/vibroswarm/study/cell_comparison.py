@@ -50,10 +50,12 @@ class Compared:
         rest = self.cell.words_of(k for k in self.cell.point if k != self.field)
         if self.field == LABEL:
             return f"{self.cell.name} - {self.reference.name}"
-        mine, theirs = (cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference))
-        if mine == theirs:
+        name_of_cell, name_of_reference = (
+            cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference)
+        )
+        if name_of_cell == name_of_reference:
             return f"{self.cell.name} - {self.reference.name}"
-        return f"{mine} - {theirs}" + (f" ({rest})" if rest else "")
+        return f"{name_of_cell} - {name_of_reference}" + (f" ({rest})" if rest else "")
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
@@ -91,33 +93,33 @@ def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
         for cell in by_point.values():  # of equal points the first
             if name == LABEL:  # the first label's cell that is equal in all that labels do not say
                 others = _key({k: v for k, v in cell.point.items() if k not in labelled})
-                there: Cell | None = of_others.setdefault(others, cell)
+                reference: Cell | None = of_others.setdefault(others, cell)
             else:
-                there = by_point.get(_key(cell.point | {name: first}))
-            if there is not None and there.number != cell.number:
-                pairs.append((cell, there, name))
+                reference = by_point.get(_key(cell.point | {name: first}))
+            if reference is not None and reference.number != cell.number:
+                pairs.append((cell, reference, name))
     return pairs if len(pairs) <= MOST_PAIRS else []
 
 
 def _compared_fields(study: Study) -> list[str]:
     if LABEL in study.varied:
-        beside = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
-        return [LABEL, *beside]
+        fields = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
+        return [LABEL, *fields]
     values = {name: {repr(cell.point.get(name)) for cell in study.cells} for name in study.varied}
-    several = [name for name, found in values.items() if 1 < len(found) <= MOST_VALUES and name != SOURCE]
+    several = [name for name, choices in values.items() if 1 < len(choices) <= MOST_VALUES and name != SOURCE]
     return _word_fields(study) or (
-        several if len([name for name, found in values.items() if len(found) > 1]) == 1 else []
+        several if len([name for name, choices in values.items() if len(choices) > 1]) == 1 else []
     )
 
 
 def _word_fields(study: Study) -> list[str]:
     """List the varied fields whose few values are words; the floor is not one of them."""
-    found = []
+    fields = []
     for name in study.varied:
         values = {repr(cell.point.get(name)) for cell in study.cells}
         if name not in (SOURCE, LABEL) and 1 < len(values) <= MOST_VALUES:
-            found += [name] if isinstance(study.cells[0].point.get(name), str | bool) else []
-    return found
+            fields += [name] if isinstance(study.cells[0].point.get(name), str | bool) else []
+    return fields
 
 
 def _fields_of_labels(study: Study) -> set[str]:
@@ -161,28 +163,28 @@ def comparisons(result: StudyResult, replicate: StudyResult | None = None) -> li
     if not pairs:
         return []
     first, second = _Figures(result), None if replicate is None else _Figures(replicate)
-    found = []
+    compared = []
     for cell, reference, name in pairs:
-        blocks = [_pair(of, cell, reference) for of in (first, second)]
+        blocks = [_pair(figures, cell, reference) for figures in (first, second)]
         for k, paired in enumerate(blocks[0] or ()):
-            found.append((cell, reference, name, paired, blocks[1][k] if blocks[1] else None))
-    corrected = holm([paired.p_value for *_, paired, _ in found])
-    return [_compared(*entry, p) for entry, p in zip(found, corrected, strict=True)]
+            compared.append((cell, reference, name, paired, blocks[1][k] if blocks[1] else None))
+    corrected = holm([paired.p_value for *_, paired, _ in compared])
+    return [_compared(*entry, p) for entry, p in zip(compared, corrected, strict=True)]
 
 
 def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
     """Compare two cells in all figures; None if they have no run in common."""
     if of is None or not {cell.number, reference.number} <= set(of.result.selected):
         return None
-    one, other = of(cell), of(reference)
-    if one.join(other, on="run", how="semi").is_empty():
+    figures_of_cell, figures_of_reference = of(cell), of(reference)
+    if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
-    return compare(one, other, tuple(FIGURES))
+    return compare(figures_of_cell, figures_of_reference, tuple(FIGURES))
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
     """Tabulate comparisons, one row a pair of cells and figure."""
-    return pl.DataFrame([one.as_row() for one in compared], infer_schema_length=None)
+    return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
 
 
 def _compared(

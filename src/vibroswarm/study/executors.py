@@ -153,8 +153,8 @@ def do_all(
 
 def workers_gone(error: BaseException) -> RunError:
     """Explain that an executor broke or was closed."""
-    why = f"{type(error).__name__}: {error}".rstrip(": ")
-    return RunError(f"the workers are gone ({why}); {GO_ON}")
+    cause = f"{type(error).__name__}: {error}".rstrip(": ")
+    return RunError(f"the workers are gone ({cause}); {GO_ON}")
 
 
 def processors() -> int:
@@ -314,28 +314,28 @@ def _connected(connect: Any, address: str) -> Any:
     """Connect to the scheduler at an address, or the one that a file names."""
     if address.endswith(".json") and not Path(address).is_file():
         raise InputError(f"there is no scheduler file '{address}'", field="executor")
-    where = (
+    address_or_file = (
         {"scheduler_file": address}
         if address.endswith(".json")
         else {"address": address.replace("dask://", "tcp://", 1)}
     )
     try:
-        return connect(**where, timeout=CONNECT_S, set_as_default=False)
+        return connect(**address_or_file, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # an address or a file may be wrong in many ways
-        told = str(error).splitlines()[0] if str(error) else type(error).__name__
+        cause = str(error).splitlines()[0] if str(error) else type(error).__name__
     gc.collect()  # of the failed client; if it ran later, while another client starts, Dask would deadlock
-    raise InputError(f"no Dask scheduler answers at '{address}' ({told})", field="executor")
+    raise InputError(f"no Dask scheduler answers at '{address}' ({cause})", field="executor")
 
 
 def _check_dask_versions(client: Any, mixed: bool) -> None:
     """Refuse workers without vibroswarm or with another version; those that join later are checked by their batches."""
-    for worker, found in client.run(versions, on_error="return").items():
-        if isinstance(found, Exception):
+    for worker, reply in client.run(versions, on_error="return").items():
+        if isinstance(reply, Exception):
             raise InputError(
-                f"worker {worker} cannot import vibroswarm ({type(found).__name__}: {found}); install the same version",
+                f"worker {worker} cannot import vibroswarm ({type(reply).__name__}: {reply}); install the same version",
                 field="executor",
             )
-        check_worker(found, mixed, worker)
+        check_worker(reply, mixed, worker)
 
 
 def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker") -> None:
@@ -362,8 +362,8 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
 
 
 def _different_versions(theirs: Mapping[str, str]) -> str:
-    here = versions()
-    return "; ".join(f"{k} {theirs.get(k)} there, {here[k]} here" for k in here if theirs.get(k) != here[k])
+    own = versions()
+    return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])
 
 
 __all__ = ["Cancelled", "SingleProcessPools", "WorkerDied", "Workers", "workers_for"]

@@ -68,7 +68,7 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
 
 def _lists_in(block: Any, name: str) -> dict[str, list[Any]]:
     """Read the values of each field of a grid or zip."""
-    values = {field: _values(given, f"{name}.{field}") for field, given in fields_in(block, name).items()}
+    values = {field: _values(choices, f"{name}.{field}") for field, choices in fields_in(block, name).items()}
     if not values:
         raise InputError("is empty; name at least one field", field=name)
     return values
@@ -83,8 +83,8 @@ def _grid(block: Any, name: str) -> list[Point]:
 
 def _zip(block: Any, name: str) -> list[Point]:
     values = _lists_in(block, name)
-    if len({len(found) for found in values.values()}) > 1:
-        lengths = ", ".join(f"{field} has {len(found)}" for field, found in values.items())
+    if len({len(choices) for choices in values.values()}) > 1:
+        lengths = ", ".join(f"{field} has {len(choices)}" for field, choices in values.items())
         raise InputError(f"its lists are not equally long: {lengths}", field=name)
     return [dict(zip(values, chosen, strict=True)) for chosen in zip(*values.values(), strict=True)]
 
@@ -103,9 +103,9 @@ def _sobol(block: Any, name: str) -> list[Point]:
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
         from scipy.stats import qmc
 
-        whole = 1 << max(count - 1, 0).bit_length()  # a Sobol sequence is balanced at powers of two
+        size = 1 << max(count - 1, 0).bit_length()  # a Sobol sequence is balanced at powers of two
         sampler = qmc.Sobol(dimensions, scramble=True, rng=np.random.Generator(np.random.Philox(seed)))
-        points: np.ndarray[Any, Any] = sampler.random(whole)[:count]
+        points: np.ndarray[Any, Any] = sampler.random(size)[:count]
         return points
 
     return _spread(block, name, draw)
@@ -120,16 +120,16 @@ def _spread(block: Any, name: str, draw: Any) -> list[Point]:
     fields = fields_in({k: v for k, v in block.items() if k not in _OF_SPREAD}, name)
     if not fields:
         raise InputError("is empty; name at least one field", field=name)
-    for field, given in fields.items():
-        if isinstance(given, Mapping) and "steps" in given:
+    for field, choices in fields.items():
+        if isinstance(choices, Mapping) and "steps" in choices:
             raise InputError(
                 "is of a grid or zip; here 'points' says how many", field=f"{name}.{field}.steps"
             )
     unit = draw(seed, len(fields), count)
     return [
         {
-            field: _at(given, float(u), f"{name}.{field}")
-            for (field, given), u in zip(fields.items(), row, strict=True)
+            field: _at(choices, float(u), f"{name}.{field}")
+            for (field, choices), u in zip(fields.items(), row, strict=True)
         }
         for row in unit
     ]
@@ -145,18 +145,18 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
     """Map dotted field names to their values; nested tables become dotted names."""
     if not isinstance(block, Mapping):
         raise InputError("is a table of fields and their values", field=name)
-    known, found = {*field_names(), PRESET, *may_have}, {}
+    known, fields = {*field_names(), PRESET, *may_have}, {}
     for key, value in block.items():
         if key in known or _is_of_code(key):
-            found[key] = value
+            fields[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
-            found |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
+            fields |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
         else:
             last = key.rpartition(".")[2]
             same = [k for k in known if k.rpartition(".")[2] == last]
             hint = f", did you mean '{same[0]}'?" if same else nearest(key, known)
             raise InputError(f"there is no such field{hint}", field=f"{name}.{key}")
-    return found
+    return fields
 
 
 def _is_of_code(name: str) -> bool:
@@ -168,15 +168,15 @@ def _is_of_code(name: str) -> bool:
 def with_whole(block: Any, name: str = "") -> Any:
     """Mark ranges of whole-number parameters of user code as such, for readers that do not load the code."""
     if not isinstance(block, Mapping):
-        return [with_whole(one, name) for one in block] if isinstance(block, list | tuple) else block
+        return [with_whole(value, name) for value in block] if isinstance(block, list | tuple) else block
     if {"from", "to"} <= set(block):
-        whole = "whole" not in block and _is_of_code(name) and _is_whole_field(name)
+        is_whole = "whole" not in block and _is_of_code(name) and _is_whole_field(name)
         return (
             {**block, "whole": True}
-            if whole and _is_whole(block["from"]) and _is_whole(block["to"])
+            if is_whole and _is_whole(block["from"]) and _is_whole(block["to"])
             else block
         )
-    return {key: with_whole(one, f"{name}.{key}".strip(".")) for key, one in block.items()}
+    return {key: with_whole(value, f"{name}.{key}".strip(".")) for key, value in block.items()}
 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -205,13 +205,13 @@ def _at(given: Any, u: float, name: str) -> Any:
         if not given:
             raise InputError("is empty; give at least one value", field=name)
         return given[min(int(u * len(given)), len(given) - 1)]
-    low, high, scale, whole = bounds_of(given, name)
-    if whole and "steps" not in given:
+    low, high, scale, is_whole = bounds_of(given, name)
+    if is_whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
     if u in (0.0, 1.0):  # the ends as they are written
-        return rounded((low, high)[int(u)], whole)
+        return rounded((low, high)[int(u)], is_whole)
     value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
-    return rounded(value, whole)
+    return rounded(value, is_whole)
 
 
 def rounded(value: float, whole: bool) -> float | int:
@@ -234,10 +234,10 @@ def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
     scale = given.get("scale", "linear")
     if scale not in ("linear", "log") or (scale == "log" and low <= 0):
         raise InputError(f"{scale!r}: linear, or log from above 0", field=f"{name}.scale")
-    whole = given.get("whole", isinstance(low, int) and isinstance(high, int) and _is_whole_field(name))
-    if not isinstance(whole, bool):
-        raise InputError(f"{whole!r}: true or false", field=f"{name}.whole")
-    return low, high, scale, whole
+    is_whole = given.get("whole", isinstance(low, int) and isinstance(high, int) and _is_whole_field(name))
+    if not isinstance(is_whole, bool):
+        raise InputError(f"{is_whole!r}: true or false", field=f"{name}.whole")
+    return low, high, scale, is_whole
 
 
 def _is_whole(value: Any) -> TypeGuard[int]:

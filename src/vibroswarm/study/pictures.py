@@ -49,7 +49,7 @@ class NamedPicture:
 
 def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     """Yield all pictures that fit the study, the most informative first."""
-    cells, layout = outcome.cells, layout_of([one.cell for one in outcome.cells])
+    cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
         yield NamedPicture("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
     for figure, title, label, percent in _FIGURES:
@@ -62,7 +62,7 @@ def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
         yield NamedPicture("consensus-violin", "The same, as violins", _spread(outcome, draw_violins))
     yield from _fronts(cells)
     yield from _forests(outcome.comparisons)
-    if layout.field == SOURCE and any(one.summary.swarm_right.n for one in cells):
+    if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
         yield NamedPicture("detection", "Which fill ratios are judged correctly", _detection(cells, layout))
     yield from _samples(outcome)
 
@@ -77,11 +77,11 @@ _FIGURES: Final = (
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
     kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
     rows = []
-    for one in cells:
-        shares = {kind: getattr(one.summary, f"swarm_{kind}") for kind in kinds}
+    for cell_outcome in cells:
+        shares = {kind: getattr(cell_outcome.summary, f"swarm_{kind}") for kind in kinds}
         counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
-        rows.append({"cell": one.cell.name, **counts, **limits})
+        rows.append({"cell": cell_outcome.cell.name, **counts, **limits})
     return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
 
 
@@ -89,17 +89,18 @@ def _bars(
     cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
 ) -> Callable[..., Picture]:
     rows = []
-    for one in cells:
-        found, number = getattr(one.summary, figure), one.cell.number
-        x = one.cell.name if layout.x is None else layout.x[number]
+    for cell_outcome in cells:
+        estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
+        x = cell_outcome.cell.name if layout.x is None else layout.x[number]
         series = {} if layout.x is None else {"series": layout.series[number]}
-        interval = {"estimate": found.estimate, "low": found.low, "high": found.high}
-        rows.append({"x": x, **series, **interval, "runs": one.summary.runs})
+        interval = {"estimate": estimated.estimate, "low": estimated.low, "high": estimated.high}
+        rows.append({"x": x, **series, **interval, "runs": cell_outcome.summary.runs})
     frame = _frame(rows)
     many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
     if many:  # too many lines: one row a cell
         frame = frame.select(
-            pl.Series("x", [one.cell.name for one in cells]), pl.all().exclude("x", "series")
+            pl.Series("x", [cell_outcome.cell.name for cell_outcome in cells]),
+            pl.all().exclude("x", "series"),
         )
         frame = frame.head(MOST_ROWS)
     return partial(
@@ -113,13 +114,13 @@ def _bars(
 
 
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    plane = plane_of([one.cell for one in cells])
+    plane = plane_of([cell_outcome.cell for cell_outcome in cells])
     if plane is None:
         return
     panels: dict[str, list[CellOutcome]] = {}
-    for one in cells:
-        rest = ", ".join(f"{v}" for k, v in one.cell.point.items() if k not in plane)
-        panels.setdefault(rest, []).append(one)
+    for cell_outcome in cells:
+        rest = ", ".join(f"{v}" for k, v in cell_outcome.cell.point.items() if k not in plane)
+        panels.setdefault(rest, []).append(cell_outcome)
     for number, (rest, part) in enumerate(list(panels.items())[:MOST_PANELS]):
         for figure, label, best in (
             ("decision_time_s", "decision time (s)", "low"),
@@ -137,12 +138,12 @@ def _heat(
 ) -> Callable[..., Picture]:
     rows = [
         {
-            "x": number_of(one.cell, plane[0]),
-            "y": number_of(one.cell, plane[1]),
-            "value": getattr(one.summary, figure).estimate,
-            "runs": one.summary.runs,
+            "x": number_of(cell_outcome.cell, plane[0]),
+            "y": number_of(cell_outcome.cell, plane[1]),
+            "value": getattr(cell_outcome.summary, figure).estimate,
+            "runs": cell_outcome.summary.runs,
         }
-        for one in cells
+        for cell_outcome in cells
     ]
     x_label, y_label = label_of(plane[0]), label_of(plane[1])
     return partial(draw_heat, _frame(rows), x_label=x_label, y_label=y_label, label=label, best=best)
@@ -150,19 +151,23 @@ def _heat(
 
 def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
     """Draw decisions over time: one picture for each x, or a single one if there are few cells."""
-    cells = [one for one in outcome.cells if one.summary.swarm_right.n]  # where a decision can be right
+    cells = [
+        cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n
+    ]  # where a decision can be right
     if 0 < len(cells) <= MOST_SERIES // 2:
         panels = {"": cells}
     elif layout.x is not None:
         panels = {}
-        for one in cells:
-            panels.setdefault(f"{layout.label} {layout.x[one.cell.number]:g}", []).append(one)
+        for cell_outcome in cells:
+            panels.setdefault(f"{layout.label} {layout.x[cell_outcome.cell.number]:g}", []).append(
+                cell_outcome
+            )
     else:
         return
-    shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
-    for number, (words, part) in enumerate(shown):
+    panels_shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
+    for number, (words, part) in enumerate(panels_shown):
         for unit in ("robot", "swarm"):
-            name = f"incidence-{unit}s" + (f"-{number + 1}" if len(shown) > 1 else "")
+            name = f"incidence-{unit}s" + (f"-{number + 1}" if len(panels_shown) > 1 else "")
             title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
             yield NamedPicture(name, title, _incidence(outcome, part, layout if words else None, unit))
 
@@ -171,15 +176,18 @@ def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
 ) -> Callable[..., Picture]:
     frames = []
-    for one in cells:
-        robots, runs = outcome.result.tables(one.cell.number)
-        t_end_s = one.summary.t_end_s
+    for cell_outcome in cells:
+        robots, runs = outcome.result.tables(cell_outcome.cell.number)
+        t_end_s = cell_outcome.summary.t_end_s
         times_s = np.linspace(0.0, t_end_s, TIMES)
-        of = robot_incidence if unit == "robot" else swarm_incidence
-        series = one.cell.name if layout is None else layout.series[one.cell.number]
-        frames.append(of(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
-    count, t_end_s = min(one.summary.runs for one in cells), max(one.summary.t_end_s for one in cells)
-    size = min(one.cell.scenario.swarm.robots for one in cells)
+        incidence = robot_incidence if unit == "robot" else swarm_incidence
+        series = cell_outcome.cell.name if layout is None else layout.series[cell_outcome.cell.number]
+        frames.append(incidence(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
+    count, t_end_s = (
+        min(cell_outcome.summary.runs for cell_outcome in cells),
+        max(cell_outcome.summary.t_end_s for cell_outcome in cells),
+    )
+    size = min(cell_outcome.cell.scenario.swarm.robots for cell_outcome in cells)
 
     return partial(
         draw_incidence,
@@ -193,10 +201,12 @@ def _incidence(
 
 def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
     frames = [
-        outcome.result.tables(one.cell.number)[1].select(cell=pl.lit(one.cell.name), value="consensus_time_s")
-        for one in outcome.cells
+        outcome.result.tables(cell_outcome.cell.number)[1].select(
+            cell=pl.lit(cell_outcome.cell.name), value="consensus_time_s"
+        )
+        for cell_outcome in outcome.cells
     ]
-    t_end_s = max(one.summary.t_end_s for one in outcome.cells)
+    t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
     return partial(
         draw, pl.concat(frames), label="time of consensus (s)", t_end=t_end_s, missing="without consensus"
     )
@@ -205,8 +215,8 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
 def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
     """Draw one front for each floor, since nobody chooses the floor."""
     floors: dict[str, list[CellOutcome]] = {}
-    for one in cells:
-        floors.setdefault(str(one.cell.point.get(SOURCE, "")), []).append(one)
+    for cell_outcome in cells:
+        floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
     for number, (floor, part) in enumerate(list(floors.items())[:MOST_PANELS]):
         if len(part) > 1:
             name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
@@ -216,18 +226,18 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
     rows = []
-    for one in cells:
-        time, right = one.summary.decision_time_s, one.summary.swarm_right
+    for cell_outcome in cells:
+        time, right = cell_outcome.summary.decision_time_s, cell_outcome.summary.swarm_right
         rows.append(
             {
-                "name": one.cell.name,
+                "name": cell_outcome.cell.name,
                 "time": time.estimate,
                 "time_low": time.low,
                 "time_high": time.high,
                 "error": 1 - right.estimate,
                 "error_low": 1 - right.high,
                 "error_high": 1 - right.low,
-                "runs": one.summary.runs,
+                "runs": cell_outcome.summary.runs,
             }
         )
     return draw_front(_frame(rows), error_label="share of swarms not right", percent=True, style=style)
@@ -240,17 +250,17 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
     ):
         rows = [
             {
-                "comparison": one.name,
-                "difference": one.first.difference.estimate,
-                "low": one.first.difference.low,
-                "high": one.first.difference.high,
-                "wins": one.first.wins,
-                "ties": one.first.ties,
-                "losses": one.first.losses,
-                "runs": one.first.pairs,
+                "comparison": comparison.name,
+                "difference": comparison.first.difference.estimate,
+                "low": comparison.first.difference.low,
+                "high": comparison.first.difference.high,
+                "wins": comparison.first.wins,
+                "ties": comparison.first.ties,
+                "losses": comparison.first.losses,
+                "runs": comparison.first.pairs,
             }
-            for one in compared
-            if one.first.figure == figure
+            for comparison in compared
+            if comparison.first.figure == figure
         ][:MOST_ROWS]
         if rows:
             draw = partial(draw_forest, _frame(rows), label=label, better=better)
@@ -260,16 +270,16 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
 def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
     assert layout.x is not None
     rows = []
-    for one in cells:
-        right = one.summary.swarm_right
+    for cell_outcome in cells:
+        right = cell_outcome.summary.swarm_right
         rows.append(
             {
-                "fill_ratio": layout.x[one.cell.number],
-                "series": layout.series[one.cell.number],
+                "fill_ratio": layout.x[cell_outcome.cell.number],
+                "series": layout.series[cell_outcome.cell.number],
                 "missed": 1 - right.estimate,
                 "low": 1 - right.high,
                 "high": 1 - right.low,
-                "runs": one.summary.runs,
+                "runs": cell_outcome.summary.runs,
             }
         )
     boundary = cells[0].cell.scenario.decision.decision_boundary
@@ -281,11 +291,13 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
     groups = outcome.result.plan.groups
     if len(groups) <= MOST_PANELS:
         for group in groups:
-            mine = [one for one in outcome.cells if one.cell in group.cells]
-            if mine:
+            in_group = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells]
+            if in_group:
                 name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
-                words = f": {mine[0].cell.name}" if len(groups) > 1 else ""
-                yield NamedPicture(name, f"Where robots sampled{words}", partial(_density, outcome, mine[0]))
+                words = f": {in_group[0].cell.name}" if len(groups) > 1 else ""
+                yield NamedPicture(
+                    name, f"Where robots sampled{words}", partial(_density, outcome, in_group[0])
+                )
     if len(outcome.cells) <= MOST_SERIES:
         yield NamedPicture("belief", "Belief over time", partial(_belief, outcome))
 
@@ -308,13 +320,15 @@ def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
 
 
 def _belief(outcome: Outcome, style: str) -> Picture:
-    frames, shown = [], SIMULATED_RUNS
-    for one in outcome.cells:
-        shown = min(one.summary.runs, SIMULATED_RUNS)
-        result = outcome.result.result(one.cell.number, outcome.result.runs_there(one.cell.number, shown))
-        robots = one.cell.scenario.swarm.robots
+    frames, runs = [], SIMULATED_RUNS
+    for cell_outcome in outcome.cells:
+        runs = min(cell_outcome.summary.runs, SIMULATED_RUNS)
+        result = outcome.result.result(
+            cell_outcome.cell.number, outcome.result.runs_there(cell_outcome.cell.number, runs)
+        )
+        robots = cell_outcome.cell.scenario.swarm.robots
         frames.append(
-            _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, one)
+            _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
     decision = outcome.cells[0].cell.scenario.decision
     return draw_belief(
@@ -322,7 +336,7 @@ def _belief(outcome: Outcome, style: str) -> Picture:
         label=f"belief in a fill below {decision.decision_boundary:g}",
         thresholds=(decision.credible_threshold, 1 - decision.credible_threshold),
         boundary=None,
-        runs=shown,
+        runs=runs,
         unit="robot",
         style=style,
     )
@@ -333,15 +347,15 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)
     start = one.cell.scenario.decision
     runs = samples["run"].n_unique()
-    held = np.full((runs * robots, TIMES), np.nan)
+    belief = np.full((runs * robots, TIMES), np.nan)
     keyed = samples.sort("run", "robot", "time_s").group_by("run", "robot", maintain_order=True)
     for row, (_, of_robot) in enumerate(keyed):
         index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
-        beliefs = of_robot["belief_below"].to_numpy()
-        held[row] = np.where(index >= 0, beliefs[np.maximum(index, 0)], np.nan)
+        robot_beliefs = of_robot["belief_below"].to_numpy()
+        belief[row] = np.where(index >= 0, robot_beliefs[np.maximum(index, 0)], np.nan)
     prior = betainc(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
-    held[np.isnan(held)] = float(prior)
-    columns = {f"q{q:02d}": np.quantile(held, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
+    belief[np.isnan(belief)] = float(prior)
+    columns = {f"q{q:02d}": np.quantile(belief, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
     return pl.DataFrame({"time_s": times, "series": [one.cell.name] * TIMES, **columns})
 
 
@@ -349,4 +363,4 @@ def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:
     """Make a table in which numbers that are not finite are null."""
     frame = pl.DataFrame(list(rows), infer_schema_length=None)
     floats = (pl.col(name) for name, kind in frame.schema.items() if kind == pl.Float64)
-    return frame.with_columns(pl.when(one.is_finite()).then(one) for one in floats)
+    return frame.with_columns(pl.when(column.is_finite()).then(column) for column in floats)

@@ -38,11 +38,11 @@ def text_of(scenario: Scenario) -> str:
 
 def scenario_of(text: str) -> Scenario:
     """Parse a scenario from its TOML."""
-    found = _known.get(text)
-    if found is None:
-        found = Scenario.from_toml(text)
-        _remember(text, found)
-    return found
+    scenario = _known.get(text)
+    if scenario is None:
+        scenario = Scenario.from_toml(text)
+        _remember(text, scenario)
+    return scenario
 
 
 def _remember(text: str, scenario: Scenario) -> None:
@@ -169,8 +169,8 @@ def plan_of(study: Study) -> Plan:
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(deciding, []).append(cell)
     groups = []
-    for number, found in enumerate(motions.values()):
-        seen = [tuple(tuple(same) for same in inferences.values()) for inferences in found.values()]
+    for number, observations in enumerate(motions.values()):
+        seen = [tuple(tuple(same) for same in inferences.values()) for inferences in observations.values()]
         seen.sort(key=lambda inferences: -inferences[0][0].scenario.run.t_end_s)  # the longest moves first
         groups.append(Group(number, tuple(seen)))
     plan = Plan(study, tuple(groups))

@@ -74,8 +74,8 @@ class Precision:
 
     def reached(self, estimate: float, low: float, high: float) -> bool:
         """Tell whether the interval is narrow enough; one of width 0 never is, since it comes from too few data."""
-        wanted = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
-        return 0.0 < (high - low) / 2.0 <= wanted
+        target = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
+        return 0.0 < (high - low) / 2.0 <= target
 
 
 def share_from(text: Any, field: str) -> float:

@@ -39,10 +39,10 @@ class Job(NamedTuple):
     @classmethod
     def from_words(cls, text: str) -> Job:
         """Parse ``"3/16"``."""
-        number, _, of = text.partition("/")
-        if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
+        number, _, total = text.partition("/")
+        if not (number.isdecimal() and total.isdecimal() and 1 <= int(number) <= int(total)):
             raise InputError(f"'{text}' is no job; give one such as 3/16", field="--shard")
-        return cls(int(number), int(of))
+        return cls(int(number), int(total))
 
     def has(self, group: Group, block: int) -> bool:
         """Tell whether a block belongs to this job; each block belongs to exactly one."""
@@ -87,22 +87,22 @@ def run_study(
             "needs a number of runs, not a precision: jobs do not see each other's runs",
             field="--shard",
         )
-    plan, there = plan_of(study), Store.existing(folder, study)
-    if there is None or not _all_there(there, plan, job):
-        if there is not None and not mixed:
-            there.check_versions()
+    plan, existing = plan_of(study), Store.existing(folder, study)
+    if existing is None or not _all_there(existing, plan, job):
+        if existing is not None and not mixed:
+            existing.check_versions()
         with workers_for(
             executor, workers, mixed
         ) as crew:  # before the folder is made: they may not be there
-            there = Store.open_or_create(folder, study)
+            existing = Store.open_or_create(folder, study)
             if not isinstance(executor, str) or executor != "threads":
                 _compile_first(study, plan)
-            runner = _Runner(there, crew, mixed, progress or (lambda told: None))
+            runner = _Runner(existing, crew, mixed, progress or (lambda done: None))
             if study.until is None:
                 runner.do([(group, study.runs or 0) for group in plan.groups], job)
             else:
                 _until_settled(runner, plan, study.until)
-    store = Store.open_or_create(folder, study) if there is None else there
+    store = Store.open_or_create(folder, study) if existing is None else existing
     with suppress(
         InputError, RunError
     ):  # a number of runs that is there already, in a folder that is only read
@@ -218,7 +218,7 @@ class _Runner:
 def failures_in_words(store: Store, kept: bool = True) -> str:
     """Say how many runs of a store failed, why the first one did, and what to do."""
     failures = store.failures
-    first, runs = failures[0], sum(one["last"] - one["first"] for one in failures)
+    first, runs = failures[0], sum(failure["last"] - failure["first"] for failure in failures)
     batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
     words = f"{runs:,} run{'s' * (runs != 1)} failed, in {batches}"
     if not kept:

@@ -29,9 +29,9 @@ def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
     It depends only on the first runs, so that a study that was interrupted, or extended by others, stops at the same
     look as an uninterrupted one.
     """
-    there, look, runs = store.runs(group.number), 0, 0
+    available, look, runs = store.runs(group.number), 0, 0
     for look, runs in enumerate(precision.looks()):
-        if runs > there:
+        if runs > available:
             return None
         if _known(store, group, precision, look, runs):
             return Settled(look, runs, precision.level_at(look), True)
@@ -43,13 +43,13 @@ def _known(store: Store, group: Group, precision: Precision, look: int, runs: in
     rows, level = store.scan(group.number, runs), precision.level_at(look)
     assert rows is not None
     for same in (same for observed in group.observed for same in observed):
-        found = figure_of(
+        interval = figure_of(
             rows.filter(pl.col("cell") == same[0].number),
             precision.figure,
             same[0].scenario.run.t_end_s,
             level,
         )
-        if not precision.reached(found.estimate, found.low, found.high):
+        if not precision.reached(interval.estimate, interval.low, interval.high):
             return False
     return True
 
@@ -85,5 +85,5 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:
     """Return the runs after which a group was settled; if it is not, those of the last complete look."""
-    found, there = settled(store, group, precision), store.runs(group.number)
-    return found.runs if found else max((runs for runs in precision.looks() if runs <= there), default=there)
+    stop, done = settled(store, group, precision), store.runs(group.number)
+    return stop.runs if stop else max((runs for runs in precision.looks() if runs <= done), default=done)

@@ -257,12 +257,12 @@ class Study:
 
     def _with_tables(self, base: dict[str, Any]) -> dict[str, Any]:
         """Add the parameters of all user code that cells name, so that cells are the same if it is not loaded."""
-        found = copy_of(base)
+        tables = copy_of(base)
         for cell in self.cells:
             for part in cell.scenario.choices:
                 if part.code is not None:
-                    found.setdefault(part.kind, {}).setdefault(part.name, part.defaults)
-        return found
+                    tables.setdefault(part.kind, {}).setdefault(part.name, part.defaults)
+        return tables
 
     def with_runs(self, runs: int) -> Study:
         """Return the same cells with another number of runs."""
@@ -313,17 +313,17 @@ class Study:
     @cached_property
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
         """Floors that the study names and that are no patterns: its own, and those from files."""
-        found = {name: tuple(rows) for name, rows in self.floors.items()}
+        floors = {name: tuple(rows) for name, rows in self.floors.items()}
         of_base = self._sections.get("floor", {})
         of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
         for name in [of_base.get("source"), *(point.get(SOURCE) for point in self._points)]:
-            if isinstance(name, str) and name not in found and not is_random(name) and family(name) is None:
+            if isinstance(name, str) and name not in floors and not is_random(name) and family(name) is None:
                 size = (of_base.get("rows"), of_base.get("columns"))
-                given = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+                shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
                 path = (self.folder or Path()) / name
-                tiles, _ = resolve(str(path) if path.is_file() else name, given)  # type: ignore[arg-type]
-                found[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
-        return found
+                tiles, _ = resolve(str(path) if path.is_file() else name, shape)  # type: ignore[arg-type]
+                floors[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
+        return floors
 
     @property
     def _sections(self) -> Mapping[str, Any]:

@@ -78,7 +78,7 @@ class Store:
     @property
     def damaged(self) -> list[str]:
         """Shards that cannot be used, with the reason, one line each."""
-        return [f"{name}.json: {why}" for name, why in self.broken.items()]
+        return [f"{name}.json: {reason}" for name, reason in self.broken.items()]
 
     @classmethod
     def existing(cls, folder: str | Path, study: Study) -> Store | None:
@@ -138,20 +138,20 @@ class Store:
         head = folder / HEAD
         if not head.exists():
             raise InputError(f"is no study of vibroswarm (there is no {HEAD})", field=str(folder))
-        about = read_json(head, "the head of a study")
-        version, told = entry(about, "format", int, head), entry(about, "hash", str, head)
-        made_by = texts(entry(about, "versions", dict, head), "versions", head)
+        head_values = read_json(head, "the head of a study")
+        version, saved_hash = entry(head_values, "format", int, head), entry(head_values, "hash", str, head)
+        made_by = texts(entry(head_values, "versions", dict, head), "versions", head)
         check_format(version, FORMAT, str(folder))
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         # A later version may know more fields and so give the same study another hash; its text is the same.
         same_code = made_by.get("code") == versions()["code"]
-        if study.hash != told and (same_code or _fingerprint(text) != about.get("text")):
+        if study.hash != saved_hash and (same_code or _fingerprint(text) != head_values.get("text")):
             raise InputError(
-                f"{MARKER} is not the study for which the folder was made (hash {told}); restore it",
+                f"{MARKER} is not the study for which the folder was made (hash {saved_hash}); restore it",
                 field=str(folder),
             )
-        store = cls(folder, study, hash=told)
+        store = cls(folder, study, hash=saved_hash)
         store.refresh()
         return store
 
@@ -173,8 +173,8 @@ class Store:
                     self.shards.append(shard)
                     described |= set(shard.files.values())
         # The writer of a shard without description was killed.
-        there = set((self.folder / SHARDS).glob("[!.]*.parquet"))
-        heads = [p.with_name(f"{p.name.partition('.')[0]}.json") for p in there - described]
+        shards = set((self.folder / SHARDS).glob("[!.]*.parquet"))
+        heads = [p.with_name(f"{p.name.partition('.')[0]}.json") for p in shards - described]
         self.left_over += sum(not head.is_file() for head in heads)
 
     def add(self, done: BatchResult) -> None:
@@ -188,7 +188,7 @@ class Store:
             table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet"
             for table in done.files
         }
-        about = {
+        description = {
             "format": FORMAT,
             "study": self.hash,
             "group": done.work.group,
@@ -205,7 +205,7 @@ class Store:
         shards = self.folder / SHARDS
         contents = {paths[table]: data for table, data in done.files.items()}
         try:
-            write_files(shards, contents | {f"{name}.json": _json(about)})
+            write_files(shards, contents | {f"{name}.json": _json(description)})
         except InputError as error:  # the folder could be written a moment ago
             raise RunError(str(error)) from error
         self.broken.pop(name, None)
@@ -218,21 +218,21 @@ class Store:
         """Record that a batch failed."""
         path = self._failure(work)
         path.parent.mkdir(exist_ok=True)
-        about = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
-        write_file(path, _json({**about, "seed": work.seed, "why": why}))
+        description = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
+        write_file(path, _json({**description, "seed": work.seed, "why": why}))
 
     @property
     def failures(self) -> list[dict[str, Any]]:
         """Batches that failed and have not succeeded since, whole or in other parts."""
-        found = []
+        failures = []
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
             with suppress(InputError):  # harmless: the batch is reported as missing
-                one = read_json(path, "a failure")
+                failure = read_json(path, "a failure")
                 for key, kind in FAILURE.items():
-                    entry(one, key, kind, path)
-                if missing((int(one["first"]), int(one["last"])), self.ranges(int(one["group"]))):
-                    found.append(one)
-        return found
+                    entry(failure, key, kind, path)
+                if missing((int(failure["first"]), int(failure["last"])), self.ranges(int(failure["group"]))):
+                    failures.append(failure)
+        return failures
 
     def ranges(self, group: int) -> list[Range]:
         """List the stored runs of a group as ranges, which may overlap."""
@@ -279,8 +279,8 @@ class Store:
         Raises:
             InputError: naming what differs.
         """
-        for theirs in self.made_by:
-            check_begun_by(theirs, self.folder)
+        for saved in self.made_by:
+            check_begun_by(saved, self.folder)
 
     def check_alike(self) -> None:
         """Refuse shards that were made by different versions.
@@ -297,25 +297,25 @@ class Store:
 
     def _read(self, path: Path) -> Shard:
         """Read a shard's description and check its files."""
-        about = read_json(path, "the description of a shard")
-        check_format(entry(about, "format", int, path), FORMAT)
-        if about.get("study") != self.hash or about.get("seed") != self.study.seed:
+        description = read_json(path, "the description of a shard")
+        check_format(entry(description, "format", int, path), FORMAT)
+        if description.get("study") != self.hash or description.get("seed") != self.study.seed:
             raise ValueError("is of another study")
         group, first, last, rows = (
-            entry(about, key, int, path) for key in ("group", "first", "last", "rows")
+            entry(description, key, int, path) for key in ("group", "first", "last", "rows")
         )
         files: dict[str, Path] = {}
-        for name, what in entry(about, "files", dict, path).items():
+        for name, file in entry(description, "files", dict, path).items():
             if Path(name).name != name:
                 raise ValueError(f"names a file elsewhere: {shown(name)}")
-            size, sha256 = entry(what, "bytes", int, path), entry(what, "sha256", str, path)
+            size, sha256 = entry(file, "bytes", int, path), entry(file, "sha256", str, path)
             _check(path.with_name(name), size, sha256)
-            files[entry(what, "table", str, path)] = path.with_name(name)
+            files[entry(file, "table", str, path)] = path.with_name(name)
         groups = plan_of(self.study).groups
         if not (0 <= group < len(groups) and 0 <= first < last <= MOST_RUNS):
             raise ValueError(f"is of group {group}, runs {first} to {last}, which the study has not")
         check_shard(files, self.study, groups[group], range(first, last), rows)
-        made_by = texts(entry(about, "versions", dict, path), "versions", path)
+        made_by = texts(entry(description, "versions", dict, path), "versions", path)
         return Shard(path.stem, group, first, last, rows, files, made_by)
 
     def _failure(self, work: Batch) -> Path:
@@ -392,16 +392,16 @@ def _check(path: Path, size: int, sha256: str) -> None:
 
 def _differences(there: Study, given: Study) -> str:
     """Say in which respects two studies differ."""
-    told = []
+    differences = []
     for name in ("seed", "motion", "keep"):
-        mine, theirs = getattr(given, name), getattr(there, name)
-        if mine != theirs:
-            told.append(f"{name} is {theirs!r} there and {mine!r} here")
+        here, saved = getattr(given, name), getattr(there, name)
+        if here != saved:
+            differences.append(f"{name} is {saved!r} there and {here!r} here")
     if len(there.cells) != len(given.cells):
-        told.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
+        differences.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
     else:
-        told += _of_cells(there, given)
-    return f"holds another study: {'; '.join(told[:3]) or 'its cells have other names'}; take another folder"
+        differences += _of_cells(there, given)
+    return f"holds another study: {'; '.join(differences[:3]) or 'its cells have other names'}; take another folder"
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:

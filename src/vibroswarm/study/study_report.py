@@ -53,12 +53,14 @@ def write_pictures_and_report(
     """
     drawn, named = [], list(pictures_of(outcome))
     with whole_folder(folder / PICTURES, replace=True, marker=MARKER) as part:
-        for done, one in enumerate(named):
-            one.draw(style=style).write(part / one.name)
-            drawn.append((one, picture_of(one.draw(style="page"), one.name)))
+        for done, named_picture in enumerate(named):
+            named_picture.draw(style=style).write(part / named_picture.name)
+            drawn.append((named_picture, picture_of(named_picture.draw(style="page"), named_picture.name)))
             if progress is not None:
                 progress((done + 1) / len(named))
-        rows = [(one.name, one.title, picture.caption) for one, picture in drawn]
+        rows = [
+            (named_picture.name, named_picture.title, picture.caption) for named_picture, picture in drawn
+        ]
         captions = pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row")
         (part / MARKER).write_bytes(csv_bytes(captions))
     write_report(folder / REPORT, report_of(outcome, references, drawn))
@@ -73,20 +75,25 @@ def report_of(
     def shown(*kinds: str) -> tuple[Section, ...]:
         """Pictures whose file names begin with one of these words."""
         return tuple(
-            Section(one.title, parts=(picture,))
-            for one, picture in pictures
-            if one.name.partition("-")[0] in kinds
+            Section(named_picture.title, parts=(picture,))
+            for named_picture, picture in pictures
+            if named_picture.name.partition("-")[0] in kinds
         )
 
     outcomes = shown("outcomes", "decision_time_s", "belief_in_truth", "robots_right", "heat", "detection")
     sampling = (_walk_table(outcome, references),)
     compared = tuple(_comparison_tables(outcome)) if outcome.comparisons else ()
-    beside = (_reference_table(references),) if references else ()
+    reference_tables = (_reference_table(references),) if references else ()
     sections = [
         Section("Outcome", (), (_outcome_table(outcome),), outcomes),
         Section("Decisions over time", sections=shown("incidence", "consensus", "belief")),
         Section("Compared run by run", _COMPARISON_TEXT, compared, shown("compared")),
-        Section("Time against error", _REFERENCE_TEXT + _reference_notes(references), beside, shown("front")),
+        Section(
+            "Time against error",
+            _REFERENCE_TEXT + _reference_notes(references),
+            reference_tables,
+            shown("front"),
+        ),
         Section("How the robots sampled", (), sampling, shown("density")),
     ]
     study = outcome.result.study
@@ -94,7 +101,10 @@ def report_of(
         title=study.name or "Study",
         lead=_lead(outcome),
         warnings=tuple(outcome.warnings),
-        sections=(*(one for one in sections if one.parts or one.sections), _decidability(outcome)),
+        sections=(
+            *(named_picture for named_picture in sections if named_picture.parts or named_picture.sections),
+            _decidability(outcome),
+        ),
         details=_details(outcome),
     )
 
@@ -109,7 +119,7 @@ def count_range(counts: Iterable[int]) -> str:
 def _lead(outcome: Outcome) -> tuple[str, ...]:
     study, cells = outcome.result.study, outcome.cells
     varied = ", ".join(f"`{name}`" for name in study.varied) or "nothing"
-    runs = count_range(one.summary.runs for one in cells)
+    runs = count_range(cell_outcome.summary.runs for cell_outcome in cells)
     return (
         f"{len(cells)} cells of {runs} runs each; varied: {varied}.",
         "Every figure has a 95 % interval. The unit is the run, since the robots of a run influence each other. A run "
@@ -137,12 +147,12 @@ _REFERENCE_TEXT: Final = (
 def _reference_notes(references: Sequence[References]) -> tuple[str, ...]:
     """List why figures are missing or limited, each sentence once with the cells it applies to."""
     cells: dict[str, list[str]] = {}
-    for one in references:
-        for sentence in one.says:
-            cells.setdefault(sentence, []).append(one.cell.name)
+    for reference in references:
+        for sentence in reference.says:
+            cells.setdefault(sentence, []).append(reference.cell.name)
     return tuple(
-        sentence if len(of) == len(references) else f"{', '.join(of)}: {sentence}"
-        for sentence, of in cells.items()
+        sentence if len(names) == len(references) else f"{', '.join(names)}: {sentence}"
+        for sentence, names in cells.items()
     )
 
 
@@ -165,9 +175,9 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
 def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
     """Tabulate each figure by itself: differences in times and in shares have no common scale."""
     table = comparison_table(outcome.comparisons)
-    wanted = ["name", "difference", "difference_low", "difference_high", "wins", "ties", "losses", "p_holm"]
-    wanted += [name for name in ("again_difference", "confirmed") if name in table.columns]
-    found = []
+    selected = ["name", "difference", "difference_low", "difference_high", "wins", "ties", "losses", "p_holm"]
+    selected += [name for name in ("again_difference", "confirmed") if name in table.columns]
+    tables = []
     for figure, words, percent in _COMPARED:
         unit = "" if percent else "s"
         heads = {"": "difference", "_low": "from", "_high": "to"}
@@ -176,9 +186,9 @@ def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
             "again_difference": Column("again", unit, percent=percent),
             "p_holm": Column("p, corrected", digits=2),
         }
-        rows = table.filter(pl.col("figure") == figure).select(wanted)
-        found.append(ReportTable(rows, columns, f"{words}: first - second.", f"compared-{figure}"))
-    return found
+        rows = table.filter(pl.col("figure") == figure).select(selected)
+        tables.append(ReportTable(rows, columns, f"{words}: first - second.", f"compared-{figure}"))
+    return tables
 
 
 _COMPARED: Final = (
@@ -194,29 +204,35 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
     limits = [name for name in table.columns if name.endswith(("_low", "_high"))]
     shares = ("strategy_error", "pooled_error", "known", "known_wrong", "known_claimed")
     columns = {name: Column(name.replace("_", " "), percent=True) for name in shares}
-    shown = table.drop("cell", "lag_one", "packet_loss", *limits)
-    runs = max(one.runs for one in references)
+    figures = table.drop("cell", "lag_one", "packet_loss", *limits)
+    runs = max(reference.runs for reference in references)
     caption = (
         f"From {runs} runs a cell, simulated again from the seed; half of them tuned the pooled threshold."
     )
-    chains = [one.known for one in references if one.known and one.known.how == "chains"]
+    chains = [
+        reference.known for reference in references if reference.known and reference.known.how == "chains"
+    ]
     if chains:
         runs, error = max(k.runs.height for k in chains), max(k.monte_carlo_error for k in chains)
         caption += (
             f" What could be known: from {runs} of them if robots sense across tile edges or tiles or robots differ; "
             f"there the posterior is sampled, with a Monte Carlo error of at most {error:.3f} at a decision."
         )
-    return ReportTable(shown, {k: v for k, v in columns.items() if k in shown.columns}, caption, "references")
+    return ReportTable(
+        figures, {k: v for k, v in columns.items() if k in figures.columns}, caption, "references"
+    )
 
 
 def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTable:
-    by_cell = {one.cell.number: one for one in references}
+    by_cell = {cell_outcome.cell.number: cell_outcome for cell_outcome in references}
     rows = []
-    for one in outcome.cells:
-        means = {k: v for k, v in one.walk.items() if not k.endswith(("_low", "_high"))}
-        more = by_cell[one.cell.number].as_row() if one.cell.number in by_cell else {}
+    for cell_outcome in outcome.cells:
+        means = {k: v for k, v in cell_outcome.walk.items() if not k.endswith(("_low", "_high"))}
+        more = by_cell[cell_outcome.cell.number].as_row() if cell_outcome.cell.number in by_cell else {}
         correlation, loss = more.get("lag_one"), more.get("packet_loss")
-        rows.append({"name": one.cell.name, **means, "lag-1 correlation": correlation, "packet loss": loss})
+        rows.append(
+            {"name": cell_outcome.cell.name, **means, "lag-1 correlation": correlation, "packet loss": loss}
+        )
     columns = {
         "avoid_per_sample_s": Column("avoidance per sample", "s"),
         "distance_m": Column("between samples", "m"),
@@ -231,17 +247,17 @@ def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTab
 def _decidability(outcome: Outcome) -> Section:
     rows = [
         {
-            "name": one.cell.name,
-            "can it be decided": one.decidable.verdict,
-            "share of ones expected": one.decidable.share,
-            "boundary": one.decidable.boundary,
-            "readings are held against": one.decidable.tested,
-            "threshold": one.decidable.threshold,
-            "mends from": one.decidable.mending_low,
-            "mends to": one.decidable.mending_high,
-            "samples for 5 %": one.decidable.samples_needed,
+            "name": cell_outcome.cell.name,
+            "can it be decided": cell_outcome.decidable.verdict,
+            "share of ones expected": cell_outcome.decidable.share,
+            "boundary": cell_outcome.decidable.boundary,
+            "readings are held against": cell_outcome.decidable.tested,
+            "threshold": cell_outcome.decidable.threshold,
+            "mends from": cell_outcome.decidable.mending_low,
+            "mends to": cell_outcome.decidable.mending_high,
+            "samples for 5 %": cell_outcome.decidable.samples_needed,
         }
-        for one in outcome.cells
+        for cell_outcome in outcome.cells
     ]
     text = (
         "The share of ones that the swarm will read, from the sensor's error rates, the floor and the boundary. If it "

@@ -72,9 +72,9 @@ class StudyResult:
         rows = []
         for cell in self._cells():
             group = self._group_of[cell.number]
-            wanted = self.runs_of(cell.number)
-            there = self._there(group.number, wanted)
-            rows.append((cell.number, cell.name, cell.scenario.hash, group.number, wanted, there))
+            requested = self.runs_of(cell.number)
+            stored = self._there(group.number, requested)
+            rows.append((cell.number, cell.name, cell.scenario.hash, group.number, requested, stored))
         schema = {
             "cell": pl.UInt32,
             "name": pl.String,
@@ -108,9 +108,9 @@ class StudyResult:
             InputError: a field is not varied, or no cell has the value.
         """
         chosen = self.selected
-        for key, wanted in values.items():
+        for key, choices in values.items():
             name = self._field(key.replace("__", "."))
-            any_of = wanted if isinstance(wanted, list | tuple | set) else [wanted]
+            any_of = choices if isinstance(choices, list | tuple | set) else [choices]
             chosen = tuple(n for n in chosen if self.study.cells[n].point.get(name) in any_of)
         if not chosen:
             raise InputError(f"no cell has {values}", field="where")
@@ -161,10 +161,10 @@ class StudyResult:
         """Scan a table of the store for these cells, or for all selected ones."""
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
-            mine = [cell.number for cell in group.cells if cell.number in chosen]
-            frame = self.store.scan(group.number, self.runs_of(mine[0]), table) if mine else None
+            numbers = [cell.number for cell in group.cells if cell.number in chosen]
+            frame = self.store.scan(group.number, self.runs_of(numbers[0]), table) if numbers else None
             if frame is not None:
-                frames.append(frame.filter(pl.col("cell").is_in(mine)))
+                frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         if not frames:
             raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
         return pl.concat(frames)
@@ -211,8 +211,8 @@ class StudyResult:
     def runs_there(self, cell: int, most: int) -> list[int]:
         """List the first ``most`` stored runs of a cell: all from 0, unless some failed."""
         ranges = sorted(self.store.ranges(self._group_of[cell].number))
-        there = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
-        return [run for run in there if run < self.runs_of(cell)][:most]
+        stored = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
+        return [run for run in stored if run < self.runs_of(cell)][:most]
 
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:
         """Convert the table ``robots``, ``runs``, ``cells`` or ``samples`` to pandas.
@@ -311,10 +311,10 @@ def run(
 ) -> StudyResult:
     """Run a study and return its result; see ``runner.run_study``. Without a folder it is saved only temporarily."""
     kept = _TemporaryFolder() if folder is None else None
-    where = kept.folder / "study" if kept is not None else Path(folder or "")
+    target = kept.folder / "study" if kept is not None else Path(folder or "")
     store = run_study(
         study,
-        where,
+        target,
         executor=executor,
         workers=workers,
         job=job,
@@ -345,10 +345,10 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
     together = Store(Path(out), stores[0].study, shards=[s for store in stores for s in store.shards])
     together.check_alike()
     joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
-    there = {shard.name for shard in joined.shards}
+    present = {shard.name for shard in joined.shards}
     for store in stores:
         for shard in store.shards:
-            if shard.name in there:
+            if shard.name in present:
                 continue
             for path in [*shard.files.values(), store.folder / SHARDS / f"{shard.name}.json"]:
                 with whole_file(joined.folder / SHARDS / path.name) as part:
@@ -362,10 +362,10 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
         for _, first, last in joined.missing(group, runs)
     ]
     if lost:
-        told = f" (damaged: {'; '.join(damaged[:3])})" if damaged else ""
+        damage = f" (damaged: {'; '.join(damaged[:3])})" if damaged else ""
         some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         raise RunError(
-            f"'{out}' is incomplete: batches {some} are in none of the folders{told}. Run the job that lacks them "
+            f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
             f"again and merge it too, or finish here: vibroswarm sweep '{out / 'study.toml'}' --out '{out}'"
         )
     return joined

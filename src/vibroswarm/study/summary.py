@@ -57,42 +57,42 @@ class Outcome:
     def table(self) -> pl.DataFrame:
         """One row a cell: its varied values, then all figures with their limits."""
         varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
-        figures = pl.DataFrame([one.as_row() for one in self.cells], infer_schema_length=None)
+        figures = pl.DataFrame([cell.as_row() for cell in self.cells], infer_schema_length=None)
         return varied.hstack(figures)
 
     @property
     def warnings(self) -> list[str]:
         """Facts that may invalidate the figures, such as failed or missing runs."""
-        found = list(dict.fromkeys(
-            f"{_floor_words(one)}: {one.decidable.says}" for one in self.cells if one.decidable.is_warning
+        warnings = list(dict.fromkeys(
+            f"{_floor_words(c)}: {c.decidable.says}" for c in self.cells if c.decidable.is_warning
         ))  # fmt: skip
         store = self.result.store
         cells = self.result.cells
         if store.failures:
-            found.append(_failed_words(self.result))
+            warnings.append(_failed_words(self.result))
         if self.replicate is not None and self.replicate.store.failures:
-            found.append(f"on other seeds, {_failed_words(self.replicate)}")
+            warnings.append(f"on other seeds, {_failed_words(self.replicate)}")
         if self.without_runs:
             names = ", ".join(cell.name for cell in self.without_runs)
-            found.append(f"there are no runs of {names}.")
+            warnings.append(f"there are no runs of {names}.")
         lost = int((cells["wanted"] - cells["there"]).sum())
         if lost and not store.failures:
-            found.append(
+            warnings.append(
                 f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing; run the same command again."
             )
-        found += [f"a damaged shard was left out: {words}" for words in store.damaged]
+        warnings += [f"a damaged shard was left out: {words}" for words in store.damaged]
         if len(store.made_by) > 1:
-            found.append(
+            warnings.append(
                 "runs were made by different versions of the software; they may not be repeatable as a whole."
             )
         until = self.result.study.until
-        short = [one for one in self.cells if one.settled is not None and not one.settled.reached]
+        short = [c for c in self.cells if c.settled is not None and not c.settled.reached]
         if until is not None and short:
-            found.append(
+            warnings.append(
                 f"in {len(short)} of {len(self.cells)} cells {until.figure} is not known to "
                 f"{100 * until.half_width:g} % after {until.max_runs:,} runs, the most that were allowed."
             )
-        return found
+        return warnings
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -103,18 +103,18 @@ class Outcome:
             "seed": study.seed,
             "cells": [
                 {
-                    "cell": one.cell.number,
-                    "name": one.cell.name,
-                    "varied": one.cell.point,
-                    "scenario_hash": one.cell.scenario.hash,
-                    **one.summary.as_dict(),
-                    "walk": one.walk,
-                    "decidability": one.decidable.as_dict(),
-                    "settled": None if one.settled is None else one.settled._asdict(),
+                    "cell": row.cell.number,
+                    "name": row.cell.name,
+                    "varied": row.cell.point,
+                    "scenario_hash": row.cell.scenario.hash,
+                    **row.summary.as_dict(),
+                    "walk": row.walk,
+                    "decidability": row.decidable.as_dict(),
+                    "settled": None if row.settled is None else row.settled._asdict(),
                 }
-                for one in self.cells
+                for row in self.cells
             ],
-            "comparisons": [one.as_row() for one in self.comparisons],
+            "comparisons": [row.as_row() for row in self.comparisons],
             "second_block_seed": None if self.replicate is None else self.replicate.study.seed,
             "warnings": self.warnings,
             "versions": self.result.store.made_by,
@@ -152,8 +152,8 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
 def _failed_words(result: StudyResult) -> str:
     """Say how many runs of which cells failed, and why the first one did."""
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
-    names = dict.fromkeys(cell.name for one in failures for cell in groups[one["group"]].cells)
-    runs = sum(one["last"] - one["first"] for one in failures)
+    names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
+    runs = sum(failure["last"] - failure["first"] for failure in failures)
     return (
         f"{runs:,} runs of {', '.join(names)} failed and are in no figure, so that figures of the others may be biased "
         f"({failures[0]['why']})."
@@ -178,20 +178,20 @@ def _at_the_level(
     if settled is None or until is None:
         return figures
     t_end_s = result.study.cells[cell].scenario.run.t_end_s
-    found = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
-    changed: dict[str, Any] = {_SETTLED.get(until.figure, until.figure): found}
+    interval = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
+    changed: dict[str, Any] = {_SETTLED.get(until.figure, until.figure): interval}
     return replace(figures, **changed)
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for name in WALK:
         values = runs[name].drop_nulls().to_numpy()
         values = values[[math.isfinite(value) for value in values]] if name == "effective_samples" else values
         interval = mean_interval(values)
         for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
-            found[f"{name}{end}"] = value if math.isfinite(value) else None
-    return found
+            columns[f"{name}{end}"] = value if math.isfinite(value) else None
+    return columns
 
 
 def _floor_words(one: CellOutcome) -> str:
