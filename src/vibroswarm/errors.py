@@ -74,14 +74,14 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
         InputError: another type (booleans are not numbers), or outside ``low`` to ``high``.
     """
     try:
-        found = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
-        found = None
-    if found is None or not low <= found <= high:
+        number = None
+    if number is None or not low <= number <= high:
         raise InputError(
             f"{shown(value)} is wrong; give a whole number from {low} to {in_words(high)}", field=field
         )
-    return found
+    return number
 
 
 def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:

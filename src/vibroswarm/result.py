@@ -102,7 +102,7 @@ def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None
     Raises:
         RunError: the disk is full or failed.
     """
-    for code, text in plugins.texts_of([motion, *(one for s in scenarios for one in s.codes)]):
+    for code, text in plugins.texts_of([motion, *(code_of for s in scenarios for code_of in s.codes)]):
         with whole_file(folder / code.partition(":")[0]) as part:
             part.write_text(text, encoding="utf-8")
 

@@ -158,10 +158,10 @@ def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> No
 
 
 def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, name: str) -> None:
-    found: Any = table[column].max()
-    if found is not None and found > most:
+    largest: Any = table[column].max()
+    if largest is not None and largest > most:
         raise InputError(
-            f"column '{column}' holds {found:g} s, after the end of the scenario's run",
+            f"column '{column}' holds {largest:g} s, after the end of the scenario's run",
             field=_file(folder, name),
         )
 
@@ -182,8 +182,8 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
     if not floors["tiles"].str.contains("^[01]+$").all():
         raise InputError("column 'tiles' holds something else than 0 and 1", field=name)
     most = floors.select("run", most=size - 1)
-    found = tables["observations"].select("run", "tile").join(most, on="run", how="left")
-    if (found["tile"] > found["most"]).any():
+    sampled = tables["observations"].select("run", "tile").join(most, on="run", how="left")
+    if (sampled["tile"] > sampled["most"]).any():
         raise InputError(
             "column 'tile' names a tile that its floor has not", field=_file(folder, "observations")
         )

@@ -67,13 +67,13 @@ def simulate(
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     readings_boundary(scenario)  # refuse early
     floors = floors_of(scenario, seed, chosen)
-    wanted = Wanted(segments, moves or network(scenario.network.name).reads_positions)
+    parts = Wanted(segments, moves or network(scenario.network.name).reads_positions)
     if steers(scenario):
-        moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
+        moved = steered_motion(scenario, seed, chosen, floors, motion, parts, progress)
     elif scenario.run.stop == "all_decided":
-        moved = until_all_decided(scenario, seed, chosen, floors, motion, wanted, progress)
+        moved = until_all_decided(scenario, seed, chosen, floors, motion, parts, progress)
     else:
-        moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
+        moved = _to_the_end(scenario, seed, chosen, motion, parts, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     inference, finals = infer(scenario, seed, moved, observations)
     moved = moved if moves else replace(moved, moves=None)
@@ -136,9 +136,9 @@ def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
     check_seed(seed)
     if isinstance(runs, str | bytes | float) or not isinstance(runs, Iterable):
         return list(range(whole_number_of(runs, "runs", 1, MAX_RUNS)))
-    asked = list(runs)
-    chosen = sorted({whole_number_of(run, "runs", 0, 2**32 - 1) for run in asked})
-    if not chosen or len(chosen) != len(asked):
+    numbers = list(runs)
+    chosen = sorted({whole_number_of(run, "runs", 0, 2**32 - 1) for run in numbers})
+    if not chosen or len(chosen) != len(numbers):
         raise InputError("give distinct whole numbers from 0 to 2^32 - 1, at least one", field="runs")
     return chosen
 

@@ -146,13 +146,13 @@ USER_ERRORS: Final = (
 
 
 def _failed_with(error: OSError) -> int:
-    why = error.strerror or str(error)
+    cause = error.strerror or str(error)
     if error.filename is not None:
         code = 2 if error.errno in USER_ERRORS else 1
-        return _failed(f"{shown_name(error.filename)}: cannot be used: {why}", code)
+        return _failed(f"{shown_name(error.filename)}: cannot be used: {cause}", code)
     # `atomic_io` names the files it writes, so an error without a name is about this process's output.
     _silence_stdout()
-    return _failed(f"the output could not be written: {why}", 1)
+    return _failed(f"the output could not be written: {cause}", 1)
 
 
 def shown_name(name: object) -> str:

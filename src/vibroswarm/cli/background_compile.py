@@ -34,7 +34,7 @@ def begin() -> bool:
     if processors < 2 or not sys.executable or cache_folder() is None:
         return False
     try:
-        other = subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-c", COMMAND],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
             stdin=subprocess.PIPE,
@@ -46,15 +46,15 @@ def begin() -> bool:
         return False
 
     def end() -> None:
-        other.kill()
-        other.wait()
+        process.kill()
+        process.wait()
 
     def wait_for_it(module: str) -> None:
         if module.startswith(LATER) and module != EXCEPT:
             try:
-                other.wait(WAIT_S)
+                process.wait(WAIT_S)
             except subprocess.TimeoutExpired:
-                other.kill()
+                process.kill()
 
     atexit.register(end)
     add_compile_listener(wait_for_it)

@@ -72,11 +72,14 @@ def run_figures(arguments: argparse.Namespace) -> int:
 
     figures = {str(folder): figures_of(read_result(folder), arguments.at) for folder in arguments.folders}
     if arguments.json:
-        by_folder = {folder: [one.as_dict() for one in each] for folder, each in figures.items()}
+        by_folder = {
+            folder: [figure.as_dict() for figure in folder_figures]
+            for folder, folder_figures in figures.items()
+        }
         print_json({"rms_threshold": arguments.at, "figures": by_folder})
         return 0
     rows = [
-        [words, *(_scaled(each[place].interval, scale) for each in figures.values())]
+        [words, *(_scaled(folder_figures[place].interval, scale) for folder_figures in figures.values())]
         for place, (words, scale) in enumerate(FIGURES.values())
     ]
     print_table(["", *(Path(folder).name for folder in figures)], rows, texts=1 + len(figures))
@@ -103,18 +106,18 @@ def run_compare(arguments: argparse.Namespace) -> int:
     from vibroswarm.floors.io import check_suffix
 
     real, simulated = read_result(arguments.real), read_result(arguments.simulated)
-    found = compare(real, simulated)
+    comparison = compare(real, simulated)
     if arguments.picture is not None:
         check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
-        write_comparison_picture(real, simulated, found, arguments.picture)
+        write_comparison_picture(real, simulated, comparison, arguments.picture)
     if arguments.pictures is not None:
         if arguments.pictures.is_file():
             raise InputError("is a file; give the name of a folder", field=str(arguments.pictures))
-        write_comparison_pictures(real, simulated, found, arguments.pictures)
+        write_comparison_pictures(real, simulated, comparison, arguments.pictures)
     if arguments.json:
-        print_json(found.as_dict())
+        print_json(comparison.as_dict())
     else:
-        print_comparison(found)
+        print_comparison(comparison)
     return 0
 
 
@@ -128,35 +131,39 @@ def print_comparison(found: Comparison) -> None:
         ["", "published", "null", "here", "ceiling", "session, real-sim", "session, real-real", ""],
         [
             [
-                WORDS[one.feature],
-                f"{one.as_published:.3f}",
-                f"{one.null:.3f}",
-                f"{one.at_equal_counts:.3f}",
-                f"{one.ceiling:.3f}",
-                _spread(one.by_session),
-                "-" if one.real_by_session is None else _spread(one.real_by_session),
-                "" if one.at_equal_counts > one.null else "below its null",
+                WORDS[row.feature],
+                f"{row.as_published:.3f}",
+                f"{row.null:.3f}",
+                f"{row.at_equal_counts:.3f}",
+                f"{row.ceiling:.3f}",
+                _spread(row.by_session),
+                "-" if row.real_by_session is None else _spread(row.real_by_session),
+                "" if row.at_equal_counts > row.null else "below its null",
             ]
-            for one in found.similarities
+            for row in found.similarities
         ],
     )
     print("\nEnergy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
     print_table(
         ["", "real - simulated", "real - real"],
         [
-            [WORDS[one.feature], with_interval(one.effect, ".4f"), with_interval(one.real, ".4f")]
-            for one in found.distances
+            [WORDS[row.feature], with_interval(row.effect, ".4f"), with_interval(row.real, ".4f")]
+            for row in found.distances
         ],
         texts=3,
     )
-    told = found.classifier
+    classifier = found.classifier
     print("\nShare of stretches of 20 samples that a classifier recognises (0.5: chance)")
-    print(f"  real or simulated, robots and sessions not trained on: {with_interval(told.simulated, '.3f')}")
-    print(f"  real or simulated, robots not trained on: {with_interval(told.simulated_by_robot, '.3f')}")
-    if told.real is not None:
-        print(f"  which real session, robots not trained on: {with_interval(told.real, '.3f')}")
+    print(
+        f"  real or simulated, robots and sessions not trained on: {with_interval(classifier.simulated, '.3f')}"
+    )
+    print(
+        f"  real or simulated, robots not trained on: {with_interval(classifier.simulated_by_robot, '.3f')}"
+    )
+    if classifier.real is not None:
+        print(f"  which real session, robots not trained on: {with_interval(classifier.real, '.3f')}")
     if found.missing:
-        print(f"Too few values to compare: {', '.join(WORDS[one] for one in found.missing)}")
+        print(f"Too few values to compare: {', '.join(WORDS[row] for row in found.missing)}")
 
 
 def _spread(one: Any) -> str:

@@ -56,11 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_json
 
     first, second = (scenario_of(name, arguments.settings) for name in (arguments.first, arguments.second))
-    found = effects(first, second, arguments.runs, arguments.seed, progress=share_done("runs"))
+    results = effects(first, second, arguments.runs, arguments.seed, progress=share_done("runs"))
     if arguments.json:
-        print_json([one.as_dict() for one in found])
+        print_json([effect.as_dict() for effect in results])
     else:
-        print_effects(found, (arguments.first, arguments.second))
+        print_effects(results, (arguments.first, arguments.second))
     return 0
 
 
@@ -78,14 +78,14 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
         ],
         [
             [
-                one.strategy,
+                effect.strategy,
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
                 ", ".join(f"{100 * share:.1f}" for share in shares.values()),
             ]
-            for one in found
-            for name, figures, shares in zip(names, one.figures, one.consensus, strict=True)
+            for effect in found
+            for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
         ],
         texts=5,
     )
@@ -94,13 +94,15 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
         ["", "", "", ""],
         [
             [
-                one.strategy,
-                each.first.figure,
-                with_interval(each.first.difference, ".0f" if each.first.figure.endswith("_s") else ".3f"),
-                each.says,
+                effect.strategy,
+                difference.first.figure,
+                with_interval(
+                    difference.first.difference, ".0f" if difference.first.figure.endswith("_s") else ".3f"
+                ),
+                difference.says,
             ]
-            for one in found
-            for each in one.differences
+            for effect in found
+            for difference in effect.differences
         ],
         texts=4,
     )

@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         with whole_file(arguments.out) as part:
             part.write_text(fitted.scenario.to_toml(), encoding="utf-8")
     if arguments.json:
-        print_json(fitted.as_dict() | {"folds": [one.as_dict() for one in judged]})
+        print_json(fitted.as_dict() | {"folds": [fold.as_dict() for fold in judged]})
         return 0
     print_fit(fitted)
     if judged:
@@ -122,8 +122,13 @@ def print_fit(found: Fit) -> None:
     print_table(
         ["figure", "value", "s.e.", "95 %"],
         [
-            [one.name, f"{one.value:.5g}", f"{one.error:.2g}", f"[{one.low:.4g}, {one.high:.4g}]"]
-            for one in found.figures
+            [
+                figure.name,
+                f"{figure.value:.5g}",
+                f"{figure.error:.2g}",
+                f"[{figure.low:.4g}, {figure.high:.4g}]",
+            ]
+            for figure in found.figures
         ],
     )
     print("\nFields of the scenario")
@@ -165,20 +170,20 @@ def print_folds(judged: list[Fold]) -> None:
         ["", *(f"similarity, {kind}" for kind in names), *(f"distance, {kind}" for kind in distances)],
         [
             [
-                WORDS[one.feature],
+                WORDS[row.feature],
                 *(
                     f"{np.mean([getattr(fold.scores[place], name) for fold in judged]):.4f}"
                     for name in (*names.values(), *distances.values())
                 ),
             ]
-            for place, one in enumerate(judged[0].scores)
+            for place, row in enumerate(judged[0].scores)
         ],
     )
-    accuracy = np.mean([one.accuracy_fitted for one in judged])
-    other = np.mean([one.accuracy_simulator for one in judged])
-    beside = f"; from the other simulator's {other:.3f}" if np.isfinite(other) else ""
+    accuracy = np.mean([row.accuracy_fitted for row in judged])
+    other = np.mean([row.accuracy_simulator for row in judged])
+    versus = f"; from the other simulator's {other:.3f}" if np.isfinite(other) else ""
     print(
-        f"\nShare of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{beside}\n"
+        f"\nShare of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{versus}\n"
     )
     rows = []
     for reading in judged[0].readings:
@@ -186,9 +191,9 @@ def print_folds(judged: list[Fold]) -> None:
         rows.append(
             [
                 reading.name,
-                f"{np.mean([one.recorded for one in same]):.3f}",
-                f"{np.mean([one.simulated for one in same]):.3f}",
-                ", ".join(f"{one.deviation:+.1f}" for one in same),
+                f"{np.mean([row.recorded for row in same]):.3f}",
+                f"{np.mean([row.simulated for row in same]):.3f}",
+                ", ".join(f"{row.deviation:+.1f}" for row in same),
             ]
         )
     print_table(["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"], rows)

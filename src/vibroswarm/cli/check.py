@@ -44,15 +44,15 @@ def run(arguments: argparse.Namespace) -> int:
         "motion": check_motion,
     }
     results = checks[kind](name)
-    failed = any(not one.holds and not one.is_warning for one in results)
+    failed = any(not result.holds and not result.is_warning for result in results)
     if arguments.json:
-        print_json([{"check": one.what, "holds": one.holds, "why": one.why} for one in results])
+        print_json([{"check": result.what, "holds": result.holds, "why": result.why} for result in results])
         return int(failed)
-    count = f"{sum(one.holds for one in results)} of {len(results)} checks"
+    count = f"{sum(result.holds for result in results)} of {len(results)} checks"
     print(f"'{name}' {'fails' if failed else 'passes'}: {count} hold.")
-    for one in results:
-        mark = "ok  " if one.holds else ("note" if one.is_warning else "FAIL")
-        print(f"  {mark}  {one.what}{f': {one.why}' if one.why else ''}")
+    for result in results:
+        mark = "ok  " if result.holds else ("note" if result.is_warning else "FAIL")
+        print(f"  {mark}  {result.what}{f': {result.why}' if result.why else ''}")
     return int(failed)
 
 
@@ -68,19 +68,19 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
 
     if plugins.is_code(text):
         return str(plugins.kind_of(plugins.load_file(kind, text))), plugins.name_in(text)
-    known = {one: plugins.KINDS[one].known() for one in ([kind] if kind else KINDS)}
+    known = {candidate: plugins.KINDS[candidate].known() for candidate in ([kind] if kind else KINDS)}
     if not any(text in names for names in known.values()):
         plugins.load_installed()
-    kinds = [one for one, names in known.items() if text in names]
+    kinds = [candidate for candidate, names in known.items() if text in names]
     if not kinds:
-        names_of = {one: list(names) for one, names in known.items()}
+        names_of = {candidate: list(names) for candidate, names in known.items()}
         every = [name for names in names_of.values() for name in names]
-        wanted = KINDS[kind] if kind else f"{', '.join(list(KINDS.values())[:-1])} or {KINDS['motion']}"
-        listed = "; ".join(f"{KINDS[one]}: {', '.join(names)}" for one, names in names_of.items())
+        expected = KINDS[kind] if kind else f"{', '.join(list(KINDS.values())[:-1])} or {KINDS['motion']}"
+        listed = "; ".join(f"{KINDS[candidate]}: {', '.join(names)}" for candidate, names in names_of.items())
         raise InputError(
-            f"unknown {wanted} '{text}'{nearest(text, every)} ({listed}; or FILE.py:NAME)", field="NAME"
+            f"unknown {expected} '{text}'{nearest(text, every)} ({listed}; or FILE.py:NAME)", field="NAME"
         )
     if len(kinds) > 1:
-        both = " and a ".join(KINDS[one] for one in kinds)
+        both = " and a ".join(KINDS[candidate] for candidate in kinds)
         raise InputError(f"'{text}' is a {both}; add --kind", field="NAME")
     return kinds[0], text

@@ -49,28 +49,28 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
     )
     add_seed(add_scenario_options(parser, robots=list_of(whole)))
-    how = parser.add_argument_group("detection")
-    how.add_argument(
+    options = parser.add_argument_group("detection")
+    options.add_argument(
         "--fills",
         metavar="F,...",
         type=list_of(between(real, 0, 1)),
         help="fill ratios of random floors (default: around the boundary); if none is below it, some are added",
     )
-    how.add_argument(
+    options.add_argument(
         "--error", metavar="P%", default="5%", help="tolerated probability of a miss (default 5%%)"
     )
-    how.add_argument(
+    options.add_argument(
         "--false-alarms", metavar="P%", help="tolerated probability of a false alarm (default: as --error)"
     )
-    how.add_argument(
+    options.add_argument(
         "--boundary-of",
         choices=("tiles", "readings"),
         help="tiles (default): robots allow for their sensor's errors; readings: they ignore them, as in the paper",
     )
-    how.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
-    add_json(how)
-    add_out(how, "save runs, tables and pictures here")
-    add_style(how)
+    options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
+    add_json(options)
+    add_out(options, "save runs, tables and pictures here")
+    add_style(options)
     add_running_options(parser)
     parser.set_defaults(run=run)
 
@@ -128,10 +128,10 @@ def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
     from vibroswarm.scenario.scenario import parse_setting
 
     field = "decision.boundary_of"
-    given = [value for name, value in map(parse_setting, arguments.settings) if name == field]
-    if given and arguments.boundary_of is not None:
+    values = [value for name, value in map(parse_setting, arguments.settings) if name == field]
+    if values and arguments.boundary_of is not None:
         raise InputError(f"is also set by --set {field}; use one of them", field="--boundary-of")
-    return {} if given else {field: arguments.boundary_of or "tiles"}
+    return {} if values else {field: arguments.boundary_of or "tiles"}
 
 
 def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list[float]]:
@@ -140,8 +140,8 @@ def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list
 
     def in_tiles(shares: Iterable[float]) -> list[float]:
         """Round to whole tiles, without repeats and without the boundary itself."""
-        found = dict.fromkeys(round(tiles * min(max(share, 0.0), 1.0)) / tiles for share in shares)
-        return [fill for fill in found if abs(fill - boundary) > 1e-9]
+        fills = dict.fromkeys(round(tiles * min(max(share, 0.0), 1.0)) / tiles for share in shares)
+        return [fill for fill in fills if abs(fill - boundary) > 1e-9]
 
     below = [fill for fill in in_tiles((0.0, boundary / 3, boundary * 2 / 3)) if fill < boundary]
     if given is not None:
@@ -158,10 +158,12 @@ def _warnings(study: Study) -> list[str]:
     """Fill ratios that no number of robots and no waiting time gets right."""
     from vibroswarm.analysis.decidability import decidability
 
-    found = [decidability(cell.scenario) for cell in study.cells]
+    verdicts = [decidability(cell.scenario) for cell in study.cells]
     return list(
         dict.fromkeys(
-            f"fill ratio {one.fill_ratio:g}: {one.says}" for one in found if one.verdict != "decidable"
+            f"fill ratio {verdict.fill_ratio:g}: {verdict.says}"
+            for verdict in verdicts
+            if verdict.verdict != "decidable"
         )
     )
 

@@ -102,16 +102,16 @@ def detection_pictures(
     curve: pl.DataFrame, boundary: float, tolerated: float, style: str = "column"
 ) -> Iterator[tuple[str, Picture]]:
     """Names and pictures, from ``analysis.detection.detection_curve``."""
-    shown = curve.filter(pl.col("missed").is_not_null())
-    if shown.is_empty():
+    drawable = curve.filter(pl.col("missed").is_not_null())
+    if drawable.is_empty():
         return
-    for robots in shown["robots"].unique().sort().to_list()[:MOST_CURVES]:
-        part = shown.filter(pl.col("robots") == robots)
+    for robots in drawable["robots"].unique().sort().to_list()[:MOST_CURVES]:
+        part = drawable.filter(pl.col("robots") == robots)
         series = pl.format("{} s", pl.col("horizon_s").round(0).cast(pl.Int64))
         title = f"{robots} robots" if robots != 1 else "1 robot"
         yield f"detection-{robots}-robots", _draw(part, series, boundary, tolerated, style, title)
-    if shown["robots"].n_unique() > 1:
-        part = shown.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
+    if drawable["robots"].n_unique() > 1:
+        part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
         yield (
             "detection-robots",
             _draw(part, pl.format("{} robots", "robots"), boundary, tolerated, style, ""),

@@ -125,5 +125,5 @@ def _varied(options: list[str]) -> dict[str, list[Any]]:
         vary[name] = [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
         kind = name.removesuffix(".name")
         if kind in plugins.KINDS:
-            vary[name] = [chosen(kind, one) if plugins.is_code(one) else one for one in vary[name]]
+            vary[name] = [chosen(kind, item) if plugins.is_code(item) else item for item in vary[name]]
     return vary

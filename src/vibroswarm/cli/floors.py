@@ -27,39 +27,39 @@ def add_parser(commands: Any) -> None:
         description="List, show, measure and make floors.",
     )
     parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
-    one = parts.add_parser("list", help="list known patterns and their difficulty")
-    one.add_argument("--paper", action="store_true", help="the paper's table with the right values")
-    add_json(one)
-    one.set_defaults(run=_list)
+    part = parts.add_parser("list", help="list known patterns and their difficulty")
+    part.add_argument("--paper", action="store_true", help="the paper's table with the right values")
+    add_json(part)
+    part.set_defaults(run=_list)
 
-    one = parts.add_parser("show", help="draw a floor in the terminal or to a file")
-    one.add_argument("spec", metavar="FLOOR", help=_SPEC)
-    _add_tiles(one)
-    _add_seed(one, "seed of a random floor")
-    add_out(one, "picture to write: .png, .svg or .pdf", metavar="FILE", force=True)
-    one.set_defaults(run=_show)
+    part = parts.add_parser("show", help="draw a floor in the terminal or to a file")
+    part.add_argument("spec", metavar="FLOOR", help=_SPEC)
+    _add_tiles(part)
+    _add_seed(part, "seed of a random floor")
+    add_out(part, "picture to write: .png, .svg or .pdf", metavar="FILE", force=True)
+    part.set_defaults(run=_show)
 
-    one = parts.add_parser("measure", help="measure fill ratio, Moran index, entropy and clusters")
-    one.add_argument("specs", metavar="FLOOR", nargs="+", help=_SPEC)
-    _add_tiles(one)
-    _add_seed(one, "seed of a random floor")
-    add_json(one)
-    one.set_defaults(run=_measure)
+    part = parts.add_parser("measure", help="measure fill ratio, Moran index, entropy and clusters")
+    part.add_argument("specs", metavar="FLOOR", nargs="+", help=_SPEC)
+    _add_tiles(part)
+    _add_seed(part, "seed of a random floor")
+    add_json(part)
+    part.set_defaults(run=_measure)
 
-    one = parts.add_parser(
+    part = parts.add_parser(
         "make",
         help="make a floor of given difficulty",
         description="Make a floor of given fill ratio, Moran index and entropy, each to within 0.02. Exit code 0 if "
         "one is found; 1 if not, and then the nearest one is given.",
     )
-    one.add_argument("--tiles", metavar="RxC", required=True, help="rows x columns, for example 20x20")
-    one.add_argument("--fill-ratio", metavar="F", type=float, required=True, help="share of vibrating tiles")
-    one.add_argument("--moran", metavar="M", type=float, required=True, help="Moran index, -1 to 1")
-    one.add_argument("--entropy", metavar="E", type=float, help="entropy, 0 to 1 (default: any)")
-    _add_seed(one, "another seed makes another floor")
-    add_out(one, "file to write: .txt, .csv or .png (one pixel per tile)", metavar="FILE", force=True)
-    add_json(one)
-    one.set_defaults(run=_make)
+    part.add_argument("--tiles", metavar="RxC", required=True, help="rows x columns, for example 20x20")
+    part.add_argument("--fill-ratio", metavar="F", type=float, required=True, help="share of vibrating tiles")
+    part.add_argument("--moran", metavar="M", type=float, required=True, help="Moran index, -1 to 1")
+    part.add_argument("--entropy", metavar="E", type=float, help="entropy, 0 to 1 (default: any)")
+    _add_seed(part, "another seed makes another floor")
+    add_out(part, "file to write: .txt, .csv or .png (one pixel per tile)", metavar="FILE", force=True)
+    add_json(part)
+    part.set_defaults(run=_make)
 
 
 def _add_tiles(parser: argparse.ArgumentParser) -> None:
@@ -80,11 +80,11 @@ def _list(args: argparse.Namespace) -> int:
     from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.source import NAMES, pattern
 
-    found = [(name, measure(pattern(name))) for name in NAMES]
+    measured = [(name, measure(pattern(name))) for name in NAMES]
     if args.json:
-        print_json([_as_json(name, difficulty) for name, difficulty in found])
+        print_json([_as_json(name, difficulty) for name, difficulty in measured])
         return 0
-    _print_measures(found)
+    _print_measures(measured)
     print("\nrandom:F, for example random:0.48, is another random floor for each run.")
     return 0
 
@@ -141,11 +141,11 @@ def _show(args: argparse.Namespace) -> int:
 def _measure(args: argparse.Namespace) -> int:
     from vibroswarm.floors.difficulty import measure
 
-    found = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
+    measured = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
     if args.json:
-        print_json([_as_json(name, difficulty) for name, difficulty in found])
+        print_json([_as_json(name, difficulty) for name, difficulty in measured])
     else:
-        _print_measures(found)
+        _print_measures(measured)
     return 0
 
 
@@ -159,22 +159,28 @@ def _make(args: argparse.Namespace) -> int:
     rows, columns = parse_tiles(args.tiles)
     if args.out is not None:
         check_new(args.out, replace=args.force)  # before the work
-    made = make_floor(rows, columns, args.fill_ratio, args.moran, args.entropy, args.seed)
+    design = make_floor(rows, columns, args.fill_ratio, args.moran, args.entropy, args.seed)
     if args.out is not None:
-        write_tiles(args.out, made.tiles, replace=args.force)
+        write_tiles(args.out, design.tiles, replace=args.force)
     if args.json:
-        asked = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
-        rows_of_tiles = ["".join(map(str, row)) for row in made.tiles.tolist()]
-        reached = _as_json(f"made with seed {args.seed}", made.difficulty)
+        target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
+        rows_of_tiles = ["".join(map(str, row)) for row in design.tiles.tolist()]
+        reached = _as_json(f"made with seed {args.seed}", design.difficulty)
         print_json(
-            {"reached": made.reached, "words": made.words, "asked": asked, **reached, "tiles": rows_of_tiles}
+            {
+                "reached": design.reached,
+                "words": design.words,
+                "asked": target,
+                **reached,
+                "tiles": rows_of_tiles,
+            }
         )
-        return 0 if made.reached else 1
-    print(draw(made.tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print(made.words)
+        return 0 if design.reached else 1
+    print(draw(design.tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
+    print(design.words)
     if args.out is not None:
         print(f"Saved: {args.out}")
-    return 0 if made.reached else 1
+    return 0 if design.reached else 1
 
 
 def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:

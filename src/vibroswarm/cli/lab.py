@@ -99,9 +99,9 @@ def run_import(arguments: argparse.Namespace) -> int:
         {
             "out": str(arguments.out),
             "names": list(recording.names),
-            "sessions": [dict(one) for one in recording.sessions],
+            "sessions": [dict(item) for item in recording.sessions],
             "stated": list(recording.stated),
-            "inferred": [dict(one) for one in recording.inferred],
+            "inferred": [dict(item) for item in recording.inferred],
             "floor": recording.floor_words,
             "consensus": recording.runs["consensus"].to_list(),
             "pages": pages,
@@ -116,17 +116,17 @@ def _pages(recording: Recording, folder: Path) -> list[str]:
     from vibroswarm.recordings.replay import with_beliefs
     from vibroswarm.run_page.write import record_of, write_page
 
-    made = []
+    names = []
     logged = _logs_beliefs(recording)
-    shown = recording if logged else with_beliefs(recording)
+    with_replayed = recording if logged else with_beliefs(recording)
     runs = recording.runs["run"].to_list()
     for run in runs:
         name = "run" if len(runs) == 1 else f"run-{run + 1}"
         write_run_picture(recording, folder / f"{name}.png", run)
         title = str(recording.sessions[run]["log"]) + ("" if logged else " (beliefs replayed, not logged)")
-        write_page(record_of(shown, run, title=title), folder / f"{name}.html")
-        made.append(f"{name}.html")
-    return made
+        write_page(record_of(with_replayed, run, title=title), folder / f"{name}.html")
+        names.append(f"{name}.html")
+    return names
 
 
 def _logs_beliefs(recording: Recording) -> bool:

@@ -79,16 +79,19 @@ def run(arguments: argparse.Namespace) -> int:
                 "seed": arguments.seed,
                 "put_back": first.put_back,
                 "unsent": {name: replay.unsent for name, replay in replays.items()},
-                "as_logged": [asdict(one) for one in logged],
-                "replayed": {name: [asdict(one) for one in each] for name, each in outcomes.items()},
+                "as_logged": [asdict(outcome) for outcome in logged],
+                "replayed": {
+                    name: [asdict(outcome) for outcome in outcomes_of]
+                    for name, outcomes_of in outcomes.items()
+                },
             }
         )
         return 0
     for session, as_it_was in enumerate(logged):
         print(f"session {as_it_was.session}")
         print(_line("as logged", as_it_was, one=True))
-        for name, each in outcomes.items():
-            print(_line(name, each[session], one=False))
+        for name, outcomes_of in outcomes.items():
+            print(_line(name, outcomes_of[session], one=False))
         print()
     print(f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws.")
     print(
@@ -108,10 +111,10 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         values["decision.gate"] = arguments.gate
     for text in arguments.settings:
         name, value = parse_setting(text)
-        matches = [one for one in known if name in (one, one.partition(".")[2])]
+        matches = [field for field in known if name in (field, field.partition(".")[2])]
         if len(matches) != 1:
-            near = nearest(name, known + [one.partition(".")[2] for one in known])
-            raise InputError(f"is not a field that a replay can change{near}", field=name)
+            suggestion = nearest(name, known + [field.partition(".")[2] for field in known])
+            raise InputError(f"is not a field that a replay can change{suggestion}", field=name)
         values[matches[0]] = value
     return values
 

@@ -78,11 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
     margin_m = arguments.margin_mm / 1000.0
     recording = Recording.read(arguments.folder)
     base = recording.scenario if arguments.base is None else scenario_of(arguments.base, [])
-    found = find_thresholds(recording, false_positive, false_negative, margin_m)
+    thresholds = find_thresholds(recording, false_positive, false_negative, margin_m)
     if arguments.at is not None:
-        found.append(at_threshold(recording, arguments.at, margin_m=margin_m))
-    profile = edge_profile(labelled(recording), found[0].value)
-    chosen = found[-1] if arguments.at is not None or false_positive != false_negative else found[0]
+        thresholds.append(at_threshold(recording, arguments.at, margin_m=margin_m))
+    profile = edge_profile(labelled(recording), thresholds[0].value)
+    chosen = thresholds[-1] if arguments.at is not None or false_positive != false_negative else thresholds[0]
     if arguments.out is not None:
         scenario = base.with_values({"sensor.rms_threshold": _written(chosen)})
         with whole_file(arguments.out, replace=arguments.force) as part:
@@ -90,14 +90,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(
             {
-                "thresholds": _finite([one.as_dict() for one in found]),
+                "thresholds": _finite([threshold.as_dict() for threshold in thresholds]),
                 "edge_profile": _finite(profile.to_dicts()),
             }
         )
         return 0
-    for one in found:
-        _print_threshold(one, margin_m)
-    print(f"\nErrors by distance to the nearest tile of the other kind, at {found[0].value:.3f}:")
+    for threshold in thresholds:
+        _print_threshold(threshold, margin_m)
+    print(f"\nErrors by distance to the nearest tile of the other kind, at {thresholds[0].value:.3f}:")
     _print_profile(profile)
     if arguments.out is not None:
         print(f"\nSaved in {arguments.out}: sensor.rms_threshold = {_written(chosen):g} ({chosen.rule}).")
@@ -109,10 +109,10 @@ def _print_profile(profile: pl.DataFrame) -> None:
 
     rows = []
     for row in profile.to_dicts():
-        near, far = 1000 * row["from_m"], 1000 * row["to_m"]
+        from_mm, to_mm = 1000 * row["from_m"], 1000 * row["to_m"]
         rows.append(
             [
-                f"{near:.0f} mm or more" if row["to_m"] > 1e3 else f"{near:.0f} to {far:.0f} mm",
+                f"{from_mm:.0f} mm or more" if row["to_m"] > 1e3 else f"{from_mm:.0f} to {to_mm:.0f} mm",
                 f"{100 * row['false_positive']:.1f} % of {row['still']}",
                 f"{100 * row['false_negative']:.1f} % of {row['vibrating']}",
             ]
@@ -128,9 +128,9 @@ def _written(chosen: Threshold) -> float:
 def _finite(value: Any) -> Any:
     """A value for JSON, None for each number that is not finite."""
     if isinstance(value, dict):
-        return {name: _finite(one) for name, one in value.items()}
+        return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [_finite(one) for one in value]
+        return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

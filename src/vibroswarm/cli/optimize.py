@@ -47,17 +47,19 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
     )
     parser.add_argument("search", metavar="STUDY.toml", type=Path, nargs="?", help="the search file")
-    how = parser.add_argument_group("search")
-    how.add_argument(
+    options = parser.add_argument_group("search")
+    options.add_argument(
         "--method", metavar="NAME", help="pso (default), tpe, gp, cmaes, nsga2, random, sobol, grid"
     )
-    how.add_argument("--noise", metavar="NAME", help="for pso: rescore (default), ocba, or fixed (the paper)")
-    how.add_argument("--cost", metavar="NAME", help="cost to minimise (default: that of the file)")
-    how.add_argument("--budget", metavar="N", type=whole, help="runs that the search may use")
-    how.add_argument(
+    options.add_argument(
+        "--noise", metavar="NAME", help="for pso: rescore (default), ocba, or fixed (the paper)"
+    )
+    options.add_argument("--cost", metavar="NAME", help="cost to minimise (default: that of the file)")
+    options.add_argument("--budget", metavar="N", type=whole, help="runs that the search may use")
+    options.add_argument(
         "--fresh", metavar="N", type=whole, help="fresh runs to validate the best (default 2000)"
     )
-    how.add_argument("--seed", metavar="S", type=whole, help="same search and seed: same optimum")
+    options.add_argument("--seed", metavar="S", type=whole, help="same search and seed: same optimum")
     check = parser.add_argument_group("comparison")
     check.add_argument(
         "--check",
@@ -109,13 +111,13 @@ def search_from(arguments: argparse.Namespace) -> Search:
     method = arguments.method
     search = Search() if arguments.search is None else Search.read(arguments.search, method=method)
     options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": method}
-    given = {name: value for name, value in options.items() if value is not None}
+    changes = {name: value for name, value in options.items() if value is not None}
     pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
     study = search.study if arguments.seed is None else replace(search.study, seed=arguments.seed)
     objectives = search.objectives
     if arguments.cost is not None:
         objectives = (Objective(arguments.cost, statistic=objectives[0].statistic, over=objectives[0].over),)
-    settings = replace(search.settings, **given)
+    settings = replace(search.settings, **changes)
     return replace(search, study=study, pso=pso, objectives=objectives, settings=settings)
 
 
@@ -159,24 +161,24 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     _start(search)
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
-    about = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
-    print(f"{search.settings.method}: {about}", file=sys.stderr, flush=True)
+    summary = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
+    print(f"{search.settings.method}: {summary}", file=sys.stderr, flush=True)
     with search_progress() as progress:
-        found = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
+        result = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
     truth: Truth | None = None
     front: Front | None = None
-    if found.front:
-        with _counting("scoring on fresh runs", fresh_runs(found) * len(found.front)) as counted:
-            front = front_of(found, progress=counted, **execution)
+    if result.front:
+        with _counting("scoring on fresh runs", fresh_runs(result) * len(result.front)) as counted:
+            front = front_of(result, progress=counted, **execution)
     if len(search.objectives) == 1:
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
-            truth = truth_of(found, progress=counted, **execution)
+            truth = truth_of(result, progress=counted, **execution)
     if arguments.out is not None:
-        write_report(found, truth, arguments.out, None if arguments.no_pictures else arguments.style, front)
+        write_report(result, truth, arguments.out, None if arguments.no_pictures else arguments.style, front)
     if arguments.json:
-        print_json(as_dict(found, truth, front))
+        print_json(as_dict(result, truth, front))
         return 0
-    print_found(found, truth, front)
+    print_found(result, truth, front)
     _print_saved(arguments.out, "best.toml, result.json, history.csv, candidates.csv, the search itself")
     return 0
 
@@ -236,13 +238,13 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     search = search_from(arguments)
     _start(search)
     with _counting("simulating", budget) as counted:
-        found = sobol_indices(search, budget, progress=counted, **_execution(arguments))
+        indices = sobol_indices(search, budget, progress=counted, **_execution(arguments))
     if arguments.out is not None:
-        write_sensitivity(found, arguments.out)
+        write_sensitivity(indices, arguments.out)
     if arguments.json:
-        print_json(found.as_dict())
+        print_json(indices.as_dict())
     else:
-        print_sensitivity(found)
+        print_sensitivity(indices)
     return 0
 
 
@@ -259,7 +261,7 @@ def _check(arguments: argparse.Namespace) -> int:
     warn_of([first, second])
     _start(search)
     with _counting("scoring on fresh runs", 4 * runs) as counted:
-        found = compare_scenarios(
+        comparison = compare_scenarios(
             first,
             second,
             search.objectives[0],
@@ -271,7 +273,7 @@ def _check(arguments: argparse.Namespace) -> int:
             **_execution(arguments),
         )
     if arguments.json:
-        print_json(found.as_dict())
+        print_json(comparison.as_dict())
     else:
-        print_comparison(found)
+        print_comparison(comparison)
     return 0

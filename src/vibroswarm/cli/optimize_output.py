@@ -30,8 +30,8 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
         objective = found.search.objectives[0]
         print_truth(truth, found.values, objective)
         for scored in (truth.winner, *truth.others):
-            if said := fresh_failures_said(scored):
-                print(f"  {said}")
+            if fresh_failures := fresh_failures_said(scored):
+                print(f"  {fresh_failures}")
         _print_parts(truth.winner)
         for other, paired in zip(truth.others, truth.against, strict=True):
             print(
@@ -40,8 +40,8 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
             )
     archive = found.archive
     print(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
-    for why in reasons(archive):
-        print(f"  failed: {why}")
+    for cause in reasons(archive):
+        print(f"  failed: {cause}")
 
 
 def _unit(objective: Objective) -> str:
@@ -111,17 +111,17 @@ def print_sensitivity(found: Sensitivity) -> None:
         ["field", "total", "95 %", "alone", "95 %"],
         [
             [
-                one.name,
-                f"{one.total:.2f}",
-                f"[{one.total_low:.2f}, {one.total_high:.2f}]",
-                f"{one.first:.2f}",
-                f"[{one.first_low:.2f}, {one.first_high:.2f}]",
+                index.name,
+                f"{index.total:.2f}",
+                f"[{index.total_low:.2f}, {index.total_high:.2f}]",
+                f"{index.first:.2f}",
+                f"[{index.first_low:.2f}, {index.first_high:.2f}]",
             ]
-            for one in found.fields
+            for index in found.fields
         ],
     )
     print("Shares of the variance over the space: with interactions, and of the field alone; 95 % bootstrap.")
-    if vague := [one.name for one in found.fields if not one.total_low > 0]:
+    if vague := [index.name for index in found.fields if not index.total_low > 0]:
         print(
             f"No significant effect: {', '.join(vague)}. Four times the --budget makes intervals half as wide."
         )

@@ -91,18 +91,21 @@ def print_tables(outcome: Outcome) -> None:
     _print_cells(outcome)
     if len(outcome.cells) > MOST_ROWS:
         out.print(f"... and {len(outcome.cells) - MOST_ROWS} more cells, in summary.csv.")
-    runs = {one.summary.runs for one in outcome.cells}
-    how = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
+    runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
+    count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
     out.print(
-        f"{how} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
+        f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
         "whole time.",
         style="dim",
     )
-    until, levels = outcome.result.study.until, {one.settled.level for one in outcome.cells if one.settled}
+    until, levels = (
+        outcome.result.study.until,
+        {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled},
+    )
     if until is not None and levels:
-        shown = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
+        levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
         out.print(
-            f"Intervals of {until.figure} are at {shown}, corrected for repeated looks: they hold at 95 %.",
+            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %.",
             style="dim",
         )
     if outcome.comparisons:
@@ -130,29 +133,31 @@ def _print_cells(outcome: Outcome) -> None:
         ],
         [
             [
-                one.cell.name,
+                cell_outcome.cell.name,
                 *map(
                     percent,
                     (
-                        one.summary.swarm_right,
-                        one.summary.swarm_wrong,
-                        one.summary.swarm_split,
-                        one.summary.swarm_incomplete,
-                        one.summary.robots_undecided,
+                        cell_outcome.summary.swarm_right,
+                        cell_outcome.summary.swarm_wrong,
+                        cell_outcome.summary.swarm_split,
+                        cell_outcome.summary.swarm_incomplete,
+                        cell_outcome.summary.robots_undecided,
                     ),
                 ),
-                with_interval(one.summary.decision_time_s, ".0f"),
-                with_interval(one.summary.belief_in_truth, ".3f"),
+                with_interval(cell_outcome.summary.decision_time_s, ".0f"),
+                with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
             ]
-            for one in outcome.cells[:MOST_ROWS]
+            for cell_outcome in outcome.cells[:MOST_ROWS]
         ],
     )
 
 
 def _print_comparisons(outcome: Outcome) -> None:
     by_pair: dict[tuple[int, int], dict[str, Compared]] = {}
-    for one in outcome.comparisons:
-        by_pair.setdefault((one.cell.number, one.reference.number), {})[one.first.figure] = one
+    for comparison in outcome.comparisons:
+        by_pair.setdefault((comparison.cell.number, comparison.reference.number), {})[
+            comparison.first.figure
+        ] = comparison
     rows = []
     for figures in list(by_pair.values())[:MOST_ROWS]:
         time, right = figures["decision_time_s"], figures["right_share"]

@@ -129,5 +129,5 @@ def say_compiling(*sources: str) -> None:
 
     if not is_cached(*sources):
         begin()
-        how = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
-        print(f"compiling the engine, {how} ...", file=sys.stderr, flush=True)
+        duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
+        print(f"compiling the engine, {duration} ...", file=sys.stderr, flush=True)

@@ -95,14 +95,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"cannot be created: {error.strerror}", field=str(arguments.out)) from None
     with folder_lock(arguments.out):
         with labelled_progress_bar(f"reproducing {len(items)} items") as progress:
-            made = reproduce(
+            reproduction = reproduce(
                 settings, arguments.out, items, progress, with_cells=arguments.archive is not None
             )
         with progress_bar("drawing") as draws:
-            write_all(made, arguments.out, draws, pictures=not arguments.no_pictures)
+            write_all(reproduction, arguments.out, draws, pictures=not arguments.no_pictures)
     if arguments.archive is not None:
-        write_archive(made, arguments.archive)
-    _print_verdicts(made)
+        write_archive(reproduction, arguments.archive)
+    _print_verdicts(reproduction)
     print(f"Saved in {arguments.out}\nReport: open {(arguments.out / REPORT).resolve()} in a browser")
     return 0
 
@@ -113,16 +113,18 @@ def check(arguments: argparse.Namespace) -> int:
     from vibroswarm.paper.verify_archive import verify
 
     with progress_bar("checking") as progress:
-        found = verify(arguments.archived, arguments.check, arguments.workers, progress)
-    reason = f", since versions differ ({found.why})" if found.why else ", with the same versions"
-    if not found.wrong:
-        print(f"Confirmed {found.how}{reason}: {len(found.checked)} cells recomputed.")
-    for difference in found.wrong:
+        verification = verify(arguments.archived, arguments.check, arguments.workers, progress)
+    reason = (
+        f", since versions differ ({verification.why})" if verification.why else ", with the same versions"
+    )
+    if not verification.wrong:
+        print(f"Confirmed {verification.how}{reason}: {len(verification.checked)} cells recomputed.")
+    for difference in verification.wrong:
         print(f"DIFFERS: {difference}")
-    for command in found.checked:
+    for command in verification.checked:
         print(f"recomputed: {command}")
-    if found.wrong:
-        raise RunError(f"the archive is not confirmed; it was compared {found.how}{reason}")
+    if verification.wrong:
+        raise RunError(f"the archive is not confirmed; it was compared {verification.how}{reason}")
     return 0
 
 
@@ -170,7 +172,7 @@ def _print_verdicts(made: Reproduction) -> None:
     for column in columns:
         for kind, words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
             counted = Counter(
-                one.verdict for one in made.decided if one.column == column and one.claim.kind == kind
+                entry.verdict for entry in made.decided if entry.column == column and entry.claim.kind == kind
             )
             counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:
@@ -181,6 +183,6 @@ def _print_verdicts(made: Reproduction) -> None:
             [[row["claim"], *(row[column] or "-" for column in columns)] for row in table.to_dicts()],
             texts=1 + len(columns),
         )
-    for one in made.made:
-        if one.skipped:
-            print(f"{one.item.name}: skipped. {one.skipped}")
+    for entry in made.made:
+        if entry.skipped:
+            print(f"{entry.item.name}: skipped. {entry.skipped}")

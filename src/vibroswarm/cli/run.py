@@ -119,7 +119,7 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
     from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.cli.verdict_text import verdict_text
 
-    found = verdict(result)
+    summary = verdict(result)
     decidable = decidability(result.scenario, floor=result.floor())
     warnings = [decidable.says] if decidable.is_warning else []
     if arguments.json:
@@ -128,13 +128,13 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
                 "scenario_hash": result.scenario.hash,
                 "seed": result.seed,
                 "out": None if arguments.out is None else str(arguments.out),
-                "verdict": found.as_dict(),
+                "verdict": summary.as_dict(),
                 "warnings": warnings,
                 "versions": dict(result.versions),
             }
         )
         return
-    print(verdict_text(result, found))
+    print(verdict_text(result, summary))
     for warning in warnings:
         print_paragraph(f"Warning: {warning}")
     if arguments.out is None:

@@ -75,12 +75,12 @@ def state_of(store: Store) -> dict[str, Any]:
 
 
 def _search_lines(about: dict[str, Any]) -> list[str]:
-    done, wanted = about["runs_there"], about["runs_wanted"]
+    done, requested = about["runs_there"], about["runs_wanted"]
     from vibroswarm.optimize.search_tables import values_said
 
     lines = [
         f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Done: {done:,} of {wanted:,} runs ({100 * done / max(wanted, 1):.4g} %), in {about['steps']} steps; "
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
         f"{about['runs_failed']:,} failed.",
         f"Fields: {', '.join(about['fields'])}.",
     ]
@@ -101,7 +101,7 @@ def _search_lines(about: dict[str, Any]) -> list[str]:
 
 
 def _study_lines(about: dict[str, Any]) -> list[str]:
-    wanted, done = about["runs_wanted"], about["runs_there"]
+    requested, done = about["runs_wanted"], about["runs_there"]
     each = (
         f"{about['runs_each']:,} each"
         if about["runs_each"]
@@ -110,7 +110,7 @@ def _study_lines(about: dict[str, Any]) -> list[str]:
     name = f"{about['name'] or 'Study'} in {about['folder']}"
     lines = [
         f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
-        f"Done: {done:,} of {wanted:,} runs ({100 * done / max(wanted, 1):.4g} %), in {about['shards']} shards, "
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['shards']} shards, "
         f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
         f"Varied: {', '.join(about['varied']) or 'nothing'}.",
     ]
@@ -124,11 +124,11 @@ def _study_lines(about: dict[str, Any]) -> list[str]:
     if about["left_over_files"]:
         lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
     lines += [
-        f"Made by vibroswarm {made['vibroswarm']} (code {made['code']}) on {made['architecture']}."
-        for made in about["made_by"]
+        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
+        for versions in about["made_by"]
     ]
     if len(about["made_by"]) > 1:
         lines.append("Parts come from different versions; the whole may not be repeatable.")
-    if done < wanted:
+    if done < requested:
         lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
     return lines

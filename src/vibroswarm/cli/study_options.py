@@ -52,9 +52,9 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
     if result.cells["there"].sum():
         second = None if arguments.no_confirm else _second_block(result, arguments)
         print_outcome(result, second, arguments)
-    for one in (result, second):  # raised once all else is done
-        if one is not None and one.store.failures:
-            raise RunError(failures_in_words(one.store, arguments.out is not None))
+    for study_result in (result, second):  # raised once all else is done
+        if study_result is not None and study_result.store.failures:
+            raise RunError(failures_in_words(study_result.store, arguments.out is not None))
     return 0
 
 
@@ -97,8 +97,8 @@ def run_study_of(
         )
     if job is None:
         return result
-    done, wanted = int(result.cells["there"].sum()), int(result.cells["wanted"].sum())
-    print(f"Shard {job.number} of {job.of} is done: {done:,} of {wanted:,} runs in {result.store.folder}")
+    done, requested = int(result.cells["there"].sum()), int(result.cells["wanted"].sum())
+    print(f"Shard {job.number} of {job.of} is done: {done:,} of {requested:,} runs in {result.store.folder}")
     print("After all shards: vibroswarm merge OUT SHARD ...")
     return None
 

@@ -33,26 +33,26 @@ def add_parser(commands: Any) -> None:
         description="Decision time against error for each credible threshold and minimum of observations, by replay.",
     )
     add_seed(add_scenario_options(parser))
-    how = parser.add_argument_group("settings compared")
-    how.add_argument(
+    options = parser.add_argument_group("settings compared")
+    options.add_argument(
         "--thresholds",
         metavar="P,...",
         type=list_of(real),
         default=THRESHOLDS,
         help=f"p_c (default {THRESHOLDS})",
     )
-    how.add_argument(
+    options.add_argument(
         "--observations",
         metavar="N,...",
         type=list_of(whole),
         default=OBSERVATIONS,
         help=f"O_c (default {OBSERVATIONS})",
     )
-    how.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
-    how.add_argument("--workers", metavar="N", type=whole, default=2, help="threads (default 2)")
-    add_json(how)
-    add_out(how, "save table, picture and scenario here", force=True)
-    add_style(how)
+    options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
+    options.add_argument("--workers", metavar="N", type=whole, default=2, help="threads (default 2)")
+    add_json(options)
+    add_out(options, "save table, picture and scenario here", force=True)
+    add_style(options)
     parser.set_defaults(run=run)
 
 

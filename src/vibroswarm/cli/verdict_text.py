@@ -35,16 +35,16 @@ def headline(found: Verdict) -> str:
     if found.consensus is None:
         return "Decisions were not logged."
     robots = len(found.robots)
-    what = decision_words(found.decision, found.answers)
+    answer = decision_words(found.decision, found.answers)
     together = "the robot decided" if robots == 1 else f"all {robots} robots decided"
     at = "" if found.consensus_time_s is None else f" by {found.consensus_time_s:.1f} s"
     if found.consensus == "right":
-        return f"CONSENSUS, RIGHT: {together} '{what}'{at}."
+        return f"CONSENSUS, RIGHT: {together} '{answer}'{at}."
     if found.consensus == "wrong":
-        return f"CONSENSUS, WRONG: {together} '{what}'{at}."
+        return f"CONSENSUS, WRONG: {together} '{answer}'{at}."
     if found.consensus == "truth_undefined":
-        why = "the fill ratio equals the boundary, neither" if found.of_shares else "neither answer"
-        return f"CONSENSUS: {together} '{what}'{at}; {why} is right."
+        reason = "the fill ratio equals the boundary, neither" if found.of_shares else "neither answer"
+        return f"CONSENSUS: {together} '{answer}'{at}; {reason} is right."
     decided = robots - found.undecided
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else f"{decided} decided"
     if found.consensus == "split":
@@ -62,8 +62,8 @@ def confidence(found: Verdict) -> str:
             if any(r.samples for r in found.robots):
                 return "Confidence: not defined; this strategy has no belief."
             return "No robot took a sample."
-        what = "less" if found.of_shares else found.answers[0]
-        return f"Confidence: no robot decided; belief in '{what}' is {_range(beliefs)}. {note}"
+        answer = "less" if found.of_shares else found.answers[0]
+        return f"Confidence: no robot decided; belief in '{answer}' is {_range(beliefs)}. {note}"
     return f"Confidence at decision time: {_range(beliefs)}. {note}"
 
 
@@ -90,14 +90,14 @@ def verdict_text(result: Result, found: Verdict) -> str:
     """The whole verdict in plain text, the outcome first."""
     scenario, floor = result.scenario, result.floor()
     ones, tiles = int(floor.tiles.sum()), floor.tiles.size
-    made = "as recorded" if result.seed is None else f"seed {result.seed}"
+    origin = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
     lines = [
         headline(found),
         confidence(found),
         "",
         f"{robots}, {strategy_name(scenario.strategy.name)}, on '{floor.name}' "
-        f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), {made}",
+        f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), {origin}",
     ]
     if found.share_of_ones_read is not None:
         lines.append(

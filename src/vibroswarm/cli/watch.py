@@ -53,7 +53,7 @@ class Playback:
         """The state at a time."""
         assert self.result.segments is not None, "a playback needs segments"
         at = min(time_s, self.end_s)
-        where = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
+        poses = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
         belief = np.full(self.robots, self._prior_belief())
         decision = np.full(self.robots, -1)
         for robot, samples in enumerate(self.samples):
@@ -63,7 +63,7 @@ class Playback:
                     samples["belief_below"][done - 1],
                     samples["decision"][done - 1],
                 )
-        return Moment(at, where[:, 0], where[:, 1], belief, decision)
+        return Moment(at, poses[:, 0], poses[:, 1], belief, decision)
 
     def _prior_belief(self) -> float:
         from scipy.special import betainc
@@ -144,13 +144,13 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:
     """A bar for each robot: its belief that less than the boundary vibrates."""
     boundary, answers = playback.scenario.decision.decision_boundary, answers_of(playback.scenario)
-    what = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
+    answer = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
     block, rest = ("█", "─") if _has_unicode() else ("=", "-")
-    rows = [f"{'':3}{'0':<{BAR}}1   in '{what}'"]
+    rows = [f"{'':3}{'0':<{BAR}}1   in '{answer}'"]
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
         full = round(belief * BAR)
-        said = "" if decision == -1 else f"  decided: {decision_words(int(decision), answers)}"
+        decision_text = "" if decision == -1 else f"  decided: {decision_words(int(decision), answers)}"
         rows.append(
-            f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{said}"
+            f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{decision_text}"
         )
     return rows

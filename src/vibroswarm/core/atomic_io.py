@@ -69,16 +69,16 @@ def remove_leftovers(folder: Path) -> int:
     except OSError:
         return 0
     for name in names:
-        found = TEMPORARY_NAME.fullmatch(name)
-        if found is None or found["host"] != _host() or is_alive(int(found["pid"])):
+        match = TEMPORARY_NAME.fullmatch(name)
+        if match is None or match["host"] != _host() or is_alive(int(match["pid"])):
             continue
         path = folder / name
         with suppress(OSError):
             if hasattr(os, "getuid") and path.lstat().st_uid != os.getuid():
                 continue
             removed += 1
-            if found["old"] and not (folder / found["name"]).exists():
-                path.replace(folder / found["name"])
+            if match["old"] and not (folder / match["name"]).exists():
+                path.replace(folder / match["name"])
             elif path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
             else:
@@ -335,10 +335,10 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return a value that identifies the folder at ``path``; None if there is none."""
     try:
-        about = path.lstat()
+        status = path.lstat()
     except (OSError, ValueError):
         return None
-    return about.st_dev, about.st_ino
+    return status.st_dev, status.st_ino
 
 
 def _check_folder(path: Path, replace: bool, marker: str) -> None:
@@ -347,8 +347,8 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
     except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
-        why = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"{str(path)[:200]!r} is not a valid folder name: {why}", field="--out") from None
+        cause = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{str(path)[:200]!r} is not a valid folder name: {cause}", field="--out") from None
     if path.is_symlink() or path.exists():
         if not path.is_dir():
             raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")

@@ -41,11 +41,11 @@ def code_hash() -> str:
         kept = path.read_text(encoding="ascii")
         if len(kept) == DIGITS and not set(kept) - set(string.hexdigits):
             return kept
-    found = syntax_hash(PACKAGE, simulation_sources())
+    digest = syntax_hash(PACKAGE, simulation_sources())
     if hash_of_sources() == source_hash():  # else a file was changed since this process started
         with suppress(InputError, RunError), whole_file(path, replace=True) as part:
-            part.write_text(found, encoding="ascii")
-    return found
+            part.write_text(digest, encoding="ascii")
+    return digest
 
 
 def syntax_hash(package: Path, sources: Iterable[Path]) -> str:
@@ -59,7 +59,7 @@ def syntax_hash(package: Path, sources: Iterable[Path]) -> str:
         tree = ast.parse(source.read_bytes())
         for node in ast.walk(tree):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                node.body = [one for one in node.body if not _is_text(one)]
+                node.body = [statement for statement in node.body if not _is_text(statement)]
         name = source.relative_to(package).as_posix()
         digest.update(f"{name}\0{ast.dump(tree)}\0".encode())
     return digest.hexdigest()[:DIGITS]

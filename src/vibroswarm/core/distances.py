@@ -28,9 +28,9 @@ def sum_of_distances(points: NDArray[np.float64], others: NDArray[np.float64]) -
         for j in range(count):
             squared[j] = 0.0
         for column in range(others.shape[0]):
-            here, row = points[i, column], others[column]
+            coordinate, row = points[i, column], others[column]
             for j in range(count):
-                squared[j] += (row[j] - here) * (row[j] - here)
+                squared[j] += (row[j] - coordinate) * (row[j] - coordinate)
         for j in range(count):
             squared[j] = math.sqrt(squared[j])
         for block in range((count + LANES - 1) // LANES):

@@ -79,8 +79,8 @@ PACKAGE: Final = Path(__file__).parents[1]
 
 def simulation_sources() -> list[Path]:
     """Return all sources that a simulation may depend on."""
-    found = sorted(PACKAGE.rglob("*.py"))
-    return [source for source in found if source.relative_to(PACKAGE).parts[0] not in LAYERS_ABOVE]
+    sources = sorted(PACKAGE.rglob("*.py"))
+    return [source for source in sources if source.relative_to(PACKAGE).parts[0] not in LAYERS_ABOVE]
 
 
 @cache
@@ -100,13 +100,13 @@ def cache_folder() -> Path | None:
         for name in ("vibroswarm", "kernels", key):
             folder = folder / name
             folder.mkdir(mode=0o700, exist_ok=True)
-        why = kernel_cache.why_unsafe(folder, base)
-        if why is None:
+        reason = kernel_cache.why_unsafe(folder, base)
+        if reason is None:
             with tempfile.TemporaryFile(dir=folder):
                 return folder
     except (OSError, RuntimeError) as error:  # a read-only or missing home
-        why = str(error)
-    warn_once(f"compiled kernels are not cached, but compiled at every start: {why}")
+        reason = str(error)
+    warn_once(f"compiled kernels are not cached, but compiled at every start: {reason}")
     return None
 
 
@@ -211,8 +211,8 @@ _hashed_at_s = time.time()
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    about = path.stat()
-    return about.st_mtime_ns, about.st_size
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
 
 
 _stamps = {str(source): _stamp(source) for source in simulation_sources()} if compiles() else {}
@@ -289,11 +289,11 @@ def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> C
     dispatcher: Any = kernel
     key = (dispatcher, *map(_type_key, arguments))
     if key not in _entries:
-        signature = tuple(dispatcher.typeof_pyval(one) for one in arguments)
+        signature = tuple(dispatcher.typeof_pyval(argument) for argument in arguments)
         dispatcher.compile(signature)
         _entries[key] = dispatcher.overloads[signature].entry_point
-    found: Callable[P, R] = _entries[key]
-    return found
+    entry: Callable[P, R] = _entries[key]
+    return entry
 
 
 _entries: dict[Any, Any] = {}

@@ -40,15 +40,15 @@ def why_unsafe(folder: Path, base: Path) -> str | None:
     """
     if not hasattr(os, "geteuid"):  # Windows has no such modes; the folder lies in the user's own
         return None
-    whole, below = folder.resolve(), base.resolve()
-    for place in (whole, *whole.parents):
-        about = place.stat()
+    resolved, below = folder.resolve(), base.resolve()
+    for place in (resolved, *resolved.parents):
+        status = place.stat()
         if below in place.parents:
-            if about.st_uid != os.geteuid():
+            if status.st_uid != os.geteuid():
                 return f"'{place}' belongs to another user"
-            if about.st_mode & BY_OTHERS:
+            if status.st_mode & BY_OTHERS:
                 return f"others may write to '{place}'; run: chmod go-w '{place}'"
-        elif about.st_mode & stat.S_IWOTH and not about.st_mode & stat.S_ISVTX:
+        elif status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
             return f"everybody may write to '{place}'"
     return None
 
@@ -168,8 +168,8 @@ class KernelCache(FunctionCache):
             self._say(error)
 
     def _say(self, error: OSError) -> None:
-        where = Path(self._cache_path).parent
+        folder = Path(self._cache_path).parent
         warn_once(
-            f"kernels cannot be read from '{where}' or saved there ({error.strerror or error}); "
+            f"kernels cannot be read from '{folder}' or saved there ({error.strerror or error}); "
             "those not saved are compiled at every start"
         )

@@ -115,10 +115,10 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
     Args:
         seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
     """
-    word, other, _, _ = philox4x32(
+    high, low, _, _ = philox4x32(
         index & _LOW, robot | (purpose << 16), run & _LOW, peer & _LOW, seed & _LOW, (seed >> 32) & _LOW
     )
-    return (float((np.uint64(word) << np.uint64(20)) | (np.uint64(other) >> np.uint64(12))) + 0.5) * _SCALE
+    return (float((np.uint64(high) << np.uint64(20)) | (np.uint64(low) >> np.uint64(12))) + 0.5) * _SCALE
 
 
 @kernel

@@ -36,18 +36,18 @@ def check_plain(path: Path, most: int, what: str) -> int:
     """
     name = _named(path)
     try:
-        about = path.stat()
+        status = path.stat()
     except FileNotFoundError:
         raise InputError("cannot be read: there is no such file", field=name) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"cannot be read: {_why(error)}", field=name) from None
-    if stat.S_ISDIR(about.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise InputError("is a folder; give the name of a file", field=name)
-    if not stat.S_ISREG(about.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise InputError("is not a regular file; give the name of a file", field=name)
-    if about.st_size > most:
+    if status.st_size > most:
         raise InputError(f"is larger than {sized(most)}; that is not {what}", field=name)
-    return about.st_size
+    return status.st_size
 
 
 def read_bytes(path: Path, most: int, what: str) -> bytes:

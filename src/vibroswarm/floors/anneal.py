@@ -77,18 +77,18 @@ def add_tile(state: Clusters, cell: int) -> float:
     label, size, stride = state.label, state.size, state.stride
     keep = 0
     for step in (1, -1, stride, -stride):
-        near = label[cell + step]
-        if near > 0 and (keep == 0 or size[near] > size[keep]):
-            keep = near
+        neighbour = label[cell + step]
+        if neighbour > 0 and (keep == 0 or size[neighbour] > size[keep]):
+            keep = neighbour
     if keep == 0:
         keep = _new_label(state)
     change = -state.terms[size[keep]]
     for step in (1, -1, stride, -stride):
-        other = label[cell + step]
-        if other > 0 and other != keep:
-            change -= state.terms[size[other]]
-            size[keep] += _flood(state, cell + step, other, keep)
-            _free_label(state, other)
+        neighbour_label = label[cell + step]
+        if neighbour_label > 0 and neighbour_label != keep:
+            change -= state.terms[size[neighbour_label]]
+            size[keep] += _flood(state, cell + step, neighbour_label, keep)
+            _free_label(state, neighbour_label)
     state.tile[cell] = 1
     label[cell] = keep
     size[keep] += 1
@@ -107,10 +107,10 @@ def remove_tile(state: Clusters, cell: int) -> float:
     if size[old] > 0 and _groups_around(tile, stride, cell) <= 1:
         return float(change + state.terms[size[old]])
     for step in (1, -1, stride, -stride):
-        near = cell + step
-        if tile[near] == 1 and label[near] == old:
+        neighbour = cell + step
+        if tile[neighbour] == 1 and label[neighbour] == old:
             new = _new_label(state)
-            size[new] = _flood(state, near, old, new)
+            size[new] = _flood(state, neighbour, old, new)
             change += state.terms[size[new]]
     _free_label(state, old)
     return float(change)
@@ -143,10 +143,10 @@ def _flood(state: Clusters, start: int, old: int, new: int) -> int:
         cell = stack[waiting]
         count += 1
         for step in (1, -1, stride, -stride):
-            near = cell + step
-            if label[near] == old:
-                label[near] = new
-                stack[waiting] = near
+            neighbour = cell + step
+            if label[neighbour] == old:
+                label[neighbour] = new
+                stack[waiting] = neighbour
                 waiting += 1
     return count
 
@@ -222,15 +222,15 @@ def _place_tiles(
     state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
 ) -> tuple[int, int, float]:
     """Make all ``ones`` vibrate and note each cell's index in its list; return links2, sides and S."""
-    links2, sides, whole = 0, 0, 0.0
+    links2, sides, cluster_bits = 0, 0, 0.0
     for i in range(zeros.size):
         place[zeros[i]] = i
     for i in range(ones.size):
         place[ones[i]] = i
         sides += degree[ones[i]]
         links2 += 2 * _vibrating_around(state.tile, state.stride, ones[i])
-        whole += add_tile(state, ones[i])
-    return links2, sides, whole
+        cluster_bits += add_tile(state, ones[i])
+    return links2, sides, cluster_bits
 
 
 @allocating_kernel
@@ -251,14 +251,14 @@ def anneal(
     place = np.zeros(start.size, dtype=np.int64)  # index of a cell in ``ones`` or ``zeros``
     ones, zeros = np.nonzero(start == 1)[0], np.nonzero((start == 0) & (degree > 0))[0]
     count, blanks = ones.size, zeros.size
-    links2, sides, whole = _place_tiles(state, degree, ones, zeros, place)
+    links2, sides, cluster_bits = _place_tiles(state, degree, ones, zeros, place)
     fill = count / (rows * columns)
     scale = 1.0 / (2 * (rows * (columns - 1) + columns * (rows - 1)) * fill * (1.0 - fill))
     offset = fill / (1.0 - fill) - goal.moran_index
     most = max(count * math.log2(count), 1.0)
     energy = math.hypot(
         goal.moran_weight * ((links2 - 2.0 * fill * sides) * scale + offset),
-        goal.entropy_weight * (whole / most - goal.entropy),
+        goal.entropy_weight * (cluster_bits / most - goal.entropy),
     )
     best, best_energy = tile.copy(), energy
     cooling = (schedule.cold / schedule.hot) ** (1.0 / schedule.moves)
@@ -272,20 +272,20 @@ def anneal(
         q = _partner(pick - int(pick), p, zeros, blanks, tile, rows, columns)
         if q < 0:
             continue
-        beside = 1 if abs(q - p) == 1 or abs(q - p) == stride else 0
-        gained = _vibrating_around(tile, stride, q) - beside - _vibrating_around(tile, stride, p)
+        adjacent = 1 if abs(q - p) == 1 or abs(q - p) == stride else 0
+        gained = _vibrating_around(tile, stride, q) - adjacent - _vibrating_around(tile, stride, p)
         new_links2, new_sides = links2 + 2 * gained, sides + degree[q] - degree[p]
         miss = goal.moran_weight * ((new_links2 - 2.0 * fill * new_sides) * scale + offset)
         limit = energy - temperature * math.log(uniform(seed, 0, 0, FLOOR, 2 * move + 1, 1 + search))
         if abs(miss) > limit:
             continue
-        new_whole = whole + remove_tile(state, p) + add_tile(state, q)
-        new_energy = math.hypot(miss, goal.entropy_weight * (new_whole / most - goal.entropy))
+        new_cluster_bits = cluster_bits + remove_tile(state, p) + add_tile(state, q)
+        new_energy = math.hypot(miss, goal.entropy_weight * (new_cluster_bits / most - goal.entropy))
         if new_energy > limit:
             remove_tile(state, q)
             add_tile(state, p)
             continue
-        links2, sides, whole, energy = new_links2, new_sides, new_whole, new_energy
+        links2, sides, cluster_bits, energy = new_links2, new_sides, new_cluster_bits, new_energy
         ones[place[p]], zeros[place[q]] = q, p
         place[p], place[q] = place[q], place[p]
         if energy < best_energy:

@@ -150,8 +150,8 @@ def make_floor(
             break
     assert best is not None
     traded = _traded(target, best.tiles) if entropy is not None and best.miss > TOLERANCE else []
-    for found in traded:
-        best = _better(best, found)
+    for candidate in traded:
+        best = _better(best, candidate)
     reached = target.is_met(best.difficulty)
     words = _reached(target, best.difficulty) if reached else _nearest(target, best.difficulty, traded)
     return FloorDesign(best.tiles, best.difficulty, reached, words)
@@ -238,13 +238,13 @@ def _reached(target: _Target, found: Difficulty) -> str:
 
 
 def _nearest(target: _Target, found: Difficulty, traded: list[_Found]) -> str:
-    asked = f"Moran index {target.moran_index:g}"
+    target_text = f"Moran index {target.moran_index:g}"
     has = f"fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
     if target.entropy is not None:
-        asked += f" with entropy {target.entropy:g}"
+        target_text += f" with entropy {target.entropy:g}"
         has += f", entropy {found.entropy:.3f}"
     words = (
-        f"not found: fill ratio {target.fill_ratio:g} and {asked}, each to {TOLERANCE:g}, on {_size(target)}. "
+        f"not found: fill ratio {target.fill_ratio:g} and {target_text}, each to {TOLERANCE:g}, on {_size(target)}. "
         f"The nearest found has {has}"
     )
     if traded:

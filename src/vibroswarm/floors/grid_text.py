@@ -135,8 +135,8 @@ def _all_bits(lines: list[_Line]) -> bool:
 
 def _coordinates(lines: list[_Line]) -> bool:
     """Return whether the cells are integers, and not all of them 0 or 1."""
-    whole = all(_WHOLE.fullmatch(cell) for line in lines for cell in line.cells)
-    return whole and not _all_bits(lines)
+    all_integers = all(_WHOLE.fullmatch(cell) for line in lines for cell in line.cells)
+    return all_integers and not _all_bits(lines)
 
 
 def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.uint8]:
@@ -180,11 +180,11 @@ def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.u
                 f"{at} holds '{_short(','.join(line.cells))}'; a line of the list is column,row", field=name
             )
         column, row = (int(cell) for cell in line.cells)
-        for value, count, what in ((column, columns, "column"), (row, rows, "row")):
+        for value, count, axis in ((column, columns, "column"), (row, rows, "row")):
             if not 0 <= value < count:
                 raise InputError(
-                    f"{at}: {what} {value} is not on a floor of {rows} x {columns} tiles; "
-                    f"{what}s are 0 to {count - 1}",
+                    f"{at}: {axis} {value} is not on a floor of {rows} x {columns} tiles; "
+                    f"{axis}s are 0 to {count - 1}",
                     field=name,
                 )
         if tiles[row, column]:
@@ -195,5 +195,5 @@ def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.u
 
 def _short(text: str) -> str:
     """Return ``text`` as shown in messages: one line, printable, short."""
-    shown = "".join(c if c.isprintable() else "?" for c in text)
-    return shown if len(shown) <= 40 else f"{shown[:37]}..."
+    printable = "".join(c if c.isprintable() else "?" for c in text)
+    return printable if len(printable) <= 40 else f"{printable[:37]}..."

@@ -116,8 +116,12 @@ def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
     """
     suffix = path.suffix.lower()
     if suffix not in known:
-        what = f"the suffix '{path.suffix}' is not known" if path.suffix else f"'{path.name}' has no suffix"
-        raise InputError(f"{what}; end the name with {', '.join(known[:-1])} or {known[-1]}", field="--out")
+        problem = (
+            f"the suffix '{path.suffix}' is not known" if path.suffix else f"'{path.name}' has no suffix"
+        )
+        raise InputError(
+            f"{problem}; end the name with {', '.join(known[:-1])} or {known[-1]}", field="--out"
+        )
     return suffix
 
 
@@ -156,7 +160,7 @@ def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uin
     means = _means(brightness, size)
     unclear = (means > _DARK) & (means < _BRIGHT)
     if unclear.any():
-        row, column = (int(where[0]) for where in np.nonzero(unclear))
+        row, column = (int(index[0]) for index in np.nonzero(unclear))
         divided = size != brightness.shape
         raise InputError(
             f"row {row + 1}, column {column + 1} is {means[row, column]:.0%} bright, neither dark (still, up "

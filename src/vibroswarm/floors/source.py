@@ -137,13 +137,13 @@ def resolve(
     """
     if is_random(spec) or family(spec) is not None:
         rows, columns = tiles or DEFAULT_SIZE
-        found = named_tiles(spec, rows, columns, seed, run)
-        if tiles is not None and found.shape != tiles:
+        grid = named_tiles(spec, rows, columns, seed, run)
+        if tiles is not None and grid.shape != tiles:
             raise InputError(
-                f"'{spec}' has {found.shape[0]}x{found.shape[1]} tiles, not {rows}x{columns}; omit --tiles",
+                f"'{spec}' has {grid.shape[0]}x{grid.shape[1]} tiles, not {rows}x{columns}; omit --tiles",
                 field="--tiles",
             )
-        return found, spec if is_random(spec) else canonical(spec)
+        return grid, spec if is_random(spec) else canonical(spec)
     if not _is_there(spec) and not _looks_like_a_file(spec):
         raise InputError(_unknown(spec), field=_FIELD)
     return read_tiles(spec, tiles), Path(spec).name

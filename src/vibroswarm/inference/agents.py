@@ -84,8 +84,10 @@ def world_of(scenario: Scenario, counts: int) -> World:
     positive, negative = 0.0, 0.0
     if decision.boundary_of == "tiles":
         own = error_rates(scenario.sensor)
-        given = (decision.assumed_false_positive, decision.assumed_false_negative)
-        positive, negative = (mine if one is None else one for one, mine in zip(given, own, strict=True))
+        assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
+        positive, negative = (
+            own_rate if value is None else value for value, own_rate in zip(assumed, own, strict=True)
+        )
     boundary = readings_boundary(scenario)
     return World(
         robot=0,
@@ -235,14 +237,14 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     """Return the final state of each robot as a table, in the order of ``ends``."""
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(swarm).items()
-    found = [as_column(name, column, kinds[name]) for name, column in columns]
-    return pl.DataFrame([ends["run"], ends["robot"], *found])
+    series = [as_column(name, column, kinds[name]) for name, column in columns]
+    return pl.DataFrame([ends["run"], ends["robot"], *series])
 
 
 def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
     """Return a table column with nan as null, made without polars' threads, which a forked process lacks."""
     if values.dtype == np.float64 and kind != pl.Float64:
         if np.isnan(values).any():
-            return pl.Series(name, [None if np.isnan(one) else int(one) for one in values], dtype=kind)
+            return pl.Series(name, [None if np.isnan(value) else int(value) for value in values], dtype=kind)
         values = values.astype(np.int64)
     return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)

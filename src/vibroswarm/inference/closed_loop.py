@@ -283,33 +283,33 @@ def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float
     if isinstance(state, KernelRun):
 
         def take(rows: NDArray[np.void]) -> None:
-            for one in loop:
-                one.add_samples(rows)
+            for member in loop:
+                member.add_samples(rows)
 
-        if any(one.reads_positions for one in loop):
+        if any(member.reads_positions for member in loop):
             rest = state.hand_over(until_s, take)
-            for one in loop:
-                if one.reads_positions and rest.moves is not None:
-                    one.add_moves(rest.moves)
+            for member in loop:
+                if member.reads_positions and rest.moves is not None:
+                    member.add_moves(rest.moves)
         else:
             state.go_on(until_s, take)
-        needed = any(one.replayer.needs_stops for one in loop)
+        needed = any(member.replayer.needs_stops for member in loop)
         piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NO_STOP_TICKS
     else:
         piece = state.advance(until_s)
         known_tick, stop_tick = add_piece(piece, loop, tick_ms)
-    for one in loop:
-        one.catch_up(known_tick, stop_tick)
+    for member in loop:
+        member.catch_up(known_tick, stop_tick)
     return piece
 
 
 def add_piece(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
     """Append a piece of motion; return the tick up to which motion is known, and since when each robot stands."""
     rows = sample_rows(piece.samples, tick_ms)
-    for one in loop:
-        one.add_samples(rows)
-        if one.reads_positions:
-            one.add_moves(move_rows(piece.moves, tick_ms))
+    for member in loop:
+        member.add_samples(rows)
+        if member.reads_positions:
+            member.add_moves(move_rows(piece.moves, tick_ms))
     standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)
     return int(np.rint(piece.ends["end_s"].to_numpy().max() * (1000.0 / tick_ms))), stop_tick

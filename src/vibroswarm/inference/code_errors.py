@@ -44,9 +44,11 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
 
 def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
     """Return the files of functions that do not belong to this package, with one function each."""
-    functions = [one for one in vars(declared).values() if hasattr(one, "__code__")]
+    functions = [function for function in vars(declared).values() if hasattr(function, "__code__")]
     return {
-        one.__code__.co_filename: one for one in functions if not one.__module__.startswith("vibroswarm.")
+        function.__code__.co_filename: function
+        for function in functions
+        if not function.__module__.startswith("vibroswarm.")
     }
 
 
@@ -71,19 +73,21 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
         "raised from",
         "<source",
     )
-    said = next((line for line in lines if not line.startswith(noise)), lines[0] if lines else repr(error))
+    message = next((line for line in lines if not line.startswith(noise)), lines[0] if lines else repr(error))
     if ALLOCATES.search(text):
-        said = "creates an array, but a robot's memory is fixed: use loops, and keep arrays in Arrays"
+        message = "creates an array, but a robot's memory is fixed: use loops, and keep arrays in Arrays"
     for file in files:
-        found = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
-        if found:
-            return f"cannot be compiled: {file}, line {found[0]}: {said}"
-    return f"cannot be compiled: {', '.join(files)}: {said}"
+        line_numbers = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
+        if line_numbers:
+            return f"cannot be compiled: {file}, line {line_numbers[0]}: {message}"
+    return f"cannot be compiled: {', '.join(files)}: {message}"
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
     frames = [
-        one for one in traceback.extract_tb(error.__traceback__) if PACKAGE not in Path(one.filename).parents
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if PACKAGE not in Path(frame.filename).parents
     ]
     if not frames or "site-packages" in frames[-1].filename:
         return None

@@ -99,7 +99,9 @@ class Timeline:
     def stops(self) -> Stops:
         """When robots stand."""
         per_s = 1000.0 / self.tick_ms
-        tick, stop_tick = (np.rint(one * per_s).astype(np.int64) for one in (self.time_s, self.stop_start_s))
+        tick, stop_tick = (
+            np.rint(column * per_s).astype(np.int64) for column in (self.time_s, self.stop_start_s)
+        )
         run = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
         whose = run * self.robots + self.robot
         order = np.argsort(whose, kind="stable")
@@ -112,7 +114,7 @@ class Timeline:
         end_tick = np.rint(self.ends["end_s"].to_numpy() * per_s).astype(np.int64)
         known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
         walked = last_read_ticks(self.ends, self.tick_ms) + 1
-        return Stops(*(read_only(one) for one in (tick, stop_tick, following, first, walked, known)))
+        return Stops(*(read_only(column) for column in (tick, stop_tick, following, first, walked, known)))
 
     @cached_property
     def tracks(self) -> Tracks:
@@ -200,7 +202,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
 def rows_of(timeline: Timeline) -> Rows:
     """Return a timeline as kernels read it."""
     columns = (timeline.bounds, timeline.runs, timeline.robot, timeline.sample, timeline.time_s)
-    return Rows(*(read_only(one) for one in (*columns, timeline.heard, timeline.heard_at_end)))
+    return Rows(*(read_only(column) for column in (*columns, timeline.heard, timeline.heard_at_end)))
 
 
 @inner
@@ -303,7 +305,7 @@ def compute_reach(
     """
     robots = heard_at_end.shape[0] // max(runs.size, 1)
     words = np.zeros((robot.size, (robots + LANES - 1) // LANES), dtype=np.uint64)
-    others = np.empty(robot.size, dtype=np.int32)
+    reached_lanes = np.empty(robot.size, dtype=np.int32)
     at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
     numbers = np.empty(robot.size, dtype=np.float64)
     # Receivers of the messages before each row of a run, summed.
@@ -315,14 +317,14 @@ def compute_reach(
                 words[low:high], numbers, i, seed, runs[r], robot[low:high], sample[low:high], loss
             )
         for k in range(unsigned(low), unsigned(high)):
-            others[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
+            reached_lanes[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
             place = k - unsigned(low)
             for w in range(unsigned(words.shape[1])):
                 reached[place + unsigned(1), w] = reached[place, w] + words[k, w]
         for i in range(robots):
             e = r * robots + i
             at_end[e] = in_lane(reached[unsigned(heard_at_end[e, HEARD_ROWS])], i)
-    return words, others, at_end
+    return words, reached_lanes, at_end
 
 
 @inner
@@ -343,10 +345,10 @@ def mark_receivers(
     """
     for k in range(unsigned(robot.size)):  # a separate loop, which compilers vectorise
         numbers[k] = loss_uniform(seed, run, i, signed(robot[k]), signed(sample[k]))
-    word, one = np.uint64(i // LANES), np.uint64(1) << np.uint64(i % LANES * LANE_BITS)
+    word, bit = np.uint64(i // LANES), np.uint64(1) << np.uint64(i % LANES * LANE_BITS)
     for k in range(unsigned(robot.size)):
         reached = (robot[k] != i) & (numbers[k] >= loss)
-        words[k, word] |= one if reached else np.uint64(0)
+        words[k, word] |= bit if reached else np.uint64(0)
 
 
 @inner

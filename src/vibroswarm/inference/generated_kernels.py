@@ -69,9 +69,9 @@ def uses_uniforms(strategy: Strategy) -> bool:
 
 def key_of(*declared: Strategy | Network) -> str:
     """Return 12 hexadecimal digits of everything the kernels of a strategy and a network are made from."""
-    texts = [one.source or _text_of(one) for one in declared]
-    whole = "\0".join((source_hash(), *texts))  # which covers the templates
-    return hashlib.sha256(whole.encode()).hexdigest()[:12]
+    texts = [item.source or _text_of(item) for item in declared]
+    text = "\0".join((source_hash(), *texts))  # which covers the templates
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _text_of(declared: Strategy | Network) -> str:
@@ -106,7 +106,7 @@ def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping
     declared = arrays_of(strategy.arrays)
     if not declared:
         return 0
-    arrays = {name: np.zeros((robots, one.size(sizes)), one.kind) for name, one in declared.items()}
+    arrays = {name: np.zeros((robots, array.size(sizes)), array.kind) for name, array in declared.items()}
     return vars(hooks_of(strategy, network))["Arrays"](**arrays)
 
 
@@ -160,10 +160,10 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
     space = vars(module)
     compiled: dict[Callable[..., Any], Any] = {}
     for declared, names in ((strategy, STRATEGY_HOOKS), (network, NETWORK_HOOKS)):
-        for one in names:
-            if one == "on_message" and one in space:
+        for hook in names:
+            if hook == "on_message" and hook in space:
                 continue
-            space[one] = compiled_hook(getattr(declared, one) or getattr(default_hooks, one), compiled)
+            space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
     space["HAS_TIMER"] = strategy.on_timer is not None
     space["HAS_STEER"] = strategy.steer is not None
     space["IS_OPINION"] = strategy.decides == "opinion"
@@ -175,7 +175,9 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
 def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the globals that a function reads, by name."""
     names = {
-        one.argval for one in dis.get_instructions(function) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+        instruction.argval
+        for instruction in dis.get_instructions(function)
+        if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME")
     }
     return {name: function.__globals__[name] for name in sorted(names) if name in function.__globals__}
 
@@ -200,14 +202,14 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
         for name, value in globals_of(function).items()
         if isinstance(value, FunctionType) and value.__module__ == function.__module__
     }
-    whole = function
+    rebound = function
     if called:
         space = {**function.__globals__, **called}
-        whole = FunctionType(
+        rebound = FunctionType(
             function.__code__, space, function.__name__, function.__defaults__, function.__closure__
         )
-        whole.__module__, whole.__qualname__ = function.__module__, function.__qualname__
-    compiled[function] = inlined_uncached(whole)
+        rebound.__module__, rebound.__qualname__ = function.__module__, function.__qualname__
+    compiled[function] = inlined_uncached(rebound)
     return compiled[function]
 
 

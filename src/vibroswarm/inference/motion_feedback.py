@@ -186,17 +186,17 @@ def until_all_decided(
     Args:
         floors: of each run. motion: the source, by name. wanted: tables. progress: called with the share done.
     """
-    loop, found, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
+    loop, pieces, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
     shortest_s = scenario.run.t_end_s
     for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
         loop.begin(run, ground)
         moved = _run(source(motion).init(scenario, seed, run, *wanted), loop, first_s)
-        found.append(moved)
+        pieces.append(moved)
         shortest_s = min(shortest_s, float(moved.ends["end_s"].to_numpy().max()))
         first_s = max(LIKELY * shortest_s, scenario.tick_s)
         if progress is not None:
             progress((done + 1) / len(runs))
-    return join(found)
+    return join(pieces)
 
 
 def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:

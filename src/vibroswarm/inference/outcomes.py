@@ -92,8 +92,8 @@ def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) 
     """
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
-    asked = Asked(*size, fill_ratio, scenario.decision.decision_boundary)
-    return task(scenario.task.name).answer(floor, asked, scenario.task.params)
+    question = Asked(*size, fill_ratio, scenario.decision.decision_boundary)
+    return task(scenario.task.name).answer(floor, question, scenario.task.params)
 
 
 def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
@@ -101,8 +101,8 @@ def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fil
     known: dict[int, float] = {}
     for run, fill in zip(runs, fills, strict=True):
         if id(floors[run]) not in known:
-            found = truth_on(scenario, floors[run], float(fill))
-            known[id(floors[run])] = math.nan if found is None else float(found)
+            answer = truth_on(scenario, floors[run], float(fill))
+            known[id(floors[run])] = math.nan if answer is None else float(answer)
     return np.array([known[id(floors[run])] for run in runs])
 
 
@@ -206,10 +206,12 @@ def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
         finals: of each robot, run by run. truth: (runs,).
     """
     robots = finals.height // max(truth.size, 1)
-    given: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
-    by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in given}
-    made = robot_columns(by_run, truth)
-    more = {name: as_series(name, made[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")}
+    present: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
+    by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in present}
+    computed = robot_columns(by_run, truth)
+    more = {
+        name: as_series(name, computed[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")
+    }
     return pl.DataFrame([more[name] if name in more else finals[name] for name in ROBOTS])
 
 
@@ -257,7 +259,9 @@ def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str,
         "estimate": estimate_of(robots["alpha"], robots["beta"]),
     }
     first = np.arange(0, math.prod(shape), shape[-1])
-    means = {name: mean_by_run(one.ravel(), first).reshape(shape[:-1]) for name, one in of_robots.items()}
+    means = {
+        name: mean_by_run(values.ravel(), first).reshape(shape[:-1]) for name, values in of_robots.items()
+    }
     return of_swarms(runs, shape[-1], end_s) | means
 
 
@@ -297,6 +301,6 @@ def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
 
 def mean_by_run(values: Array, first: NDArray[np.intp]) -> Array:
     """Return means over the robots of each run that have the value, (runs,); nan where none has it."""
-    there = ~np.isnan(values)
+    known = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return sum_by_run(np.where(there, values, 0.0), first) / sum_by_run(there.astype(np.float64), first)
+        return sum_by_run(np.where(known, values, 0.0), first) / sum_by_run(known.astype(np.float64), first)

@@ -87,8 +87,8 @@ def replay_from_counts(
         later = until
         while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
             later += 1
-        wanted = session.received[k]
-        ones, zeros = choose(session, heard[i], messages, i, new_from[i], until, wanted, seed, run, index)
+        received = session.received[k]
+        ones, zeros = choose(session, heard[i], messages, i, new_from[i], until, received, seed, run, index)
         more_ones, more_zeros = choose(
             session,
             heard[i],
@@ -96,17 +96,17 @@ def replay_from_counts(
             i,
             leftover_from[i],
             new_from[i],
-            wanted - ones - zeros,
+            received - ones - zeros,
             seed,
             run,
             index,
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
         more_ones, more_zeros = choose(
-            session, heard[i], messages, i, until, later, wanted - ones - zeros, seed, run, index
+            session, heard[i], messages, i, until, later, received - ones - zeros, seed, run, index
         )
         ones, zeros = ones + more_ones, zeros + more_zeros
-        unsent += wanted - ones - zeros
+        unsent += received - ones - zeros
         leftover_from[i], new_from[i] = new_from[i], until
         row, s, p, w, a = (
             swarm.agents[i],

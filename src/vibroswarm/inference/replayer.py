@@ -123,8 +123,8 @@ class Replayer(ABC):
             self.is_new = False
             return
         self.swarm.states.view(np.uint8)[:] = 0
-        for one in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
-            one[:] = 0
+        for array in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
+            array[:] = 0
 
     def call(self, arguments: tuple[Any, ...]) -> int:
         """Call the kernel; arguments have the same types at each call."""

@@ -45,7 +45,7 @@ class Tracks(NamedTuple):
 def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
-    tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(one[order]) for one in columns)
+    tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
     first = bounds[:-1].astype(np.int64)
     return Tracks(
         read_only(bounds.astype(np.int64)), tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s, first

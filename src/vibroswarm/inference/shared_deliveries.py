@@ -38,7 +38,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
     # The last field of the world is a table that depends only on the others.
     key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
     if key not in timeline.deliveries:
-        found = Deliveries(
+        deliveries = Deliveries(
             np.empty(most, dtype=np.int32),
             np.empty(timeline.robot.size, dtype=np.int64),
             np.empty(timeline.runs.size * robots, dtype=np.int64),
@@ -50,10 +50,10 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
         with translate_errors(sender, network):
             deliver(
                 rows_of(timeline), timeline.stops, timeline.tracks if network.reads_positions else NO_TRACKS,
-                _scratch(timeline, network), found, world, network_params, network_state, strategy.bytes_on_air,
+                _scratch(timeline, network), deliveries, world, network_params, network_state, strategy.bytes_on_air,
                 seed,
             )  # fmt: skip
-        timeline.deliveries[key] = found
+        timeline.deliveries[key] = deliveries
     return timeline.deliveries[key]
 
 

@@ -121,14 +121,14 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
     """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
-        found = False
+        placed = False
         for attempt in range(1000):
             swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, ALONE)
             swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, ALONE)
             if not touches(swarm, setup, i, i, swarm[i].x_m, swarm[i].y_m):
-                found = True
+                placed = True
                 break
-        if not found:
+        if not placed:
             place_on_lattice(swarm, setup, seed, run)
             return
 
@@ -192,10 +192,10 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     """
     x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
     near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
-    nearest = math.inf
+    shortest_m = math.inf
     ahead_x, ahead_y = math.cos(swarm[i].heading_rad), math.sin(swarm[i].heading_rad)
     if near_wall:
-        nearest = rays_to_walls(setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y)
+        shortest_m = rays_to_walls(setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y)
     reach += setup.disc_radius_m
     for j in range(swarm.size):
         dx, dy = swarm[j].x_m - x, swarm[j].y_m - y
@@ -203,8 +203,8 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
             disc = rays_to_disc(
                 setup, swarm[i].ray_forward_m, x, y, ahead_x, ahead_y, swarm[j].x_m, swarm[j].y_m
             )
-            nearest = min(nearest, disc)
-    return nearest if nearest <= setup.look_m else math.inf
+            shortest_m = min(shortest_m, disc)
+    return shortest_m if shortest_m <= setup.look_m else math.inf
 
 
 @inner
@@ -212,14 +212,14 @@ def rays_to_walls(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
 ) -> float:
     """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
-    nearest = math.inf
+    shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
         from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
         dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
-        nearest = min(nearest, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
-    return nearest
+        shortest_m = min(shortest_m, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
+    return shortest_m
 
 
 @inner
@@ -228,14 +228,16 @@ def rays_to_disc(
     disc_x_m: float, disc_y_m: float,
 ) -> float:  # fmt: skip
     """The shortest ray to another robot's disc, m."""
-    nearest = math.inf
+    shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
         from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
         dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
-        nearest = min(nearest, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m))
-    return nearest
+        shortest_m = min(
+            shortest_m, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m)
+        )
+    return shortest_m
 
 
 @kernel

@@ -68,16 +68,16 @@ def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, 
     """Return the distance along the unit direction (dx, dy) to the arena's walls, from inside; 0 from outside."""
     if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
         return 0.0
-    nearest = math.inf
+    shortest_m = math.inf
     if dx > 0.0:
-        nearest = (width_m - x_m) / dx
+        shortest_m = (width_m - x_m) / dx
     elif dx < 0.0:
-        nearest = -x_m / dx
+        shortest_m = -x_m / dx
     if dy > 0.0:
-        nearest = min(nearest, (height_m - y_m) / dy)
+        shortest_m = min(shortest_m, (height_m - y_m) / dy)
     elif dy < 0.0:
-        nearest = min(nearest, -y_m / dy)
-    return nearest
+        shortest_m = min(shortest_m, -y_m / dy)
+    return shortest_m
 
 
 @kernel

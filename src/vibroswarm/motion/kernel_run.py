@@ -149,11 +149,11 @@ class KernelRun(ABC):
 
     def copy(self) -> Self:
         """A branch that does not change with this state."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        other.swarm = self.swarm.copy()
-        other.record = copy_record(self.record)
-        return other
+        branch = object.__new__(type(self))
+        branch.__dict__.update(self.__dict__)
+        branch.swarm = self.swarm.copy()
+        branch.record = copy_record(self.record)
+        return branch
 
     def advance(self, until_s: float) -> Motion:
         """What is new up to the first tick at or after ``until_s``."""

@@ -116,16 +116,23 @@ def checked_batch(
     Raises:
         CodeError: ``batch`` raised, or gave what is no motion.
     """
-    found: Any = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
+    motion_parts: Any = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
     for run in runs:
-        part = found
-        if isinstance(found, Motion) and all("run" in one.columns for one in (found.samples, found.ends)):
-            here = pl.col("run") == run
-            part = Motion(found.samples.filter(here), found.ends.filter(here), found.segments, found.moves)
+        part = motion_parts
+        if isinstance(motion_parts, Motion) and all(
+            "run" in one.columns for one in (motion_parts.samples, motion_parts.ends)
+        ):
+            of_run = pl.col("run") == run
+            part = Motion(
+                motion_parts.samples.filter(of_run),
+                motion_parts.ends.filter(of_run),
+                motion_parts.segments,
+                motion_parts.moves,
+            )
         end_s = scenario.ticks * scenario.tick_s
-        for why in _wrong(part, scenario, run, 0.0, end_s, end_s):
-            raise CodeError(f"{_file_of(batch)}: {why}")
-    motion: Motion = found
+        for problem in _wrong(part, scenario, run, 0.0, end_s, end_s):
+            raise CodeError(f"{_file_of(batch)}: {problem}")
+    motion: Motion = motion_parts
     return motion
 
 
@@ -148,10 +155,10 @@ class CheckedState:
         """See ``MotionState.advance``."""
         before_s = self.time_s
         piece = _called(self.init, self.state.advance, until_s)
-        for why in _wrong(piece, self.scenario, self.run, before_s, until_s, self.time_s):
-            raise CodeError(f"{_file_of(self.init)}: {why}")
-        found: Motion = piece
-        return found
+        for problem in _wrong(piece, self.scenario, self.run, before_s, until_s, self.time_s):
+            raise CodeError(f"{_file_of(self.init)}: {problem}")
+        motion: Motion = piece
+        return motion
 
     def copy(self) -> CheckedState:
         """See ``MotionState.copy``."""
@@ -170,7 +177,7 @@ def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: 
         raise
     except Exception as error:
         file = _file_of(init)
-        lines = [one for one in traceback.extract_tb(error.__traceback__) if one.filename == file]
+        lines = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
         raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
 
@@ -203,12 +210,12 @@ def _wrong(
         if not isinstance(frame, pl.DataFrame):
             yield f"the table {name} is {type(frame).__name__}, not a polars DataFrame"
             return
-        found: dict[str, Any] = dict(frame.schema)
+        columns: dict[str, Any] = dict(frame.schema)
         for column, kind in schema.items():
-            if found.get(column) != kind:
-                yield f"the table {name}: column '{column}' is {found.get(column, 'missing')}, expected {kind}"
-        if list(found) != list(schema):
-            yield f"the table {name} has the columns {', '.join(found)}, where {', '.join(schema)} are right"
+            if columns.get(column) != kind:
+                yield f"the table {name}: column '{column}' is {columns.get(column, 'missing')}, expected {kind}"
+        if list(columns) != list(schema):
+            yield f"the table {name} has the columns {', '.join(columns)}, where {', '.join(schema)} are right"
             return
     yield from _wrong_rows(piece, scenario, run, before_s, after_s)
 

@@ -89,8 +89,8 @@ def copy_record(record: Record) -> Record:
     # Zeroed pages take memory only when they are written.
     buffers = (record.samples, record.segments, record.moves)
     samples, segments, moves = (zero_rows(rows.size, rows.dtype) for rows in buffers)
-    for mine, theirs, count in zip((samples, segments, moves), buffers, record.filled, strict=True):
-        mine[:count] = theirs[:count]
+    for copy, original, count in zip((samples, segments, moves), buffers, record.filled, strict=True):
+        copy[:count] = original[:count]
     return Record(
         samples, segments, moves, record.filled.copy(), record.latest.copy(), record.under_way.copy()
     )
@@ -140,11 +140,11 @@ def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move
     """
     for i in range(swarm.size):
         row = swarm[i]
-        here, came_from = (
+        pose_here, pose_before = (
             (row.x_m, row.y_m, row.heading_rad),
             (row.from_x_m, row.from_y_m, row.from_heading_rad),
         )
-        pose = came_from if after_move else here
+        pose = pose_before if after_move else pose_here
         write_segment(record, run, i, tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
 
 

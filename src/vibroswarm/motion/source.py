@@ -194,14 +194,14 @@ def source(name: str) -> Source:
     if not plugins.is_code(name):
         plugins.known_for("motion", name)
         return _ready(_registry.get(name))
-    found = _registry.known().get(plugins.name_in(name))
-    if found is None or found.code != name:
+    known = _registry.known().get(plugins.name_in(name))
+    if known is None or known.code != name:
         raise InputError(
             f"'{name.partition(plugins.HASH)[0]}' is not loaded; name its file by --motion, or add --trust to run "
             "the one that is named",
             field="motion",
         )
-    return _ready(found)
+    return _ready(known)
 
 
 def _ready(found: Source) -> Source:

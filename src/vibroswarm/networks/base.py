@@ -54,20 +54,22 @@ class Network(Plugin):
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
         rows = {"n": self.state_type.names, "p": self.params_type.names, "w": World._fields}
-        for one in ("lost", "send"):
-            if getattr(self, one) is not None:
-                check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
+        for hook in ("lost", "send"):
+            if getattr(self, hook) is not None:
+                check_function(
+                    hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
+                )
 
     @cached_property
     def reads_positions(self) -> bool:
         """Whether ``send`` reads the robots' positions."""
         if self.send is None:
             return False
-        given = list(inspect.signature(self.send).parameters)
-        places = {given[PARAMETERS["send"].index(one)] for one in ("x_m", "y_m")}
+        parameters = list(inspect.signature(self.send).parameters)
+        places = {parameters[PARAMETERS["send"].index(instruction)] for instruction in ("x_m", "y_m")}
         return any(
-            one.opname.startswith("LOAD_FAST") and one.argval in places
-            for one in dis.get_instructions(self.send)
+            instruction.opname.startswith("LOAD_FAST") and instruction.argval in places
+            for instruction in dis.get_instructions(self.send)
         )
 
     @property

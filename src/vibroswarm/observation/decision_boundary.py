@@ -63,8 +63,8 @@ def readings_boundary(scenario: Scenario) -> float:
     x = decision.decision_boundary
     if decision.boundary_of == "readings":
         return x
-    given = (decision.assumed_false_positive, decision.assumed_false_negative)
-    tested = _expected_at(scenario, x, given)
+    assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
+    tested = _expected_at(scenario, x, assumed)
     if is_neutral_at_half_only(scenario) and tested != 0.5:
         raise InputError(
             f"{scenario.strategy.name} feedback is neutral at a boundary of 0.5 only, and this one is tested at "
@@ -122,8 +122,8 @@ def mean_sensed_shares(
         return SensedShares(vibrating, vibrating, 0.0)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     within_m = abs(reach_m) + FAR * blur_m
-    near = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
-    if min(near, rows * columns) > MAX_NEIGHBOURS:
+    neighbours = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
+    if min(neighbours, rows * columns) > MAX_NEIGHBOURS:
         raise InputError(
             f"edges sensed {within_m:g} m away reach over too many tiles of {width_m:g} m x {height_m:g} m for "
             'decision.boundary_of = "tiles"; give decision.assumed_false_positive and assumed_false_negative',
@@ -215,7 +215,7 @@ def _points(
     Lanes are counted from the lower end. Beyond ``within_m`` off the floor nothing is sensed, and there are no
     points.
     """
-    near = int(np.ceil(within_m / size_m))
+    reach_tiles = int(np.ceil(within_m / size_m))
     at: list[NDArray[np.float64]] = []
     length: list[NDArray[np.float64]] = []
     lane: list[NDArray[np.int64]] = []
@@ -223,16 +223,16 @@ def _points(
     repeated = 1
     for number in range(count):
         low, high = first_m + number * size_m, first_m + (number + 1) * size_m
-        whole = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
-        if whole and not every and near <= number < count - near:
+        fits = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
+        if fits and not every and reach_tiles <= number < count - reach_tiles:
             if alike is not None:
                 repeated += 1
                 continue
             alike, repeated = len(at), 1
-        found = _within_lane(low, high, max(low, 0.0), min(high, arena_m), within_m, grid)
-        at.append(found[0])
-        length.append(found[1])
-        lane.append(np.full(found[0].size, number))
+        points = _within_lane(low, high, max(low, 0.0), min(high, arena_m), within_m, grid)
+        at.append(points[0])
+        length.append(points[1])
+        lane.append(np.full(points[0].size, number))
     if alike is not None:
         length[alike] *= repeated
     end_m = first_m + count * size_m
@@ -322,18 +322,20 @@ def _mean_sensed_areas(
         for i in range(x_m.size):
             row = place.rows - 1 - lane[j] if lane[j] >= 0 else -1
             on = column[i] >= 0 and row >= 0
-            near = _distances(
+            distances = _distances(
                 x_m[i], y_m[j], row if on else -1, column[i] if on else -1, within_m, place, distance
             )
             area = x_length_m[i] * y_length_m[j]
             # The tile below, if any, is not among the others.
-            others = tiles - 1.0 if on else tiles
+            other_tiles = tiles - 1.0 if on else tiles
             if on:
                 share = vibrating / tiles
-                inside = _nearest(distance, near, others - (vibrating - 1.0), others, reach_m, blur_m, 1.0)
+                inside = _nearest(
+                    distance, distances, other_tiles - (vibrating - 1.0), other_tiles, reach_m, blur_m, 1.0
+                )
                 detected += area * share * inside
                 area *= 1.0 - share
-            spillover += area * _nearest(distance, near, vibrating, others, reach_m, blur_m, -1.0)
+            spillover += area * _nearest(distance, distances, vibrating, other_tiles, reach_m, blur_m, -1.0)
     return detected, spillover
 
 
@@ -354,8 +356,8 @@ def _distances(
             if r == row and c == column:
                 continue
             before = place.left_m + c * place.width_m - x_m
-            beside = max(before, -place.width_m - before, 0.0)
-            d = np.sqrt(beside * beside + up * up)
+            across = max(before, -place.width_m - before, 0.0)
+            d = np.sqrt(across * across + up * up)
             if d <= within_m and count < out.size:
                 k = count
                 while k > 0 and out[k - 1] > d:

@@ -86,7 +86,7 @@ def nearest_of_kind(
     x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
 ) -> tuple[int, float]:
     """Return the nearest tile of this kind and its distance, m; (-1, inf) if none is ``within_m``."""
-    best, found = np.inf, -1
+    best, tile = np.inf, -1
     first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
     last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
     first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
@@ -98,11 +98,11 @@ def nearest_of_kind(
             index = row * place.columns + column
             if tiles[index] == kind:
                 before = place.left_m + column * place.width_m - x_m
-                beside = max(before, -place.width_m - before, 0.0)
-                distance = math.sqrt(beside * beside + up * up)  # ten times faster than math.hypot
+                across = max(before, -place.width_m - before, 0.0)
+                distance = math.sqrt(across * across + up * up)  # ten times faster than math.hypot
                 if distance < best and distance <= within_m:
-                    best, found = distance, index
-    return found, best
+                    best, tile = distance, index
+    return tile, best
 
 
 @kernel
@@ -111,10 +111,10 @@ def vibration_probability(
 ) -> tuple[float, int]:
     """Return the probability that a sample here senses vibration, and the nearest tile of the other kind (-1: none
     near)."""
-    past_m, other = past_edge(x_m, y_m, at, place, tiles, reach_m, blur_m)
-    if other < 0:
-        return (1.0 if at >= 0 and tiles[at] == 1 else 0.0), other
-    return share_past(past_m, blur_m), other
+    past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, reach_m, blur_m)
+    if edge_tile < 0:
+        return (1.0 if at >= 0 and tiles[at] == 1 else 0.0), edge_tile
+    return share_past(past_m, blur_m), edge_tile
 
 
 @kernel
@@ -125,8 +125,8 @@ def past_edge(
     kind or -1."""
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
-    other, distance = nearest_of_kind(x_m, y_m, 0 if on_vibrating else 1, within_m, place, tiles)
-    return reach_m + distance if on_vibrating else reach_m - distance, other
+    edge_tile, distance = nearest_of_kind(x_m, y_m, 0 if on_vibrating else 1, within_m, place, tiles)
+    return reach_m + distance if on_vibrating else reach_m - distance, edge_tile
 
 
 @kernel
@@ -146,8 +146,8 @@ def sensed_tile(
     kind."""
     if not response.edges:
         return at
-    past_m, other = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
-    if other < 0:
+    past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
+    if edge_tile < 0:
         return at
     u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
     # Far from the edge nearly all draws can do without the error function.
@@ -155,7 +155,7 @@ def sensed_tile(
         vibrates = past_m > 0.0
     else:
         vibrates = u < share_past(past_m, response.blur_m)
-    return at if vibrates == (at >= 0 and tiles[at] == 1) else other
+    return at if vibrates == (at >= 0 and tiles[at] == 1) else edge_tile
 
 
 @kernel
@@ -186,7 +186,7 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
         for run, size in zip(runs.tolist(), tiles, strict=True):
             rows.append(_factors(scenario, seed, run, size))
         factors = np.concatenate(rows) if rows else np.ones(1)
-        first = np.cumsum([0, *(len(one) for one in rows)])[:count]
+        first = np.cumsum([0, *(len(row) for row in rows)])[:count]
         per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
         shares = np.column_stack([shares_below(sensor, kind, factors) for kind in (False, True)])
     return Response(

@@ -26,7 +26,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
     """
     name = str(path)
     text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES).removeprefix("\ufeff")
-    found: dict[bool, list[float]] = {True: [], False: []}
+    energies: dict[bool, list[float]] = {True: [], False: []}
     head: list[str] | None = None
     try:
         # Row by row, as a list of all rows takes a hundred times the file's size.
@@ -35,17 +35,17 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
                 head = _head(row, name)
             elif row:
                 kind, energy = _sample(row, head, f"{name}, line {number}")
-                found[kind].append(energy)
-                if len(found[kind]) > MAX_ENERGIES:
+                energies[kind].append(energy)
+                if len(energies[kind]) > MAX_ENERGIES:
                     raise InputError(f"holds more than {MAX_ENERGIES:,} energies of a kind", field=name)
     except csv.Error as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     if head is None:
         raise InputError("is empty; a line 'kind,energy' and then one line a sample", field=name)
     for vibrating, word in ((True, "vibrating"), (False, "still")):
-        if not found[vibrating]:
+        if not energies[vibrating]:
             raise InputError(f"holds no energy of a {word} tile", field=name)
-    return tuple(found[True]), tuple(found[False])
+    return tuple(energies[True]), tuple(energies[False])
 
 
 def _head(row: list[str], name: str) -> list[str]:

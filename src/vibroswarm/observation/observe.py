@@ -145,7 +145,7 @@ def read_samples(
         sensed_known, sensed: the same for the sensed tiles; empty if edges do not matter.
         observation: (rows,), written. vibrating, factors: (rows,), written, or of no rows: of the tile that was sensed.
     """
-    wanted = vibrating.size > 0
+    with_vibrating = vibrating.size > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
@@ -164,7 +164,7 @@ def read_samples(
             vibrates = at >= 0 and own[at] == 1
             row = factor_row(response, r, i, at)
             observation[k] = numbers[k] > response.shares_below[row, int(vibrates)]
-            if wanted:
+            if with_vibrating:
                 vibrating[k], factors[k] = vibrates, response.factors[row]
 
 
@@ -215,13 +215,13 @@ class Places:
         sensed, sensed_known = self._sensed_tiles(response, places, first_tiles, tiles)
         kept = count if energies else 0
         observation, vibrating = np.empty(count, dtype=np.uint8), np.empty(kept, dtype=np.bool_)
-        found = Readings(*met, observation, vibrating, np.empty(kept))
+        readings = Readings(*met, observation, vibrating, np.empty(kept))
         read_samples(
             self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, places,
-            first_tiles, tiles, response, known, found.tile, found.numbers, sensed_known, sensed,
-            found.observation, found.vibrating, found.factors,
+            first_tiles, tiles, response, known, readings.tile, readings.numbers, sensed_known, sensed,
+            readings.observation, readings.vibrating, readings.factors,
         )  # fmt: skip
-        return found
+        return readings
 
     def _sensed_tiles(
         self,

@@ -64,9 +64,9 @@ class Lock:
             except FileExistsError:
                 pass
             with suppress(FileNotFoundError):
-                made = self.path.lstat().st_mtime_ns
-                if made != seen:
-                    seen, since_s = made, time.monotonic()
+                modified_ns = self.path.lstat().st_mtime_ns
+                if modified_ns != seen:
+                    seen, since_s = modified_ns, time.monotonic()
                 elif time.monotonic() - since_s > LOCK_S:
                     self.path.unlink()
                     continue
@@ -115,14 +115,14 @@ class Dashboard:
             if candidate.key in self.shown or not candidate.count:
                 continue
             scores = self.archive.scores(candidate.key)
-            there = all(math.isfinite(score) for score in scores)
+            complete = all(math.isfinite(score) for score in scores)
             state = self.library.trial.TrialState
             with ignore_warnings():
                 trial = self.library.trial.create_trial(
                     params=dict(candidate.values),
                     distributions=self.distributions,
-                    values=scores if there else None,
-                    state=state.COMPLETE if there else state.FAIL,
+                    values=scores if complete else None,
+                    state=state.COMPLETE if complete else state.FAIL,
                     user_attrs={
                         "key": candidate.key,
                         "origin": candidate.origin,
@@ -150,13 +150,13 @@ def _cut(path: Path) -> None:
 
 def distribution_of(library: Any, dimension: Dimension) -> Any:
     """Convert a field's bounds to an Optuna distribution."""
-    of = library.distributions
+    distributions = library.distributions
     if dimension.choices:
-        return of.CategoricalDistribution(dimension.choices)
+        return distributions.CategoricalDistribution(dimension.choices)
     log = dimension.scale == "log"
     if dimension.whole:
-        return of.IntDistribution(int(dimension.low), int(dimension.high), log=log)
-    return of.FloatDistribution(dimension.low, dimension.high, log=log)
+        return distributions.IntDistribution(int(dimension.low), int(dimension.high), log=log)
+    return distributions.FloatDistribution(dimension.low, dimension.high, log=log)
 
 
 POPULATION: Final = 24

@@ -130,8 +130,8 @@ def write_archive(made: Reproduction, path: Path) -> None:
             "control": made.settings.control,
         },
         "command": command_of(made.settings),
-        "items": [one.item.name for one in made.made if not one.skipped],
-        "skipped": [one.item.name for one in made.made if one.skipped],
+        "items": [entry.item.name for entry in made.made if not entry.skipped],
+        "skipped": [entry.item.name for entry in made.made if entry.skipped],
         "versions": versions(),
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in entries.items()},
     }
@@ -150,7 +150,7 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
     rows = [cell_row(cell, results) for cell in cells.values()]
     robots = [results.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]
     decided = made.decided
-    measured = [one.tables[CLAIMS] for one in made.made if CLAIMS in one.tables]
+    measured = [entry.tables[CLAIMS] for entry in made.made if CLAIMS in entry.tables]
     entries = {
         f"scenarios/{cell.scenario.hash}.toml": cell.scenario.to_toml().encode() for cell in cells.values()
     }
@@ -158,14 +158,14 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
     frames |= {"robots": pl.concat(robots)} if robots else {}
     frames |= {"measured": pl.concat(measured)} if measured else {}
     frames |= {"claims": claims_table(decided), "intervals": cells_table(decided)}
-    for one in made.made:
-        frames |= {f"tables/{one.item.name}-{n}": t for n, t in one.tables.items() if n != CLAIMS}
+    for entry in made.made:
+        frames |= {f"tables/{entry.item.name}-{n}": t for n, t in entry.tables.items() if n != CLAIMS}
     return entries | {f"{name}.csv": csv_bytes(frame) for name, frame in frames.items()}
 
 
 def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
     """Archived row of a cell."""
-    found = results[cell]
+    result = results[cell]
     return {
         "key": cell.key,
         "column": cell.column,
@@ -173,8 +173,8 @@ def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
         "block": cell.block,
         "seed": cell.seed(results.seed),
         "motion": cell.motion,
-        "runs": found.row["runs"],
-        "digest": found.digest,
-        **{name: found.row[name] for name in FIGURES},
+        "runs": result.row["runs"],
+        "digest": result.digest,
+        **{name: result.row[name] for name in FIGURES},
         "command": cell.command(results.runs, results.seed),
     }

@@ -111,7 +111,7 @@ def both_forms(
         if part.is_empty():
             continue
         for figure, label, form, title in (
-            figures if place == 0 else [one for one in figures if one[3] in ALSO]
+            figures if place == 0 else [entry for entry in figures if entry[3] in ALSO]
         ):
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
             draw = partial(_draw, part, figure, label, form, x, x_label, series)
@@ -120,8 +120,8 @@ def both_forms(
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str, x: str, x_label: str, series: str) -> Drawn:
     """Draw a figure over ``x`` with a line for each value of ``series``."""
-    made = bars(part, figure) if form == "papers" else limits(part, figure)
-    frame = made.select(
+    intervals = bars(part, figure) if form == "papers" else limits(part, figure)
+    frame = intervals.select(
         "estimate", "low", "high", "runs", x=pl.col(x), series=pl.col(series).cast(pl.String)
     ).sort("x", maintain_order=True)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"

@@ -72,9 +72,9 @@ class Cell:
 
     def command(self, runs: int, seed: int) -> str:
         """Command that runs this cell alone."""
-        how = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
-        how += [f"--motion {self.motion}"] if self.motion != "event" else []
-        return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *how])
+        options = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
+        options += [f"--motion {self.motion}"] if self.motion != "event" else []
+        return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *options])
 
 
 def options_of(column: str, scenario: Scenario) -> list[str]:
@@ -95,12 +95,12 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     """Fields in which a scenario differs from a base, by dotted name."""
-    found: dict[str, Any] = {}
+    changed: dict[str, Any] = {}
     for name in field_names():
         value = value_of(scenario, name)
         if value is not None and value != value_of(base, name):
-            found[name] = list(value) if isinstance(value, tuple) else value
-    return found
+            changed[name] = list(value) if isinstance(value, tuple) else value
+    return changed
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ class CellResults:
 
     def row(self, cell: Cell) -> dict[str, Any]:
         """Summary of a cell, with the command that runs it alone."""
-        about = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
-        return self[cell].row | about
+        origin = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
+        return self[cell].row | origin
 
 
 def run_cells(
@@ -144,31 +144,31 @@ def run_cells(
     """Run the cells that are missing in ``folder`` and return the results of all."""
     groups: dict[tuple[int, str, int], dict[str, Cell]] = {}
     for cell in cells:
-        how = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
-        groups.setdefault(how, {}).setdefault(cell.key, cell)
+        group_key = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
+        groups.setdefault(group_key, {}).setdefault(cell.key, cell)
     read: list[Future[dict[str, CellResult]]] = []
-    weights = [_weight(list(group.values()), how) for how, group in groups.items()]
+    weights = [_weight(list(group.values()), group_key) for group_key, group in groups.items()]
     before = 0.0
     with ThreadPoolExecutor(1) as reader:  # cells of a study are summarised while the next study runs
-        for (how, group), weight in zip(groups.items(), weights, strict=True):
-            study = study_of(group, how)
+        for (group_key, group), weight in zip(groups.items(), weights, strict=True):
+            study = study_of(group, group_key)
 
             def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
                 progress((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
 
             result = run(study, folder / study.hash, workers=workers, progress=report_progress)
-            read.append(reader.submit(_read, result, list(group.values()), how[2], workers))
+            read.append(reader.submit(_read, result, list(group.values()), group_key[2], workers))
             if workers == 1:
                 wait(read)
             before += weight
             progress(before / sum(weights))
-        results = {key: one for each in read for key, one in each.result().items()}
+        results = {key: cell_result for future in read for key, cell_result in future.result().items()}
     return CellResults(seed, runs, results)
 
 
 def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellResult]:
     """Summarise all cells of a study in blocks: each read scans the whole study, so cells are not read one by one."""
-    found: dict[str, CellResult] = {}
+    by_key: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
         for group in result.plan.groups:
             numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
@@ -176,10 +176,10 @@ def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None
             for first in range(0, len(numbers), step):
                 some = numbers[first : first + step]
                 rows = result.unsorted_rows(*some).select(READ).collect()
-                mine = [cells[number] for number in some]
-                results = summarise(mine, rows, some, runs, robots, pool.map)
-                found |= {cell.key: one for cell, one in zip(mine, results, strict=True)}
-    return found
+                block = [cells[number] for number in some]
+                results = summarise(block, rows, some, runs, robots, pool.map)
+                by_key |= {cell.key: cell_result for cell, cell_result in zip(block, results, strict=True)}
+    return by_key
 
 
 def summarise(
@@ -201,11 +201,11 @@ def summarise(
     figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
 
     def one(k: int) -> CellResult:
-        mine = {name: column[k] for name, column in of_robots.items()}
+        own_columns = {name: column[k] for name, column in of_robots.items()}
         each = {name: column[k].copy() for name, column in figures.items()}
-        first = {name: column[:FIRST_RUNS].ravel() for name, column in mine.items()}
+        first = {name: column[:FIRST_RUNS].ravel() for name, column in own_columns.items()}
         table = pl.DataFrame([as_series(name, first[name], kind) for name, kind in ROBOTS.items()])
-        return CellResult(row_of(mine, each, float(t_end_s[k])), each, digest_of(mine), table)
+        return CellResult(row_of(own_columns, each, float(t_end_s[k])), each, digest_of(own_columns), table)
 
     return list(map_(one, range(len(cells))))
 
@@ -244,14 +244,14 @@ def _with_limits(name: str, found: Interval) -> dict[str, Any]:
 
 def digest_of(robots: Columns) -> str:
     """SHA-256 of a table of robots, (runs, robots) each; a missing value counts as a value."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, kind in ROBOTS.items():
         values = robots[name]
         missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, dtype=np.bool_)
-        found.update(name.encode() + b"\0" + missing.tobytes())
+        digest.update(name.encode() + b"\0" + missing.tobytes())
         filled = np.where(missing, 0, values).astype("<f8" if kind.is_float() else "<i8")
-        found.update(filled.tobytes())
-    return found.hexdigest()
+        digest.update(filled.tobytes())
+    return digest.hexdigest()
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:

@@ -104,29 +104,31 @@ def mean(
             allow for values not seen.
         cannot: why the column cannot answer the question.
     """
-    found = np.asarray(values, dtype=np.float64)
-    made = of_interval(claim, column, cell, mean_interval(found - less))
-    found = found[~np.isnan(found)]
-    if _lumped(found):
-        made["standard_error"] = None
-    if bounded and published_runs is None and found.size and _few_far(found):
-        made |= _parts(found)
-    if published_runs is not None and made["standard_error"] is not None:
-        sd = float(found.std(ddof=1)) if published_sd is None else published_sd
+    runs_values = np.asarray(values, dtype=np.float64)
+    estimated = of_interval(claim, column, cell, mean_interval(runs_values - less))
+    runs_values = runs_values[~np.isnan(runs_values)]
+    if _lumped(runs_values):
+        estimated["standard_error"] = None
+    if bounded and published_runs is None and runs_values.size and _few_far(runs_values):
+        estimated |= _parts(runs_values)
+    if published_runs is not None and estimated["standard_error"] is not None:
+        sd = float(runs_values.std(ddof=1)) if published_sd is None else published_sd
         # sqrt(s^2 / n + S^2 / N)
-        made["standard_error"] = math.hypot(made["standard_error"], sd / math.sqrt(published_runs))
-    return made | {"cannot": cannot}
+        estimated["standard_error"] = math.hypot(estimated["standard_error"], sd / math.sqrt(published_runs))
+    return estimated | {"cannot": cannot}
 
 
 def share(
     claim: str, column: str, cell: str, values: ArrayLike, less: float = 0.0, *, cannot: str | None = None
 ) -> Row:
     """Row of the mean over runs of a share or a difference of shares; its limits hold for rare events too."""
-    found = np.asarray(values, dtype=np.float64)
-    found = found[~np.isnan(found)]
-    if not found.size:
+    runs_values = np.asarray(values, dtype=np.float64)
+    runs_values = runs_values[~np.isnan(runs_values)]
+    if not runs_values.size:
         return row(claim, column, cell, math.nan, None, 0, cannot)
-    return row(claim, column, cell, float(found.mean()) - less, None, found.size, cannot) | _parts(found)
+    return row(
+        claim, column, cell, float(runs_values.mean()) - less, None, runs_values.size, cannot
+    ) | _parts(runs_values)
 
 
 def _lumped(values: NDArray[np.float64]) -> bool:
@@ -167,12 +169,12 @@ def share_saved(
     """
     saved = 1.0 - float(first.mean()) / float(second.mean())
     spread = mean_interval(saved - (first - (1.0 - saved) * second) / second.mean())
-    made = of_interval(claim, column, cell, spread._replace(estimate=saved - less))
-    if published_runs is not None and made["standard_error"] is not None:
+    estimated = of_interval(claim, column, cell, spread._replace(estimate=saved - less))
+    if published_runs is not None and estimated["standard_error"] is not None:
         parts = first.var(ddof=1) + (1.0 - saved) ** 2 * second.var(ddof=1)
-        theirs = math.sqrt(parts / published_runs) / float(second.mean())
-        made["standard_error"] = math.hypot(made["standard_error"], theirs)
-    return made | {"cannot": cannot}
+        published_error = math.sqrt(parts / published_runs) / float(second.mean())
+        estimated["standard_error"] = math.hypot(estimated["standard_error"], published_error)
+    return estimated | {"cannot": cannot}
 
 
 def log_spread(

@@ -78,15 +78,17 @@ def interval(row: Mapping[str, Any], level: float) -> Limits:
     if row["exact"]:
         return x, x
     error, bounded = row["standard_error"], row["above"] is not None
-    found = []
+    candidates = []
     if error is not None and math.isfinite(error) and error > 0.0:
         half = float(stdtrit(max(row["n"] - 1, 1), 0.5 + level / 2)) * error
-        found.append((x - half, x + half))
+        candidates.append((x - half, x + half))
     if bounded:
         low, high = mean_limits(row["above"], row["below"], row["n"], level)
         shift = x - (row["above"] - row["below"])
-        found.append((low + shift, high + shift))
-    return (min(low for low, _ in found), max(high for _, high in found)) if found else UNBOUNDED
+        candidates.append((low + shift, high + shift))
+    return (
+        (min(low for low, _ in candidates), max(high for _, high in candidates)) if candidates else UNBOUNDED
+    )
 
 
 def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
@@ -97,10 +99,10 @@ def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
     """
     tail = (1.0 - level) / 2
     (low_above, high_above), (low_below, high_below) = (share_limits(p, n, tail) for p in (above, below))
-    others = (1.0 - above) * (1.0 - below)
-    alike = min(math.sqrt(above * below / others), 1.0) if others > 0.0 else 0.0
-    down = _together(above - low_above, high_below - below, alike)
-    up = _together(high_above - above, below - low_below, alike)
+    rest = (1.0 - above) * (1.0 - below)
+    correlation = min(math.sqrt(above * below / rest), 1.0) if rest > 0.0 else 0.0
+    down = _together(above - low_above, high_below - below, correlation)
+    up = _together(high_above - above, below - low_below, correlation)
     return above - below - down, above - below + up  # Zou & Donner 2008
 
 
@@ -173,8 +175,8 @@ class Claim:
     def __post_init__(self) -> None:
         if self.test not in TESTS:
             raise InputError(f"'{self.test}' is not a test{nearest(self.test, TESTS)}", field=self.id)
-        given = self.margin if self.test == "within" else self.effect
-        if given is None or not math.isfinite(given) or (self.test == "within" and given <= 0):
+        bound = self.margin if self.test == "within" else self.effect
+        if bound is None or not math.isfinite(bound) or (self.test == "within" and bound <= 0):
             raise InputError(f"the test '{self.test}' needs a margin above 0, or an effect", field=self.id)
         if (self.margin is not None) == (self.effect is not None):
             raise InputError("has a margin or an effect, not both", field=self.id)
@@ -211,14 +213,14 @@ def claims_from(text: str) -> tuple[Claim, ...]:
     except (ValueError, KeyError) as error:
         raise InputError(f"has no claims: {error}", field="claims.toml") from None
     known = {field.name for field in fields(Claim)}
-    found = []
+    claims = []
     for table in tables:
         if unknown := set(table) - known:
             raise InputError(f"unknown key{nearest(min(unknown), known)}", field=min(unknown))
-        found.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
-    if len({claim.id for claim in found}) != len(found):
+        claims.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
+    if len({claim.id for claim in claims}) != len(claims):
         raise InputError("an id is repeated", field="claims.toml")
-    return tuple(found)
+    return tuple(claims)
 
 
 @cache
@@ -263,7 +265,7 @@ def corrected(level: float, rows: Rows) -> float:
 
 def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
     """Verdict from the states at the claim's level and at the corrected level, see the head of this module."""
-    if plain and all(one == "holds" for one in plain):
+    if plain and all(state == "holds" for state in plain):
         return "reproduced"
     if "fails" in strict:
         return "in part" if "holds" in strict else "not reproduced"
@@ -284,17 +286,23 @@ def settle(
     Args:
         claims: the whole family. rows: measured rows by claim id; none where a claim was not measured.
     """
-    found: dict[str, tuple[str, float]] = {}
+    decided_now: dict[str, tuple[str, float]] = {}
     open_ = [claim for claim in claims if rows.get(claim.id)]
     while True:  # Holm: claims settled at the strictest level relax the level of the others
-        level = 1.0 - alpha / max(len(claims) - len(found), 1)
-        now = {claim.id: verdict_at(claim, rows[claim.id], level) for claim in open_ if claim.id not in found}
+        level = 1.0 - alpha / max(len(claims) - len(decided_now), 1)
+        now = {
+            claim.id: verdict_at(claim, rows[claim.id], level)
+            for claim in open_
+            if claim.id not in decided_now
+        }
         settled = {
-            one: (verdict, level) for one, verdict in now.items() if verdict not in (CANNOT, "inconclusive")
+            claim_id: (verdict, level)
+            for claim_id, verdict in now.items()
+            if verdict not in (CANNOT, "inconclusive")
         }
         if not settled:
-            return found | {one: (verdict, level) for one, verdict in now.items()}
-        found |= settled
+            return decided_now | {claim_id: (verdict, level) for claim_id, verdict in now.items()}
+        decided_now |= settled
 
 
 def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> list[Decided]:
@@ -304,33 +312,33 @@ def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> lis
         measured: ``MEASURED``. claims: default all.
     """
     claims = all_claims() if claims is None else claims
-    found = []
+    verdicts = []
     for column in COLUMNS:
-        asked = [claim for claim in claims if column in claim.columns]
-        here = measured.filter(pl.col("column") == column)
-        rows = {claim.id: here.filter(pl.col("claim") == claim.id).to_dicts() for claim in asked}
+        applicable = [claim for claim in claims if column in claim.columns]
+        of_column = measured.filter(pl.col("column") == column)
+        rows = {claim.id: of_column.filter(pl.col("claim") == claim.id).to_dicts() for claim in applicable}
         settled: dict[str, tuple[str, float]] = {}
         for kind in KINDS:
-            settled |= settle([claim for claim in asked if claim.kind == kind], rows)
-        found += [_decided(c, column, rows[c.id], *settled[c.id]) for c in asked if c.id in settled]
-    return found
+            settled |= settle([claim for claim in applicable if claim.kind == kind], rows)
+        verdicts += [_decided(c, column, rows[c.id], *settled[c.id]) for c in applicable if c.id in settled]
+    return verdicts
 
 
 def _decided(claim: Claim, column: str, rows: Rows, verdict: str, level: float) -> Decided:
     """Verdict on a claim, with the interval of each value at the level that decided it."""
     if len(rows) != claim.cells:
         raise InputError(f"{len(rows)} values were measured, but {claim.cells} are needed", field=claim.id)
-    shown = level if verdict == "reproduced" else corrected(level, rows)
-    limits = [(-math.inf, math.inf) if row["cannot"] else interval(row, shown) for row in rows]
+    shown_level = level if verdict == "reproduced" else corrected(level, rows)
+    limits = [(-math.inf, math.inf) if row["cannot"] else interval(row, shown_level) for row in rows]
     cells = pl.DataFrame(
         {
             "cell": [row["cell"] for row in rows],
             "estimate": [row["estimate"] for row in rows],
             "low": [low if math.isfinite(low) else None for low, _ in limits],
             "high": [high if math.isfinite(high) else None for _, high in limits],
-            "level": [shown] * len(rows),
+            "level": [shown_level] * len(rows),
             "n": [row["n"] for row in rows],
-            "holds": states_of(rows, claim.bounds, shown),
+            "holds": states_of(rows, claim.bounds, shown_level),
             "why": [row["cannot"] for row in rows],
         },
         schema_overrides={

@@ -27,8 +27,8 @@ FIELDS: Final = {
 @cache
 def _all() -> dict[str, Any]:
     text = files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
-    return found
+    values: dict[str, Any] = json.loads(text)
+    return values
 
 
 def published(path: str) -> Any:
@@ -37,12 +37,12 @@ def published(path: str) -> Any:
     Raises:
         InputError: there is no such name.
     """
-    found: Any = _all()
+    node: Any = _all()
     for name in path.split("."):
-        if not isinstance(found, dict) or name not in found:
+        if not isinstance(node, dict) or name not in node:
             raise InputError("is not a number of the paper", field=path)
-        found = found[name]
-    return found
+        node = node[name]
+    return node
 
 
 def parameters(name: str) -> dict[str, Any]:
@@ -87,16 +87,16 @@ def scenario_of(
         column: one of ``COLUMNS``. values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
     """
     base = preset(column)
-    found: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if parameter_set == EMPIRICAL:
-        found |= parameters("P0")
+        changes |= parameters("P0")
         # Robots turn at a distance that differs from the commanded one by the same factor for P0 as for P*.
         commanded = parameters("P_star")[_THRESHOLD]
-        found[_THRESHOLD] = float(found[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
-    found |= values or {}
+        changes[_THRESHOLD] = float(changes[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
+    changes |= values or {}
     if control is not None:
-        found |= _controlled(base.with_values(found), control)
-    return base.with_values(found)
+        changes |= _controlled(base.with_values(changes), control)
+    return base.with_values(changes)
 
 
 def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
@@ -125,26 +125,28 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
 def standing(scenario: Scenario) -> dict[str, Any]:
     """Fields of robots that hardly move: the tracks shrink with the speed, so they turn as before."""
     names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
-    found = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
-    return found | {_THRESHOLD: 0.0}
+    slowed = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
+    return slowed | {_THRESHOLD: 0.0}
 
 
 def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
     """Fields that give the sensor these error rates: both energy distributions are shifted, their shapes unchanged."""
     from scipy.stats import gamma
 
-    sensor, found = scenario.sensor, {}
+    sensor, changes = scenario.sensor, {}
     for kind, above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
         shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in _KINDS[:2])
-        found[f"sensor.{kind}_location"] = sensor.rms_threshold - float(gamma.isf(above, shape, scale=scale))
-    return found
+        changes[f"sensor.{kind}_location"] = sensor.rms_threshold - float(
+            gamma.isf(above, shape, scale=scale)
+        )
+    return changes
 
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:
     """Fields that swap the energies of vibrating and still tiles."""
     sensor = scenario.sensor
-    found = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
-    return found | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}
+    swapped = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
+    return swapped | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}
 
 
 def fills() -> list[float]:

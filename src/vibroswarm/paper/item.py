@@ -92,8 +92,8 @@ class Work:
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
         """Table of cells: the parts of each key under these names, then ``CellResults.row``."""
         chosen = [key for key in self.cells if isinstance(key, tuple)] if keys is None else keys
-        made = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]
-        return pl.DataFrame(made, infer_schema_length=None)
+        rows = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]
+        return pl.DataFrame(rows, infer_schema_length=None)
 
     def values(self, key: Hashable, name: str) -> Any:
         """A figure of each run of a cell, (runs,)."""
@@ -187,15 +187,15 @@ def cannot_ask(scenario: Scenario) -> str | None:
 
 def _side(scenario: Scenario) -> str | None:
     """Why the readings do not lean to the side of the truth, or None."""
-    found = decidability(scenario)
+    verdict = decidability(scenario)
     if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
         # Random floors of one fill ratio differ in the length of their edges, so the mean over floors is used.
-        share = expected_ones(scenario, found.fill_ratio or 0.0)
-        found = decidability_of_share(share, found.tested, found.truth)
+        share = expected_ones(scenario, verdict.fill_ratio or 0.0)
+        verdict = decidability_of_share(share, verdict.tested, verdict.truth)
     return (
         None
-        if found.verdict == "decidable"
-        else f"{found.verdict}: {found.share:.1%} of the readings are ones"
+        if verdict.verdict == "decidable"
+        else f"{verdict.verdict}: {verdict.share:.1%} of the readings are ones"
     )
 
 
@@ -204,12 +204,12 @@ def _edges(scenario: Scenario) -> str | None:
     reach_m = scenario.sensor.edge_reach_m
     if not reach_m:
         return None
-    here, there = _side_m(scenario.floor_for(0, 0)), _fitted_m()
-    if here >= there * (1.0 - 1e-9):
+    side_m, fitted_m = _side_m(scenario.floor_for(0, 0)), _fitted_m()
+    if side_m >= fitted_m * (1.0 - 1e-9):
         return None
     return (
-        f"edges reach {1000 * reach_m:.0f} mm and were fitted on tiles of {1000 * there:.0f} mm; these have "
-        f"{1000 * here:.0f} mm"
+        f"edges reach {1000 * reach_m:.0f} mm and were fitted on tiles of {1000 * fitted_m:.0f} mm; these have "
+        f"{1000 * side_m:.0f} mm"
     )
 
 
@@ -227,13 +227,13 @@ def _side_m(floor: Floor) -> float:
 @cache
 def code_hash() -> str:
     """Hash of the sources and data files that items compute with."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     top = Path(__file__).parent.parent
     for room in ("analysis", "calibrate", "recordings", "optimize", "paper", "study"):
         for path in sorted((top / room).rglob("*")):
             if path.suffix in (".py", ".json", ".toml"):
-                found.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return found.hexdigest()[:16]
+                digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
 
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
@@ -262,11 +262,11 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
     if not path.exists():
         return None
     try:
-        about = read_json(path, "the tables of an item")
-        if entry(about, "fingerprint", str, path) != fingerprint:
+        head = read_json(path, "the tables of an item")
+        if entry(head, "fingerprint", str, path) != fingerprint:
             return None
         tables = {}
-        for name, digest in texts(entry(about, "sha256", dict, path), "sha256", path).items():
+        for name, digest in texts(entry(head, "sha256", dict, path), "sha256", path).items():
             data = read_bytes(folder / Path(f"{name}.parquet").name, MOST_BYTES, "a table")
             if hashlib.sha256(data).hexdigest() != digest:
                 return None
@@ -288,5 +288,5 @@ def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
         digests = {
             name: hashlib.sha256((part / f"{name}.parquet").read_bytes()).hexdigest() for name in tables
         }
-        about = {"fingerprint": fingerprint, "sha256": digests}
-        (part / MARKER).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        head = {"fingerprint": fingerprint, "sha256": digests}
+        (part / MARKER).write_text(json.dumps(head, indent=2) + "\n", encoding="utf-8")

@@ -56,10 +56,10 @@ def missing(folder: Path | None) -> str | None:
 
 def hash_of(folder: Path) -> str:
     """SHA-256 of all files that are read."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in (*REAL, *AUTHORS, FLOOR):
-        found.update((folder / name).read_bytes())
-    return found.hexdigest()
+        digest.update((folder / name).read_bytes())
+    return digest.hexdigest()
 
 
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:

@@ -107,8 +107,8 @@ class Bar:
         """Set the share done of a task."""
         with self._lock:
             self._done[what] = max(share, self._done[what])
-            whole = sum(self._weights.values())
-            total = sum(self._weights[name] * done for name, done in self._done.items()) / whole
+            total_weight = sum(self._weights.values())
+            total = sum(self._weights[name] * done for name, done in self._done.items()) / total_weight
             self._progress(self.shown or what, min(total, 1.0))
 
 
@@ -144,7 +144,7 @@ class Reproduction:
     @property
     def decided(self) -> list[Decided]:
         """Verdicts on the claims that were measured."""
-        frames = [one.tables[CLAIMS] for one in self.made if CLAIMS in one.tables]
+        frames = [entry.tables[CLAIMS] for entry in self.made if CLAIMS in entry.tables]
         return decide(pl.concat([frame([]), *frames]))
 
 
@@ -174,16 +174,18 @@ def reproduce(
         item.name: {} if skipped[item.name] else item.cells(settings) for item in items
     }
     fingerprints = {item.name: fingerprint(item, settings, cells[item.name]) for item in items}
-    there = {item.name: load_tables(folder / ITEMS / item.name, fingerprints[item.name]) for item in items}
-    missing = [item for item in items if there[item.name] is None and not skipped[item.name]]
+    saved = {item.name: load_tables(folder / ITEMS / item.name, fingerprints[item.name]) for item in items}
+    missing = [item for item in items if saved[item.name] is None and not skipped[item.name]]
     results = None
     if missing or with_cells:
-        wanted = [cell for item in (items if with_cells else missing) for cell in cells[item.name].values()]
+        requested = [
+            cell for item in (items if with_cells else missing) for cell in cells[item.name].values()
+        ]
         todo = _MissingItems(settings, folder, missing, cells, fingerprints, progress)
-        results = todo.compute(wanted)
-        there |= todo.made
-    made = tuple(ItemResult(item, there[item.name] or {}, skipped[item.name]) for item in items)
-    by_key = {cell.key: cell for one in cells.values() for cell in one.values()}
+        results = todo.compute(requested)
+        saved |= todo.made
+    made = tuple(ItemResult(item, saved[item.name] or {}, skipped[item.name]) for item in items)
+    by_key = {cell.key: cell for by_name in cells.values() for cell in by_name.values()}
     return Reproduction(settings, made, by_key, results)
 
 

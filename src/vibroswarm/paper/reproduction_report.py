@@ -65,20 +65,24 @@ def claims_table(
     Args:
         items: only claims of these items. kind: only claims or only checks.
     """
-    wanted = None if items is None else set(items)
+    requested = None if items is None else set(items)
     rows = []
     for claim in all_claims():
-        mine = [one for one in decided if one.claim is claim]
-        if not mine or (wanted is not None and claim.item not in wanted) or kind not in (None, claim.kind):
+        of_claim = [verdict for verdict in decided if verdict.claim is claim]
+        if (
+            not of_claim
+            or (requested is not None and claim.item not in requested)
+            or kind not in (None, claim.kind)
+        ):
             continue
         row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
-        why = f"; a control may well not turn it: {claim.no_control}" if claim.no_control else ""
+        remark = f"; a control may well not turn it: {claim.no_control}" if claim.no_control else ""
         row |= {"says": claim.statement}
-        row |= {"measured": claim.measured + why, "holds if": claim.words}
+        row |= {"measured": claim.measured + remark, "holds if": claim.words}
         for column in COLUMNS:
-            found = [one for one in mine if one.column == column]
-            row[column] = _verdict_words(found[0]) if found else None
-            row[f"{column}: ours"] = _value_words(found[0].cells) if found else None
+            of_column = [verdict for verdict in of_claim if verdict.column == column]
+            row[column] = _verdict_words(of_column[0]) if of_column else None
+            row[f"{column}: ours"] = _value_words(of_column[0].cells) if of_column else None
         rows.append(row)
     each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours"))
     names = ("item", "claim", "kind", "says", "measured", "holds if", *each)
@@ -98,8 +102,8 @@ def _verdict_words(one: Decided) -> str:
 def _value_words(cells: pl.DataFrame) -> str:
     """The value with its interval, or the range of several; reasons why others cannot be asked."""
     reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
-    asked = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
-    return "; ".join(([_range_words(asked)] if asked.height else []) + reasons) or "-"
+    estimated = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
+    return "; ".join(([_range_words(estimated)] if estimated.height else []) + reasons) or "-"
 
 
 def _range_words(cells: pl.DataFrame) -> str:
@@ -113,11 +117,11 @@ def _range_words(cells: pl.DataFrame) -> str:
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
     """One row for each claim, column and value, with the interval that decided it."""
     frames = [
-        one.cells.select(
-            pl.lit(one.claim.id).alias("claim"), pl.lit(one.column).alias("column"), "cell", "estimate", "low", "high",
-            "level", pl.lit(one.claim.words).alias("holds if"), "n", "holds", "why",
+        verdict.cells.select(
+            pl.lit(verdict.claim.id).alias("claim"), pl.lit(verdict.column).alias("column"), "cell",
+            "estimate", "low", "high", "level", pl.lit(verdict.claim.words).alias("holds if"), "n", "holds", "why",
         )
-        for one in decided
+        for verdict in decided
     ]  # fmt: skip
     return pl.concat(frames) if frames else pl.DataFrame()
 
@@ -127,14 +131,14 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         rows = []
         named = [
-            (f"{one.item.name}-{name}" if name != one.item.name else name, one, frame)
-            for one in made.made
-            for name, frame in one.tables.items()
+            (f"{entry.item.name}-{name}" if name != entry.item.name else name, entry, frame)
+            for entry in made.made
+            for name, frame in entry.tables.items()
             if name != CLAIMS
         ]
-        for name, one, frame in named:
+        for name, entry, frame in named:
             (part / f"{name}.csv").write_bytes(csv_bytes(frame))
-            rows.append((name, one.item.title, command_of(made.settings, one.item.name)))
+            rows.append((name, entry.item.title, command_of(made.settings, entry.item.name)))
         for name, frame in (("claims", claims_table(decided)), ("claims-measured", cells_table(decided))):
             (part / f"{name}.csv").write_bytes(csv_bytes(frame))
             rows.append((name, "Verdicts", command_of(made.settings)))
@@ -144,29 +148,31 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
 
 def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict[str, list[DrawnPicture]]:
     """Draw all pictures, write SVG, PDF and CSV, and return those of the page, by item."""
-    found: dict[str, list[DrawnPicture]] = {}
+    by_item: dict[str, list[DrawnPicture]] = {}
     todo = [
-        (one, picture)
-        for one in made.made
-        if one.tables
-        for picture in one.item.pictures(one.tables, made.settings)
+        (entry, picture)
+        for entry in made.made
+        if entry.tables
+        for picture in entry.item.pictures(entry.tables, made.settings)
     ]
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         rows = []
-        for done, (one, picture) in enumerate(todo):
+        for done, (entry, picture) in enumerate(todo):
             drawn = picture.draw()
             write_picture(drawn.figure, drawn.numbers, part / picture.name, ("svg", "pdf"))
-            shown = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
-            found.setdefault(one.item.name, []).append(DrawnPicture(picture.title, shown, picture.folded))
+            report_picture = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
+            by_item.setdefault(entry.item.name, []).append(
+                DrawnPicture(picture.title, report_picture, picture.folded)
+            )
             rows.append(
-                (picture.name, picture.title, drawn.caption, command_of(made.settings, one.item.name))
+                (picture.name, picture.title, drawn.caption, command_of(made.settings, entry.item.name))
             )
             progress((done + 1) / len(todo))
         index = pl.DataFrame(
             rows, schema=dict.fromkeys(("name", "title", "caption", "command"), pl.String), orient="row"
         )
         (part / MARKER).write_bytes(csv_bytes(index))
-    return found
+    return by_item
 
 
 def report_of(
@@ -175,8 +181,8 @@ def report_of(
     """Build the report."""
     settings = made.settings
     sections = [_verdicts(decided, settings)]
-    sections += [_item(one, decided, pictures.get(one.item.name, []), settings) for one in made.made]
-    warnings = [f"{one.item.title}: skipped. {one.skipped}" for one in made.made if one.skipped]
+    sections += [_item(entry, decided, pictures.get(entry.item.name, []), settings) for entry in made.made]
+    warnings = [f"{entry.item.title}: skipped. {entry.skipped}" for entry in made.made if entry.skipped]
     if settings.control:
         warnings.insert(0, f"This is a negative control, not the reproduction: {CONTROLS[settings.control]}.")
     return Report(
@@ -197,9 +203,9 @@ def _counts(decided: Sequence[Decided]) -> str:
     """Number of claims and checks by verdict, for each preset."""
     words = []
     for column in COLUMNS:
-        mine = [one for one in decided if one.column == column]
-        verdicts = [one.verdict for one in mine if one.claim.kind == "claim"]
-        checks = [one.verdict for one in mine if one.claim.kind == "check"]
+        of_column = [verdict for verdict in decided if verdict.column == column]
+        verdicts = [verdict.verdict for verdict in of_column if verdict.claim.kind == "claim"]
+        checks = [verdict.verdict for verdict in of_column if verdict.claim.kind == "check"]
         if verdicts:
             counted = ", ".join(f"{verdicts.count(v)} {v}" for v in VERDICTS if v in verdicts)
             words.append(f"Preset `{column}`: of {len(verdicts)} claims {counted}.")
@@ -214,7 +220,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     tables = []
     for kind, name in (("claim", "claims"), ("check", "checks")):
         table = claims_table(decided, kind=kind).select("item", "claim", "says", "holds if", *COLUMNS)
-        table = table.select(*(_typeset(one) for one in table.columns))
+        table = table.select(*(_typeset(column) for column in table.columns))
         if kind == "claim" or not table.is_empty():
             tables.append(ReportTable(table, _CLAIMS, _CAPTIONS[kind].format(command_of(settings)), name))
     measured = cells_table(decided)
@@ -282,8 +288,8 @@ def _item(
     parts: list[ReportTable | ReportPicture] = []
     verdicts = claims_table(decided, [one.item.name])
     if not verdicts.is_empty():
-        asked = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
-        both = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in asked]
+        columns = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
+        both = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in columns]
         shown_claims = verdicts.select("says", "measured", "holds if", *both)
         shown_claims = shown_claims.select(*(_typeset(name) for name in shown_claims.columns))
         caption = (
@@ -292,8 +298,8 @@ def _item(
         parts.append(ReportTable(shown_claims, _CLAIMS, caption, f"{one.item.name}-claims"))
     long: list[ReportTable] = []
     in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
-    for place, shown in enumerate(one.item.shown):
-        table = _table(one, shown, f"{one.item.name}-{place + 1}", alone)
+    for place, view in enumerate(one.item.shown):
+        table = _table(one, view, f"{one.item.name}-{place + 1}", alone)
         if table is not None:
             (long if table.frame.height > in_sight else parts).append(table)
     below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.folded]

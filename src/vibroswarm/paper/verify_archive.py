@@ -86,20 +86,20 @@ def verify(
         wrong += _tables(archive, cells)
         wrong += _verdicts(archive)
         chosen = _chosen(cells, count, json.dumps(head["sha256"], sort_keys=True))
-        made = {str(row["key"]): _cell(archive, row, head) for row in chosen}
+        archived_cells = {str(row["key"]): _cell(archive, row, head) for row in chosen}
         robots = _frame(archive, "robots.csv", ROBOT_ROWS)
-        check_work(made.values(), int(head["settings"]["runs"]), str(path))
+        check_work(archived_cells.values(), int(head["settings"]["runs"]), str(path))
     differing = _differing(head["versions"])
     runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])
     with TemporaryDirectory(prefix=f"vibroswarm-{tag()}.") as folder:
-        results = run_cells(made.values(), runs, seed, Path(folder), workers, progress)
+        results = run_cells(archived_cells.values(), runs, seed, Path(folder), workers, progress)
     for row in chosen:
-        here = robots.filter(pl.col("key") == row["key"]).drop("key")
-        wrong += _against(row, here, made[row["key"]], results, exact=not differing)
+        archived_robots = robots.filter(pl.col("key") == row["key"]).drop("key")
+        wrong += _against(row, archived_robots, archived_cells[row["key"]], results, exact=not differing)
     return Verification(
         how="event by event" if differing else "bit by bit",
         why=", ".join(differing),
-        checked=tuple(cell.command(runs, seed) for cell in made.values()),
+        checked=tuple(cell.command(runs, seed) for cell in archived_cells.values()),
         wrong=tuple(wrong),
     )
 
@@ -129,7 +129,10 @@ def _is_head(head: dict[str, Any]) -> bool:
     """Whether each entry of an archive's head has the right type and range."""
     runs, seed = head["settings"]["runs"], head["settings"]["seed"]
     return (
-        all(isinstance(one, int) and not isinstance(one, bool) for one in (runs, seed, head["format"]))
+        all(
+            isinstance(number, int) and not isinstance(number, bool)
+            for number in (runs, seed, head["format"])
+        )
         and 1 <= runs <= LARGEST["runs"]
         and 0 <= seed < SEED_LIMIT
         and all(isinstance(value, str) for name in ("versions", "sha256") for value in head[name].values())
@@ -182,13 +185,13 @@ def _verdicts(archive: Zipped) -> list[str]:
         return []
     measured = _frame(archive, "measured.csv", Schema(MEASURED, UNKNOWN))
     texts = Schema(claims_table([]).schema)
-    told = _frame(archive, "claims.csv", Schema(texts.columns, frozenset(texts.columns), ("claim",)))
+    archived = _frame(archive, "claims.csv", Schema(texts.columns, frozenset(texts.columns), ("claim",)))
     try:
-        here = claims_table(decide(measured.select(list(MEASURED))))
+        recomputed = claims_table(decide(measured.select(list(MEASURED))))
     except InputError as error:
         return [f"measured.csv: {error}"]
     columns = ["claim", *COLUMNS]
-    same = here.select(columns).sort("claim").equals(told.select(columns).sort("claim"))
+    same = recomputed.select(columns).sort("claim").equals(archived.select(columns).sort("claim"))
     return [] if same else ["claims.csv: the verdicts do not follow from measured.csv"]
 
 
@@ -204,12 +207,12 @@ def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
     name = f"scenarios/{row['scenario']}.toml"
     scenario = Scenario.from_toml(archive.read(name).decode("utf-8", "replace"), name=name)
     sizes = {"robots": scenario.swarm.robots, "t_end_s": scenario.run.t_end_s, "runs": int(row["runs"])}
-    for what, value in sizes.items():
-        if value > LARGEST[what]:
-            raise InputError(f"{value} is too large to be recomputed here", field=f"{name} ({what})")
-    wanted = int(head["settings"]["runs"])
+    for size_name, value in sizes.items():
+        if value > LARGEST[size_name]:
+            raise InputError(f"{value} is too large to be recomputed here", field=f"{name} ({size_name})")
+    default_runs = int(head["settings"]["runs"])
     column = row["column"] if row["column"] in COLUMNS else COLUMNS[0]
-    runs = None if int(row["runs"]) == wanted else int(row["runs"])
+    runs = None if int(row["runs"]) == default_runs else int(row["runs"])
     cell = Cell(column, scenario, int(row["block"]), str(row["motion"]), runs)
     if cell.scenario.hash != row["scenario"]:
         raise InputError("does not match the scenario of that name", field=name)
@@ -265,10 +268,10 @@ def in_time(seconds: float) -> str:
 
 def _differing(theirs: dict[str, str]) -> list[str]:
     """Versions that differ from those of the archive."""
-    mine = versions()
+    own_versions = versions()
     return [
         f"{name} {theirs.get(name)} there, {value} here"
-        for name, value in mine.items()
+        for name, value in own_versions.items()
         if theirs.get(name) != value
     ]
 
@@ -277,12 +280,12 @@ def _against(
     row: dict[str, Any], robots: pl.DataFrame, cell: Cell, results: CellResults, *, exact: bool
 ) -> list[str]:
     """Differences between the archived cell and the one computed here."""
-    found, words = results[cell], f"cell {row['key']}"
-    figures = [name for name in FIGURES if not _same(row[name], found.row[name], exact)]
+    result, words = results[cell], f"cell {row['key']}"
+    figures = [name for name in FIGURES if not _same(row[name], result.row[name], exact)]
     wrong = [f"{words}: {', '.join(figures)} differ"] if figures else []
-    if exact and row["digest"] != found.digest:
+    if exact and row["digest"] != result.digest:
         wrong.append(f"{words}: its robots differ")
-    runs = _runs_that_differ(robots, found.first, cell.scenario.tick_s / 2, exact)
+    runs = _runs_that_differ(robots, result.first, cell.scenario.tick_s / 2, exact)
     if runs is None:
         wrong.append(f"{words}: the robots of its first {FIRST_RUNS} runs are missing")
     elif runs:
@@ -304,8 +307,8 @@ def _runs_that_differ(
         return None
     differs = np.zeros(here.height, dtype=np.bool_)
     for name in here.columns:
-        one, other = there[name].cast(pl.Float64), here[name].cast(pl.Float64)
-        a, b = (column.fill_null(np.nan).to_numpy() for column in (one, other))
+        archived_values, own_values = there[name].cast(pl.Float64), here[name].cast(pl.Float64)
+        a, b = (column.fill_null(np.nan).to_numpy() for column in (archived_values, own_values))
         tolerance = 0.0 if exact or name in _WHOLE else tick_s if name == "decision_time_s" else _NEAR
         differs |= ~np.isclose(a, b, rtol=0.0, atol=tolerance, equal_nan=True)
     return sorted({int(run) for run in here["run"].to_numpy()[differs]})

@@ -121,12 +121,12 @@ class Chains:
         batches: list[Values] = []
         while True:
             batches.append(self.sweep(count, BATCH))
-            found = _estimate(np.array(batches))
-            clear = abs(found.larger - (1.0 - alpha)) > CLEAR * found.error
-            if len(batches) > 1 and (clear or found.error <= SMALL):
-                return found
+            estimate = _estimate(np.array(batches))
+            clear = abs(estimate.larger - (1.0 - alpha)) > CLEAR * estimate.error
+            if len(batches) > 1 and (clear or estimate.error <= SMALL):
+                return estimate
             if len(batches) == BATCHES:
-                return Look(found.above, found.under, found.error, found.error <= LARGE)
+                return Look(estimate.above, estimate.under, estimate.error, estimate.error <= LARGE)
 
 
 def _estimate(sums: Values) -> Look:

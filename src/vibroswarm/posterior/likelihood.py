@@ -98,16 +98,16 @@ def evidence_of(
             f"the floor, which takes up to {MAX_NEAR}; give a shorter edge_reach_m or edge_blur_m, or larger tiles",
             field="sensor.edge_reach_m",
         )
-    near = np.empty(first[-1], dtype=np.int64)
+    neighbour = np.empty(first[-1], dtype=np.int64)
     if_still, if_vibrating = np.empty(first[-1]), np.empty(first[-1])
-    _fill_near(x, y, within_m, reach_m, blur_m, place, at, first, near, if_still, if_vibrating)
-    whose = np.concatenate([at[at >= 0], near])
+    _fill_near(x, y, within_m, reach_m, blur_m, place, at, first, neighbour, if_still, if_vibrating)
+    tile_of_entry = np.concatenate([at[at >= 0], neighbour])
     sample = np.concatenate([np.flatnonzero(at >= 0), np.repeat(np.arange(count), numbers)])
-    of_first, of_tile = _gathered(whose, sample, tiles)
+    of_first, of_tile = _gathered(tile_of_entry, sample, tiles)
     number = robot.astype(np.int64)
     ones, lowest, per_step = _table(sensor)
     return Evidence(
-        at, number, np.ascontiguousarray(bit), first, near, if_still, if_vibrating, of_first, of_tile,
+        at, number, np.ascontiguousarray(bit), first, neighbour, if_still, if_vibrating, of_first, of_tile,
         *_gathered(number, np.arange(count), robots), ones, lowest, per_step,
         sensor.tile_spread or 0.0, sensor.robot_spread or 0.0,
     )  # fmt: skip
@@ -137,8 +137,8 @@ def _distance(x_m: float, y_m: float, tile: int, place: Place) -> float:
     above = y_m - (place.top_m - (tile // place.columns) * place.height_m)
     up = max(above, -place.height_m - above, 0.0)
     before = place.left_m + (tile % place.columns) * place.width_m - x_m
-    beside = max(before, -place.width_m - before, 0.0)
-    return math.sqrt(beside * beside + up * up)
+    across = max(before, -place.width_m - before, 0.0)
+    return math.sqrt(across * across + up * up)
 
 
 @inner
@@ -238,20 +238,20 @@ def bit_likelihood(
     """
     below = evidence.at[s]
     vibrates = int(tiles[below]) if below >= 0 else 0
-    other, share = -1, 0.0
+    edge_tile, share = -1, 0.0
     for k in range(evidence.first[s], evidence.first[s + 1]):
         if tiles[evidence.near[k]] != vibrates:
-            other = evidence.near[k]
+            edge_tile = evidence.near[k]
             share = evidence.if_vibrating[k] if vibrates else evidence.if_still[k]
             break
     of_robot, own = log_robot[evidence.robot[s]], log_tile[below if below >= 0 else log_tile.size - 1]
-    if other < 0:
-        one = share_of_ones(evidence, vibrates, of_robot + own)
+    if edge_tile < 0:
+        chance_of_one = share_of_ones(evidence, vibrates, of_robot + own)
     else:
         changed = 1.0 - share if vibrates else share  # sensed as the other kind
-        one = 0.0
+        chance_of_one = 0.0
         if changed < 1.0:
-            one += (1.0 - changed) * share_of_ones(evidence, vibrates, of_robot + own)
+            chance_of_one += (1.0 - changed) * share_of_ones(evidence, vibrates, of_robot + own)
         if changed > 0.0:
-            one += changed * share_of_ones(evidence, 1 - vibrates, of_robot + log_tile[other])
-    return max(one if evidence.bit[s] else 1.0 - one, LEAST)
+            chance_of_one += changed * share_of_ones(evidence, 1 - vibrates, of_robot + log_tile[edge_tile])
+    return max(chance_of_one if evidence.bit[s] else 1.0 - chance_of_one, LEAST)

@@ -39,8 +39,8 @@ CSV_UP_TO: Final = 500_000
 
 def escape(text: object) -> str:
     """Escape text for HTML elements and attributes; replace lone surrogates and drop control characters."""
-    whole = str(text).encode("utf-8", "replace").decode("utf-8")
-    return html.escape(re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", "", whole))
+    valid = str(text).encode("utf-8", "replace").decode("utf-8")
+    return html.escape(re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", "", valid))
 
 
 def code_html(text: str) -> str:
@@ -52,19 +52,19 @@ def code_html(text: str) -> str:
 def table_html(table: ReportTable, key: str) -> str:
     """Write a table whose headings are buttons that sort it."""
 
-    shown = table.frame.head(table.rows_up_to)
+    visible = table.frame.head(table.rows_up_to)
     kinds = {name: table.columns.get(name, Column()) for name in table.frame.columns}
     numeric = {name: table.frame.schema[name].is_numeric() for name in kinds}
     head = "".join(_heading(name, kind, numeric[name]) for name, kind in kinds.items())
     body = "".join(
         "<tr>" + "".join(_cell(value, kinds[name], numeric[name]) for name, value in row.items()) + "</tr>\n"
-        for row in shown.iter_rows(named=True)
+        for row in visible.iter_rows(named=True)
     )
     caption = f"<caption><span>{code_html(table.caption)}</span></caption>" if table.caption else ""
     label = escape(table.caption or table.name)
     note = (
-        f"First {shown.height:,} of {table.frame.height:,} rows. "
-        if shown.height < table.frame.height
+        f"First {visible.height:,} of {table.frame.height:,} rows. "
+        if visible.height < table.frame.height
         else ""
     )
     return (
@@ -89,7 +89,11 @@ def _kind(column: Column, numeric: bool, words: str = "") -> str:
     """Write the classes of a cell as an attribute."""
     fitting = [start for start in column.tones if words.startswith(start)] if words else []
     tone = column.tones[max(fitting, key=len)] if fitting else ""
-    kinds = [kind for kind, of in (("number", numeric), ("prose", column.prose), (tone, tone in TONES)) if of]
+    kinds = [
+        kind
+        for kind, applies in (("number", numeric), ("prose", column.prose), (tone, tone in TONES))
+        if applies
+    ]
     return f' class="{" ".join(kinds)}"' if kinds else ""
 
 
@@ -320,21 +324,21 @@ def _paragraphs(texts: tuple[str, ...], kind: str = "") -> str:
 
 def _section(section: Section, key: str, level: int) -> str:
     heading = f'<h{level} id="{key}">{escape(section.title)}</h{level}>'
-    inner = _paragraphs(section.text)
+    body = _paragraphs(section.text)
     for place, part in enumerate(section.parts, start=1):
         at = f"{key}p{place}"
         if isinstance(part, ReportTable):
-            inner += table_html(part, at)
+            body += table_html(part, at)
         else:
-            inner += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
+            body += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
     below = "".join(
-        _section(one, f"{key}-{place}", min(level + 1, 4))
-        for place, one in enumerate(section.sections, start=1)
+        _section(subsection, f"{key}-{place}", min(level + 1, 4))
+        for place, subsection in enumerate(section.sections, start=1)
     )
-    inner += f'<div class="beside">\n{below}</div>\n' if section.side_by_side else below
-    folded = f"<details>\n<summary>{heading}</summary>\n{inner}</details>\n"
-    inner = folded if section.folded else f"{heading}\n{inner}"
-    return f'<section aria-labelledby="{key}">\n{inner}</section>\n'
+    body += f'<div class="beside">\n{below}</div>\n' if section.side_by_side else below
+    folded = f"<details>\n<summary>{heading}</summary>\n{body}</details>\n"
+    body = folded if section.folded else f"{heading}\n{body}"
+    return f'<section aria-labelledby="{key}">\n{body}</section>\n'
 
 
 def _contents(sections: tuple[Section, ...]) -> str:

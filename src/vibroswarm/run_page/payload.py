@@ -283,9 +283,9 @@ def _rule(record: RunRecord) -> dict[str, Any]:
 
 def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
     table = record.motion
-    for other in (record.observations, record.inference):
-        new = [name for name in other.columns if name not in table.columns]
-        table = table.join(other.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
+    for more in (record.observations, record.inference):
+        new = [name for name in more.columns if name not in table.columns]
+        table = table.join(more.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
     table = (
         table.sort("robot", "sample")
         .cast({"energy": pl.Float32})

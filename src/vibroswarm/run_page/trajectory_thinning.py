@@ -117,8 +117,8 @@ def _points(
     row = np.repeat(np.arange(len(robot)), count)
     nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     elapsed_s = duration_s[row] * nth / pieces[row]
-    where = _on_arc(x[row], y[row], heading[row], speed[row], rate[row], elapsed_s)
-    return robot[row], kind[row], np.stack([start[row] + elapsed_s, *where], axis=1)
+    pose = _on_arc(x[row], y[row], heading[row], speed[row], rate[row], elapsed_s)
+    return robot[row], kind[row], np.stack([start[row] + elapsed_s, *pose], axis=1)
 
 
 def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:

@@ -67,8 +67,8 @@ def page_html(record: RunRecord) -> str:
 
 def _script_hash(document: str, script: str) -> str:
     """Hash of the page's script element, so that no other script runs in the page."""
-    (inner,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
-    digest = hashlib.sha256(inner.replace("{{script}}", script).encode()).digest()
+    (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
+    digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
 
 

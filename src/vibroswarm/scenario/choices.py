@@ -65,63 +65,72 @@ class Choice(FrozenModel):
                 given["name"] = name = plugins.name_in(spec)
             else:  # another entry has been selected since
                 spec = None
-        there = plugins.known_for(cls.kind, name if spec is None else None)
-        if isinstance(name, str) and name in there:
-            mine = there[name].code or None
-            if isinstance(spec, str) and plugins.HASH in spec and spec != mine:
+        entries = plugins.known_for(cls.kind, name if spec is None else None)
+        if isinstance(name, str) and name in entries:
+            registered = entries[name].code or None
+            if isinstance(spec, str) and plugins.HASH in spec and spec != registered:
                 raise InputError(
                     f"{spec.partition(plugins.HASH)[0]} was another file then: its SHA-256 began with "
                     f"{spec.partition(plugins.HASH)[2][:12]}, that of the one now loaded with "
-                    f"{(mine or '').partition(plugins.HASH)[2][:12] or 'nothing'}",
+                    f"{(registered or '').partition(plugins.HASH)[2][:12] or 'nothing'}",
                     field=f"{cls.kind}.code",
                 )
-            given["code"] = mine
+            given["code"] = registered
         elif spec is None or not isinstance(name, str) or not plugins.is_code_name(name):
             given.pop("code", None)
-        if isinstance(name, str) and name not in there and given.get("code") is None:
+        if isinstance(name, str) and name not in entries and given.get("code") is None:
             raise InputError(
-                f"there is no {cls.kind} {shown(name)}{nearest(name, there)} (there are {', '.join(there)})",
+                f"there is no {cls.kind} {shown(name)}{nearest(name, entries)} (there are {', '.join(entries)})",
                 field=f"{cls.kind}.name",
             )
         for key in sorted(set(given) - {"name", "code"}):
             table = cls._table(key, given[key], is_chosen=key == name)
             empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
-            usual = key != name and key in there and not there[key].code and table == there[key].params()
+            usual = (
+                key != name and key in entries and not entries[key].code and table == entries[key].params()
+            )
             if empty or usual:
                 del given[key]  # equal scenarios are written alike
             else:
                 given[key] = table
-        if isinstance(name, str) and name in there and name not in given and there[name].params.model_fields:
-            given[name] = there[name].params()
+        if (
+            isinstance(name, str)
+            and name in entries
+            and name not in given
+            and entries[name].params.model_fields
+        ):
+            given[name] = entries[name].params()
         return given
 
     @classmethod
     def _table(cls, name: str, table: Any, is_chosen: bool) -> Any:
         """Return the parameters of an entry, validated if its code is loaded, else as given."""
-        there, where = cls.known(), f"{cls.kind}.{name}"
-        if name not in there:
+        entries, section = cls.known(), f"{cls.kind}.{name}"
+        if name not in entries:
             if isinstance(table, Mapping) and (is_chosen or plugins.is_code_name(name)):
                 return dict(table)
-            fields = [f"{one}.{field}" for one, known in there.items() for field in known.params.model_fields]
-            whole = {"name": f"{cls.kind}.name"} | {
+            fields = [
+                f"{entry}.{field}" for entry, known in entries.items() for field in known.params.model_fields
+            ]
+            full_names = {"name": f"{cls.kind}.name"} | {
                 field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields
             }
-            close = nearest(name, [*there, *whole])
-            for last, right in whole.items():
+            close = nearest(name, [*entries, *full_names])
+            for last, right in full_names.items():
                 close = close.replace(f"'{last}'", f"'{right}'")
-            raise InputError(f"there is no such field{close}", field=where)
-        params = there[name].params
+            raise InputError(f"there is no such field{close}", field=section)
+        params = entries[name].params
         if isinstance(table, params):
             return table
         if not isinstance(table, Mapping):
             raise InputError(
-                f"{shown(table)} is wrong; give a table of {', '.join(params.model_fields)}", field=where
+                f"{shown(table)} is wrong; give a table of {', '.join(params.model_fields)}", field=section
             )
         try:
             return params.model_validate(dict(table))
         except ValidationError as error:
             suggest = partial(nearest, known=params.model_fields)
-            raise field_error(error, suggest, prefix=f"{where}.") from None
+            raise field_error(error, suggest, prefix=f"{section}.") from None
 
     @property
     def params(self) -> Any:
@@ -130,37 +139,39 @@ class Choice(FrozenModel):
 
     def table(self, name: str) -> Any:
         """Return the parameters of any entry: those given, or its defaults."""
-        given = (self.__pydantic_extra__ or {}).get(name)
-        if given is not None:
-            return given
-        there = type(self).known()
-        return there[name].params() if name in there else {}
+        own_table = (self.__pydantic_extra__ or {}).get(name)
+        if own_table is not None:
+            return own_table
+        entries = type(self).known()
+        return entries[name].params() if name in entries else {}
 
     @property
     def defaults(self) -> dict[str, Any]:
         """Default parameters of the selected entry; those given if its code is not loaded."""
         known = type(self).known().get(self.name)
-        found: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
-        return found
+        values: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
+        return values
 
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:
         """Return name, code, and the tables in alphabetical order."""
-        found: dict[str, Any] = {"name": self.name, "code": self.code}
+        tables: dict[str, Any] = {"name": self.name, "code": self.code}
         for name, table in sorted((self.__pydantic_extra__ or {}).items()):
-            found[name] = table.model_dump() if isinstance(table, BaseModel) else dict(table)
-        return {key: value for key, value in found.items() if value is not None}
+            tables[name] = table.model_dump() if isinstance(table, BaseModel) else dict(table)
+        return {key: value for key, value in tables.items() if value is not None}
 
     @property
     def effective(self) -> dict[str, Any]:
         """The part that has an effect: the name, the code and the selected entry's parameters."""
-        whole: dict[str, Any] = self._as_tables()
-        return {key: value for key, value in whole.items() if key in ("name", "code", self.name)}
+        tables: dict[str, Any] = self._as_tables()
+        return {key: value for key, value in tables.items() if key in ("name", "code", self.name)}
 
     @classmethod
     def field_names(cls) -> list[str]:
         """Return all fields by their dotted names, without that of the section."""
-        tables = [f"{name}.{field}" for name, one in cls.known().items() for field in one.params.model_fields]
+        tables = [
+            f"{name}.{field}" for name, entry in cls.known().items() for field in entry.params.model_fields
+        ]
         return ["name", *tables]
 
     @classmethod

@@ -97,11 +97,11 @@ def remember_code_names(values: object) -> None:
         if HASH in values and is_code(values):
             _code_names.add(name_in(values))
     elif isinstance(values, Mapping):
-        for one in values.values():
-            remember_code_names(one)
+        for value in values.values():
+            remember_code_names(value)
     elif isinstance(values, Iterable):
-        for one in values:
-            remember_code_names(one)
+        for value in values:
+            remember_code_names(value)
 
 
 def resolve_code(kind: str, spec: str) -> str:
@@ -135,9 +135,9 @@ def resolve_codes(values: Any, path: str = "") -> Any:
         is_named = path.endswith(".name") and kind and kind[0] in KINDS
         return resolve_code(kind[0], values) if is_named and is_code(values) else values
     if isinstance(values, Mapping):
-        return {key: resolve_codes(one, f"{path}.{key}") for key, one in values.items()}
+        return {key: resolve_codes(value, f"{path}.{key}") for key, value in values.items()}
     if isinstance(values, list | tuple):
-        return [resolve_codes(one, path) for one in values]
+        return [resolve_codes(value, path) for value in values]
     return values
 
 
@@ -153,11 +153,11 @@ def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
     path = Path(path_text) if folder is None else folder / path_text
     text = read_text(path, f"a {kind or 'file of code'}")
     digest = hashlib.sha256(text.encode()).hexdigest()
-    wanted = spec.partition(HASH)[2]
-    if wanted and wanted != digest:
+    expected = spec.partition(HASH)[2]
+    if expected and expected != digest:
         raise InputError(
             f"'{path}' is not the file that was used: its SHA-256 begins with {digest[:12]}, that of then with "
-            f"{wanted[:12]}",
+            f"{expected[:12]}",
             field=f"{kind}.code" if kind else path_text,
         )
     return install(kind, f"{path.name}:{name}{HASH}{digest}", text, str(path))
@@ -193,22 +193,26 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
         raise InputError(f"'{code}' is not what this text is", field=file)
     module_name = f"{MODULE}_{digest[:16]}"
     module = sys.modules.get(module_name) or _module(module_name, text, file)
-    found: Any = vars(module).get(name)
-    is_a = kind_of(found)
+    declared: Any = vars(module).get(name)
+    is_a = kind_of(declared)
     if is_a is None or kind not in (None, is_a):
-        wanted = tuple(one.declared for one in KINDS.values()) if kind is None else KINDS[kind].declared
-        there = [one for one, value in vars(module).items() if isinstance(value, wanted)]
-        what = (
+        classes = (
+            tuple(kind_info.declared for kind_info in KINDS.values())
+            if kind is None
+            else KINDS[kind].declared
+        )
+        names = [kind_info for kind_info, value in vars(module).items() if isinstance(value, classes)]
+        problem = (
             f"is not a {kind or ', '.join(KINDS)}"
             if name in vars(module)
-            else f"is not there{nearest(name, there)}"
+            else f"is not there{nearest(name, names)}"
         )
-        raise InputError(f"'{name}' {what}; the file has {', '.join(there) or 'none'}", field=file)
-    if found.name != name:
-        raise InputError(f"'{name}' calls itself '{found.name}'; give both one name", field=file)
+        raise InputError(f"'{name}' {problem}; the file has {', '.join(names) or 'none'}", field=file)
+    if declared.name != name:
+        raise InputError(f"'{name}' calls itself '{declared.name}'; give both one name", field=file)
     known = KINDS[is_a].known().get(name)
     if known is None:
-        known = KINDS[is_a].register(replace(found, source=text, code=code))
+        known = KINDS[is_a].register(replace(declared, source=text, code=code))
     elif known.source != text:
         whose = "another file has been loaded with" if known.source else "vibroswarm has"
         raise InputError(f"{whose} a {is_a} '{name}' already; give yours another name", field=file)
@@ -219,7 +223,7 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
 
 def kind_of(found: object) -> str | None:
     """Return the kind of an object (one of ``KINDS``), or None."""
-    return next((kind for kind, one in KINDS.items() if isinstance(found, one.declared)), None)
+    return next((kind for kind, info in KINDS.items() if isinstance(found, info.declared)), None)
 
 
 def known_for(kind: str, name: object) -> Mapping[str, Any]:
@@ -243,15 +247,15 @@ def load_installed() -> None:
     for kind, (declared, register, known, group) in KINDS.items():
         for point in entry_points(group=group):
             try:
-                found: Any = point.load()
+                loaded: Any = point.load()
             except Exception as error:
                 raise InputError(
                     f"cannot be loaded: {type(error).__name__}: {error}", field=point.value
                 ) from None
-            if not isinstance(found, declared):
+            if not isinstance(loaded, declared):
                 raise InputError(f"is not a {kind}", field=point.value)
-            if vars(found)["name"] not in known():
-                register(found)
+            if vars(loaded)["name"] not in known():
+                register(loaded)
 
 
 def _module(name: str, text: str, file: str) -> ModuleType:
@@ -266,12 +270,12 @@ def _module(name: str, text: str, file: str) -> ModuleType:
         raise
     except BaseException as error:
         del sys.modules[name]
-        said = (
+        message = (
             str(error)
             if isinstance(error, InputError)
             else f"cannot be loaded: {type(error).__name__}: {error}"
         )
-        raise InputError(f"{said}{_line_of(error, file)}", field=file) from None
+        raise InputError(f"{message}{_line_of(error, file)}", field=file) from None
     return module
 
 

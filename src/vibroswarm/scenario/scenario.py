@@ -161,7 +161,7 @@ class Scenario(Sections):
     def hash(self) -> str:
         """16 hexadecimal digits that change with any field, and with nothing else."""
         data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
-        data |= {one.kind: one.effective for one in self.choices}
+        data |= {choice.kind: choice.effective for choice in self.choices}
         text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -169,13 +169,13 @@ class Scenario(Sections):
     def choices(self) -> tuple[Choice, ...]:
         """Sections that select an entry by name: strategy, network and task."""
         return tuple(
-            one for name in type(self).model_fields if isinstance(one := getattr(self, name), Choice)
+            section for name in type(self).model_fields if isinstance(section := getattr(self, name), Choice)
         )
 
     @property
     def codes(self) -> tuple[str, ...]:
         """Users' files that it needs, as ``plugins`` names them."""
-        return tuple(one.code for one in self.choices if one.code is not None)
+        return tuple(choice.code for choice in self.choices if choice.code is not None)
 
 
 @cache
@@ -190,12 +190,12 @@ def preset(name: str) -> Scenario:
 
 def field_names() -> list[str]:
     """Return the dotted names of all fields."""
-    found = []
+    names_of = []
     for section, info in Scenario.model_fields.items():
         kind: Any = info.annotation
         names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
-        found += [f"{section}.{name}" for name in names]
-    return found
+        names_of += [f"{section}.{name}" for name in names]
+    return names_of
 
 
 def value_of(scenario: Scenario, name: str) -> Any:
@@ -205,15 +205,15 @@ def value_of(scenario: Scenario, name: str) -> Any:
         InputError: there is no such field.
     """
     section, _, field = name.partition(".")
-    found = getattr(scenario, section, None)
+    node = getattr(scenario, section, None)
     table, separator, last = field.partition(".")
-    if isinstance(found, Choice) and separator:
-        found, field = found.table(table), last
-    if isinstance(found, Mapping):
-        return found.get(field)
-    if not isinstance(found, BaseModel) or not hasattr(found, field):
+    if isinstance(node, Choice) and separator:
+        node, field = node.table(table), last
+    if isinstance(node, Mapping):
+        return node.get(field)
+    if not isinstance(node, BaseModel) or not hasattr(node, field):
         raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
-    return getattr(found, field)
+    return getattr(node, field)
 
 
 def kind_of(name: str) -> Any:
@@ -227,12 +227,12 @@ def kind_of(name: str) -> Any:
 
 def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
     """Return one table overlaid with another, nested tables included."""
-    found = dict(base)
+    merged = dict(base)
     for key, value in more.items():
-        inner = found.get(key)
-        both = isinstance(inner, Mapping) and isinstance(value, Mapping)
-        found[key] = _merged(inner, value) if both else value  # type: ignore[arg-type]
-    return found
+        nested = merged.get(key)
+        both = isinstance(nested, Mapping) and isinstance(value, Mapping)
+        merged[key] = _merged(nested, value) if both else value  # type: ignore[arg-type]
+    return merged
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
@@ -258,9 +258,9 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
     if is_random(source) or family(source) is not None:
         return
     size = (floor.get("rows"), floor.get("columns"))
-    given = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+    shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
     path = folder / source
-    grid, name = resolve(str(path) if path.is_file() else source, given)  # type: ignore[arg-type]
+    grid, name = resolve(str(path) if path.is_file() else source, shape)  # type: ignore[arg-type]
     floor["source"] = name
     floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
 

@@ -84,7 +84,7 @@ def _check_places(s: Sections) -> None:
 def longest_step_m(s: Sections) -> float:
     """Return an upper bound on the distance a robot drives between two ticks, m."""
     bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
-    wheel = 1 + max(abs(one) for one in bent)
+    wheel = 1 + max(abs(factor) for factor in bent)
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 

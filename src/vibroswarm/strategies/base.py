@@ -146,9 +146,11 @@ class Strategy(Plugin):
             "x": Reading._fields,
             "a": tuple(arrays_of(self.arrays)),
         }
-        for one in HOOKS:
-            if getattr(self, one) is not None:
-                check_function(one, getattr(self, one), {name: found or () for name, found in rows.items()})
+        for hook in HOOKS:
+            if getattr(self, hook) is not None:
+                check_function(
+                    hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
+                )
         if self.on_timer is not None and "next_s" not in (rows["s"] or ()):
             raise InputError(
                 "has on_timer, but its State has no next_s: float", field=f"strategy '{self.name}'"
@@ -180,15 +182,15 @@ class Array:
         Args:
             sizes: robots, rows, columns, tiles.
         """
-        found = 1
+        count = 1
         for factor in self.of.split("*"):
             word = factor.strip()
             if not word.isdigit() and word not in sizes:
                 raise InputError(
                     f"{shown(word)} is not a size; a number or one of {', '.join(sizes)}", field="arrays"
                 )
-            found *= int(word) if word.isdigit() else sizes[word]
-        return found
+            count *= int(word) if word.isdigit() else sizes[word]
+        return count
 
 
 ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
@@ -209,7 +211,7 @@ def array(kind: str, of: str) -> Array:
 
 def arrays_of(declared: type) -> dict[str, Array]:
     """Return the arrays of a class whose attributes are ``array(...)``."""
-    return {name: one for name, one in vars(declared).items() if isinstance(one, Array)}
+    return {name: value for name, value in vars(declared).items() if isinstance(value, Array)}
 
 
 HOOKS: Final = (
@@ -227,17 +229,17 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
         InputError: a class or a function that every strategy has is missing.
     """
     space = vars(sys.modules[module])
-    found = {CLASSES[one]: space[one] for one in CLASSES if one in space}
-    found |= {one: space[one] for one in HOOKS if isinstance(space.get(one), FunctionType)}
-    for one, word in (
+    parts = {CLASSES[part]: space[part] for part in CLASSES if part in space}
+    parts |= {part: space[part] for part in HOOKS if isinstance(space.get(part), FunctionType)}
+    for part, word in (
         ("state", "State"),
         ("begin", "begin"),
         ("on_sample", "on_sample"),
         ("decision", "decision"),
     ):
-        if one not in found:
+        if part not in parts:
             raise InputError(f"has no {word}; every strategy has one", field=f"strategy '{name}'")
-    return Strategy(name=name, **{**found, **more})
+    return Strategy(name=name, **{**parts, **more})
 
 
 KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_}
@@ -266,14 +268,14 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
         InputError: a field of another type than int, float or bool, or with a name that NumPy's rows have.
     """
     try:
-        found = fields_of(declared)
+        fields = fields_of(declared)
     except (NameError, TypeError) as error:
         raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
     for name in found:
         if hasattr(np.record, name):  # plain Python would find the row's method in place of the field
             raise InputError(f"'{name}' is a word of NumPy's rows; choose another name", field=what)
     # NumPy rows need a field: one that is not used if the class declares none.
-    return np.dtype([(name, KINDS[kind]) for name, kind in found.items()] or [("unused", np.int64)])
+    return np.dtype([(name, KINDS[kind]) for name, kind in fields.items()] or [("unused", np.int64)])
 
 
 def as_params(declared: type, name: str) -> type[BaseModel]:
@@ -281,9 +283,11 @@ def as_params(declared: type, name: str) -> type[BaseModel]:
     if issubclass(declared, BaseModel):
         return declared
     hints = get_type_hints(declared, include_extras=True)
-    given: dict[str, Any] = {one: (hint, getattr(declared, one, ...)) for one, hint in hints.items()}
+    definitions: dict[str, Any] = {
+        field: (hint, getattr(declared, field, ...)) for field, hint in hints.items()
+    }
     return create_model(
-        f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **given
+        f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **definitions
     )  # fmt: skip
 
 

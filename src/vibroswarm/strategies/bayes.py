@@ -45,8 +45,8 @@ def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
 
 def decision(s: Row, a: Row, p: Row, w: World) -> int:
     """Return d_f."""
-    found: int = s.decision
-    return found
+    current: int = s.decision
+    return current
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:

@@ -60,8 +60,8 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
                 f"{row}.{field}: no such field{nearest(field, known)} (there are {', '.join(known) or 'none'})",
                 field=where(function, line),
             )
-    for one in _with_callees(function, set()):
-        _check_means(one)
+    for callee in _with_callees(function, set()):
+        _check_means(callee)
 
 
 def _check_means(function: Callable[..., Any]) -> None:
@@ -84,15 +84,15 @@ def _check_means(function: Callable[..., Any]) -> None:
 
 def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> bool:
     names: list[str] = []
-    inner: ast.expr = node
-    while isinstance(inner, ast.Attribute):
-        names.append(inner.attr)
-        inner = inner.value
-    if not isinstance(inner, ast.Name) or inner.id not in function.__globals__:
+    root_node: ast.expr = node
+    while isinstance(root_node, ast.Attribute):
+        names.append(root_node.attr)
+        root_node = root_node.value
+    if not isinstance(root_node, ast.Name) or root_node.id not in function.__globals__:
         return False
-    found = function.__globals__[inner.id]
-    module = getattr(found, "__module__", None) or getattr(found, "__name__", "")
-    root = str(getattr(found, "__name__", "")) if inspect.ismodule(found) else str(module)
+    value = function.__globals__[root_node.id]
+    module = getattr(value, "__module__", None) or getattr(value, "__name__", "")
+    root = str(getattr(value, "__name__", "")) if inspect.ismodule(value) else str(module)
     if root.partition(".")[0] in CHANCE:
         return True
     return root.startswith("numpy") and ("random" in names or root.startswith("numpy.random"))

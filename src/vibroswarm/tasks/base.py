@@ -61,18 +61,20 @@ class Task(Plugin):
             CodeError: the function raised, or returned something else.
         """
         try:
-            found = self.truth(floor, asked, params)
+            answer = self.truth(floor, asked, params)
         except Exception as error:  # a user's function may raise anything
             if not self.code:
                 raise
             file = self.truth.__code__.co_filename
-            lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == file]
+            lines = [
+                frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file
+            ]
             raise CodeError(f"{where(self.truth, lines[-1])}: {type(error).__name__}: {error}") from None
-        if found is not None and not (
-            isinstance(found, int | np.integer | np.bool_) and int(found) in (0, 1)
+        if answer is not None and not (
+            isinstance(answer, int | np.integer | np.bool_) and int(answer) in (0, 1)
         ):
-            raise CodeError(f"{where(self.truth)}: returned {shown(found)}; return 0, 1 or None")
-        return None if found is None else int(found)
+            raise CodeError(f"{where(self.truth)}: returned {shown(answer)}; return 0, 1 or None")
+        return None if answer is None else int(answer)
 
 
 _registry = Registry[Task]("task", "task.name")

@@ -130,20 +130,20 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
     """
     at = f"{words}: " if words else ""
     for name in ("samples", "ends", "segments", "moves"):
-        mine, theirs = getattr(one, name), getattr(other, name)
-        require((mine is None) == (theirs is None), f"{at}{name} exist in only one of the two")
-        if mine is None:
+        first, second = getattr(one, name), getattr(other, name)
+        require((first is None) == (second is None), f"{at}{name} exist in only one of the two")
+        if first is None:
             continue
-        require(mine.schema == theirs.schema, f"{at}columns of the {name} have different types")
+        require(first.schema == second.schema, f"{at}columns of the {name} have different types")
         require(
-            mine.height == theirs.height,
-            f"{at}{mine.height} rows of {name}, and {theirs.height} of the same run",
+            first.height == second.height,
+            f"{at}{first.height} rows of {name}, and {second.height} of the same run",
         )
-        for column in mine.columns:
-            differs = mine[column].ne_missing(theirs[column])
+        for column in first.columns:
+            differs = first[column].ne_missing(second[column])
             if differs.any():
                 row = int(differs.arg_true()[0])
-                a, b = mine[column][row], theirs[column][row]
+                a, b = first[column][row], second[column][row]
                 raise AssertionError(
                     f"{at}{column} in row {row} of the {name} is {a!r}, and {b!r} in the same run"
                 )
@@ -151,9 +151,9 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
 
 def part_of(motion: Motion, run: int) -> Motion:
     """Return one run of a motion."""
-    here = pl.col("run") == run
+    of_run = pl.col("run") == run
     tables = (motion.samples, motion.ends, motion.segments, motion.moves)
-    return Motion(*(table.filter(here) if table is not None else None for table in tables))  # type: ignore[arg-type]
+    return Motion(*(table.filter(of_run) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
@@ -163,7 +163,7 @@ def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
         AssertionError: they are not whole.
     """
     ticks = values.to_numpy().astype(float) / scenario.tick_s
-    whole = np.rint(ticks)
+    rounded = np.rint(ticks)
     # 32-bit floats have 24 bits: their error on a long time is still far below half a period.
-    require(np.abs(ticks - whole).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
-    return whole.astype(np.int64)
+    require(np.abs(ticks - rounded).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
+    return rounded.astype(np.int64)

@@ -71,24 +71,24 @@ def tracks(motion: Motion, run: int) -> dict[int, Track]:
     """
     if motion.segments is None:
         raise AssertionError(f"there are no segments of run {run}")
-    found = {}
+    by_robot = {}
     for (robot,), rows in motion.segments.filter(pl.col("run") == run).group_by("robot", maintain_order=True):
         column = {name: rows[name].to_numpy() for name in rows.columns if name != "kind"}
         pose = np.stack([column["x_m"], column["y_m"], column["heading_rad"]], axis=1)
         kind = np.array(rows["kind"].to_list())
-        found[int(robot)] = Track(
+        by_robot[int(robot)] = Track(
             column["start_s"], pose, column["speed_m_s"], column["turn_rate_rad_s"], kind
         )
-    return found
+    return by_robot
 
 
 def at_all_ticks(motion: Motion, scenario: Scenario, run: int) -> tuple[Floats, NDArray[np.str_]]:
     """Return poses (robots, ticks, 3) and kinds (robots, ticks) at each control period of a run."""
     times: Floats = np.arange(scenario.ticks, dtype=np.float64) * scenario.tick_s
-    here = tracks(motion, run)
-    require(sorted(here) == list(range(scenario.swarm.robots)), f"a robot of run {run} has no segments")
-    found = [here[robot].at(times) for robot in sorted(here)]
-    return np.stack([pose for pose, _ in found]), np.stack([kind for _, kind in found])
+    by_robot = tracks(motion, run)
+    require(sorted(by_robot) == list(range(scenario.swarm.robots)), f"a robot of run {run} has no segments")
+    sampled = [by_robot[robot].at(times) for robot in sorted(by_robot)]
+    return np.stack([pose for pose, _ in sampled]), np.stack([kind for _, kind in sampled])
 
 
 def gap_of(poses: Floats, others: Floats) -> Floats:
@@ -104,19 +104,19 @@ def check_time_accounts(source: Source) -> None:
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
-                where = f"{case.name}: run {run}, robot {robot}"
+                label = f"{case.name}: run {run}, robot {robot}"
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 ends = ticks_of(rows["time_s"], s)
                 spent = {kind: ticks_of(rows[f"{kind}_s"], s) for kind in KINDS}
                 require(
-                    np.array_equal(sum(spent.values()), np.diff(ends, prepend=0)), f"{where}: time is lost"
+                    np.array_equal(sum(spent.values()), np.diff(ends, prepend=0)), f"{label}: time is lost"
                 )
                 times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
                 kinds = track.at(times)[1]
                 for kind, ticks in spent.items():
                     till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
                     alike = (np.diff(till, prepend=0) == ticks).all()
-                    require(alike, f"{where}: {kind}_s is another than by the segments")
+                    require(alike, f"{label}: {kind}_s is another than by the segments")
 
 
 def check_segments_join(source: Source) -> None:
@@ -125,13 +125,13 @@ def check_segments_join(source: Source) -> None:
         motion = motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
-                where = f"{case.name}: run {run}, robot {robot}"
+                label = f"{case.name}: run {run}, robot {robot}"
                 k = np.arange(track.start_s.size - 1)
                 gap = gap_of(track.after(k, np.diff(track.start_s)), track.pose[1:])
-                far = np.abs(gap).max(initial=0.0)
-                require(far < NEAR_M, f"{where} jumps, by {far:.2g} m or rad")
+                gap_m = np.abs(gap).max(initial=0.0)
+                require(gap_m < NEAR_M, f"{label} jumps, by {gap_m:.2g} m or rad")
                 require(
-                    track.start_s[0] == 0.0, f"{where}: its first segment begins at {track.start_s[0]:g} s"
+                    track.start_s[0] == 0.0, f"{label}: its first segment begins at {track.start_s[0]:g} s"
                 )
 
 
@@ -141,20 +141,21 @@ def check_poses_at_samples(source: Source) -> None:
         motion = motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
-                where = f"{case.name}: run {run}, robot {robot}"
+                label = f"{case.name}: run {run}, robot {robot}"
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 expected = rows.select("x_m", "y_m", "heading_rad").to_numpy()
                 around = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
-                require(around, f"{where}: a heading is not from -pi to pi")
+                require(around, f"{label}: a heading is not from -pi to pi")
                 for column in ("time_s", "stop_start_s"):
                     pose, kind = track.at(rows[column].to_numpy())
-                    far = np.abs(gap_of(pose, expected)).max(initial=0.0)
+                    gap_m = np.abs(gap_of(pose, expected)).max(initial=0.0)
                     require(
-                        far < NEAR_M, f"{where}: a sample is {far:.2g} m or rad from its segment, at {column}"
+                        gap_m < NEAR_M,
+                        f"{label}: a sample is {gap_m:.2g} m or rad from its segment, at {column}",
                     )
-                    require((kind == "stop").all(), f"{where} does not stand at {column}")
+                    require((kind == "stop").all(), f"{label} does not stand at {column}")
                 before = track.at(rows["stop_start_s"].to_numpy() - case.scenario.tick_s)[1]
-                require((before != "stop").all(), f"{where} stood before its stop")
+                require((before != "stop").all(), f"{label} stood before its stop")
 
 
 def check_bodies(source: Source) -> None:
@@ -180,31 +181,32 @@ def check_ends(source: Source) -> None:
     """The ends are where and when the segments end, and say which stop is under way."""
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
-        wanted = len(case.runs) * s.swarm.robots
+        expected = len(case.runs) * s.swarm.robots
         require(
-            motion.ends.height == wanted, f"{case.name}: there are {motion.ends.height} ends, not {wanted}"
+            motion.ends.height == expected,
+            f"{case.name}: there are {motion.ends.height} ends, not {expected}",
         )
         for run in case.runs:
-            here = tracks(motion, run)
+            by_robot = tracks(motion, run)
             for row in motion.ends.filter(pl.col("run") == run).to_dicts():
-                where = f"{case.name}: run {run}, robot {row['robot']}"
-                require(abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{where} ends at {row['end_s']:g} s")
-                require(row["robot"] in here, f"{where} has no segments")
-                track, end = here[row["robot"]], np.array([row["end_s"]])
+                label = f"{case.name}: run {run}, robot {row['robot']}"
+                require(abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{label} ends at {row['end_s']:g} s")
+                require(row["robot"] in by_robot, f"{label} has no segments")
+                track, end = by_robot[row["robot"]], np.array([row["end_s"]])
                 last = np.array([track.start_s.size - 1])
                 place = np.array([[row["x_m"], row["y_m"], row["heading_rad"]]])
-                far = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
-                require(far < NEAR_M, f"{where} ends {far:.2g} m or rad from its last segment")
+                gap_m = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
+                require(gap_m < NEAR_M, f"{label} ends {gap_m:.2g} m or rad from its last segment")
                 if track.kind[-1] != "stop":
                     require(
-                        row["stop_start_s"] is None, f"{where} walks at the end, and the ends say it stands"
+                        row["stop_start_s"] is None, f"{label} walks at the end, and the ends say it stands"
                     )
                     continue
                 require(
-                    row["stop_start_s"] is not None, f"{where} stands at the end, but the ends do not say so"
+                    row["stop_start_s"] is not None, f"{label} stands at the end, but the ends do not say so"
                 )
                 began = abs(row["stop_start_s"] - track.start_s[-1]) < 1e-9
-                require(began, f"{where}: its last stop began at another time than the ends say")
+                require(began, f"{label}: its last stop began at another time than the ends say")
 
 
 SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
@@ -225,9 +227,9 @@ def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
     """
     if moves is None:
         raise AssertionError(f"there are no moves of run {run}")
-    found = moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-    require(found.height > 0, f"robot {robot} of run {run} has no moves")
-    return found
+    own = moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+    require(own.height > 0, f"robot {robot} of run {run} has no moves")
+    return own
 
 
 def check_moves_lead_to_the_next(source: Source) -> None:
@@ -237,23 +239,25 @@ def check_moves_lead_to_the_next(source: Source) -> None:
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
                 moves = of_robot(motion.moves, run, robot)
-                here = pl.col("robot") == robot
-                (end,) = motion.ends.filter((pl.col("run") == run) & here).to_dicts()
+                own = pl.col("robot") == robot
+                (end,) = motion.ends.filter((pl.col("run") == run) & own).to_dicts()
                 start = np.append(moves["start_s"].to_numpy(), end["end_s"])
                 pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
                 last = [end["x_m"], end["y_m"], end["heading_rad"]]
                 speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
                 along = Track(start, pose, speed, rate, np.array(moves["kind"].to_list()))
                 arrived = along.after(np.arange(moves.height), np.diff(start))
-                far = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
-                where = f"{case.name}: run {run}, robot {robot}"
-                require(far < NEAR_M, f"{where}: a move ends {far:.2g} m or rad from where the next begins")
+                gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
+                label = f"{case.name}: run {run}, robot {robot}"
+                require(
+                    gap_m < NEAR_M, f"{label}: a move ends {gap_m:.2g} m or rad from where the next begins"
+                )
                 turned = moves["turned_rad"].to_numpy()
                 # By the segments' turn rates, independent of the moves.
                 sums = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
                 k = np.searchsorted(track.start_s, start, side="right") - 1
                 off = np.abs(np.diff(sums[k] + track.rate[k] * (start - track.start_s[k])) - turned).max()
-                require(off < 1e-8, f"{where}: turned_rad is {off:.2g} rad from what the segments turn")
+                require(off < 1e-8, f"{label}: turned_rad is {off:.2g} rad from what the segments turn")
 
 
 def check_moves_account_for_time(source: Source) -> None:
@@ -262,18 +266,18 @@ def check_moves_account_for_time(source: Source) -> None:
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             for robot in range(s.swarm.robots):
-                where = f"{case.name}: run {run}, robot {robot}"
+                label = f"{case.name}: run {run}, robot {robot}"
                 moves = of_robot(motion.moves, run, robot)
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 start = np.append(ticks_of(moves["start_s"], s), s.ticks)
-                require(start[0] == 0, f"{where}: its first move does not begin at 0 s")
+                require(start[0] == 0, f"{label}: its first move does not begin at 0 s")
                 kinds = np.repeat(np.array(moves["kind"].to_list()), np.diff(start))
                 ends = ticks_of(rows["time_s"], s)
                 for kind in KINDS:
                     till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
                     spent = ticks_of(rows[f"{kind}_s"], s)
                     alike = (np.diff(till, prepend=0) == spent).all()
-                    require(alike, f"{where}: {kind}_s is another than by the moves")
+                    require(alike, f"{label}: {kind}_s is another than by the moves")
 
 
 MOVE_CHECKS: Final[tuple[Check, ...]] = (

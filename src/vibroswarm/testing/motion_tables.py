@@ -28,19 +28,19 @@ def check_schema(source: Source) -> None:
             frame = getattr(motion, name)
             if frame is None:
                 continue
-            where = f"{case.name}: the table {name}"
+            label = f"{case.name}: the table {name}"
             require(
-                list(frame.columns) == list(schema), f"{where} has the columns {', '.join(frame.columns)}"
+                list(frame.columns) == list(schema), f"{label} has the columns {', '.join(frame.columns)}"
             )
             for column, kind in schema.items():
                 require(
-                    frame.schema[column] == kind, f"{where}: '{column}' is {frame.schema[column]}, not {kind}"
+                    frame.schema[column] == kind, f"{label}: '{column}' is {frame.schema[column]}, not {kind}"
                 )
-            require(frame.height > 0, f"{where} is empty")
+            require(frame.height > 0, f"{label} is empty")
             for column in frame.select(pl.selectors.float()):
-                require(column.is_finite().fill_null(True).all(), f"{where}: '{column.name}' is not finite")
+                require(column.is_finite().fill_null(True).all(), f"{label}: '{column.name}' is not finite")
             for column in frame.drop(nullable):
-                require(column.null_count() == 0, f"{where}: '{column.name}' has values that are missing")
+                require(column.null_count() == 0, f"{label}: '{column.name}' has values that are missing")
         plain = source.batch(case.scenario, case.seed, case.runs[:1])
         for name in ("segments", "moves"):
             require(getattr(plain, name) is None, f"{case.name}: {name} are given although not requested")
@@ -79,15 +79,15 @@ def check_accounts_add_up(source: Source) -> None:
         for (run, robot), rows in motion_of(source, case).samples.group_by(
             "run", "robot", maintain_order=True
         ):
-            where = f"{case.name}: run {run}, robot {robot}"
+            label = f"{case.name}: run {run}, robot {robot}"
             spent = sum(ticks_of(rows[f"{kind}_s"], s) for kind in KINDS)
             passed = np.diff(ticks_of(rows["time_s"], s), prepend=0)
             require(
                 np.array_equal(spent, passed),
-                f"{where}: the times do not add up to that since the last sample",
+                f"{label}: the times do not add up to that since the last sample",
             )
             require(
-                (rows["stop_start_s"] <= rows["time_s"]).all(), f"{where}: a stop begins after its sample"
+                (rows["stop_start_s"] <= rows["time_s"]).all(), f"{label}: a stop begins after its sample"
             )
 
 
@@ -123,34 +123,36 @@ def check_pieces(source: Source) -> None:
     for case in CASES:
         s = case.scenario
         for run in case.runs:
-            where = f"{case.name}, run {run}, in pieces and in one"
+            label = f"{case.name}, run {run}, in pieces and in one"
             state = source.init(s, case.seed, run, segments=True, moves=True)
-            require(state.time_s == 0.0, f"{where}: a run begins at {state.time_s:g} s, not at 0")
+            require(state.time_s == 0.0, f"{label}: a run begins at {state.time_s:g} s, not at 0")
             parts = []
             for until_s in pieces(s.run.t_end_s):
                 parts.append(state.advance(until_s))
                 now_s = state.time_s
                 reached = until_s - 1e-9 <= now_s < until_s + s.tick_s
-                require(reached, f"{where}: after advance({until_s:g}) it is at {now_s:g} s")
+                require(reached, f"{label}: after advance({until_s:g}) it is at {now_s:g} s")
                 off_s: Any = (parts[-1].ends["end_s"] - now_s).abs().max()
-                require(off_s < 1e-9, f"{where}: after advance({until_s:g}) the ends are not of {now_s:g} s")
-            same(join(parts), part_of(motion_of(source, case), run), where)
+                require(off_s < 1e-9, f"{label}: after advance({until_s:g}) the ends are not of {now_s:g} s")
+            same(join(parts), part_of(motion_of(source, case), run), label)
 
 
 def check_copies(source: Source) -> None:
     """A branch goes on in the same way, whichever goes first, and neither changes the other."""
     case = SHORT_CASE
     s, run = case.scenario, case.runs[0]
-    whole = part_of(motion_of(source, case), run)
+    uninterrupted = part_of(motion_of(source, case), run)
     state = source.init(s, case.seed, run, segments=True, moves=True)
     first = state.advance(0.4 * s.run.t_end_s)
     branch = state.copy()
     second_branch = [branch.advance(0.5 * s.run.t_end_s), branch.advance(s.run.t_end_s)]
     require(state.time_s < 0.5 * s.run.t_end_s, "a state has moved on because its copy has")
     third = state.copy()
-    same(join([first, state.advance(s.run.t_end_s)]), whole, "a state that was copied")
-    same(join([first, *second_branch]), whole, "a copy")
-    same(join([first, third.advance(s.run.t_end_s)]), whole, "a copy of a state that has gone on since")
+    same(join([first, state.advance(s.run.t_end_s)]), uninterrupted, "a state that was copied")
+    same(join([first, *second_branch]), uninterrupted, "a copy")
+    same(
+        join([first, third.advance(s.run.t_end_s)]), uninterrupted, "a copy of a state that has gone on since"
+    )
 
 
 def _short() -> Scenario:
@@ -171,10 +173,11 @@ def check_runs_are_their_own(source: Source) -> None:
 def check_runs_differ(source: Source) -> None:
     """Other runs and other seeds are different."""
     s = _short()
-    one, other = (source.batch(s, 4, [run], True).samples.drop("run") for run in (7, 2))
-    require(not one.equals(other), "runs 7 and 2 of a seed are alike")
+    run_seven, run_two = (source.batch(s, 4, [run], True).samples.drop("run") for run in (7, 2))
+    require(not run_seven.equals(run_two), "runs 7 and 2 of a seed are alike")
     require(
-        not source.batch(s, 5, [7], True).samples.drop("run").equals(one), "a run is alike with seeds 4 and 5"
+        not source.batch(s, 5, [7], True).samples.drop("run").equals(run_seven),
+        "a run is alike with seeds 4 and 5",
     )
 
 
@@ -214,8 +217,8 @@ def check_segments_and_moves_are_only_written_down(source: Source) -> None:
     for segments in (False, True):
         for moves in (False, True):
             some = source.batch(case.scenario, case.seed, case.runs, segments=segments, moves=moves)
-            wanted = (both.segments if segments else None, both.moves if moves else None)
-            same(some, Motion(both.samples, both.ends, *wanted), f"with {segments=}, {moves=}")
+            expected = (both.segments if segments else None, both.moves if moves else None)
+            same(some, Motion(both.samples, both.ends, *expected), f"with {segments=}, {moves=}")
 
 
 TABLE_CHECKS: Final[tuple[Check, ...]] = (

@@ -59,12 +59,12 @@ def _received_was_sent(name: str) -> Iterator[str]:
 def _none_too_early(name: str) -> Iterator[str]:
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 1, moves=True)
-        yield from (f"{words}: {why}" for why in _heard_before(result))
+        yield from (f"{words}: {problem}" for problem in _heard_before(result))
         plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
-        for one in plain.too_early:
+        for message in plain.too_early:
             yield (
-                f"{words}: send lets robot {one.receiver} read at tick {one.arrival_tick} what robot {one.sender} "
-                f"sends at tick {one.tick}; {one.tick + 1} is the earliest"
+                f"{words}: send lets robot {message.receiver} read at tick {message.arrival_tick} "
+                f"what robot {message.sender} sends at tick {message.tick}; {message.tick + 1} is the earliest"
             )
 
 

@@ -138,8 +138,8 @@ class _Plain:
     def _robot(self, i: int, world: World) -> PlainRobot:
         sizes = sizes_of(self.scenario)
         declared = arrays_of(self.strategy.arrays)
-        made = {name: np.zeros(one.size(sizes), one.kind) for name, one in declared.items()}
-        arrays = namedtuple("arrays", made)(**made)
+        values = {name: np.zeros(array.size(sizes), array.kind) for name, array in declared.items()}
+        arrays = namedtuple("arrays", values)(**values)
         robot = PlainRobot(i, world, self._row(self.strategy.state_type), arrays)
         draws = Draws(self.seed, self.number, i, int(Purpose.BEGINNING), 0, 0, 0, -1.0)
         self.strategy.begin(robot.state, arrays, draws, self.params, world)
@@ -172,23 +172,23 @@ class _Plain:
         i, tick, number = message.sender, message.tick, message.number
         if self.network.send is None:
             return [-1 if self.is_lost(robot, message) else tick + 1 for robot in self.robots]
-        said, (x_m, y_m) = np.full(len(self.robots), -1), self.places(tick)
+        arrival_ticks, (x_m, y_m) = np.full(len(self.robots), -1), self.places(tick)
         draws = Draws(self.seed, self.number, i, int(Purpose.NETWORK), number, 0, 0, -1.0)
         self.network.send(
-            self.radio, i, tick, number, self.strategy.bytes_on_air, x_m, y_m, said, draws, self.of_network,
+            self.radio, i, tick, number, self.strategy.bytes_on_air, x_m, y_m, arrival_ticks, draws, self.of_network,
             self.robots[i].world,
         )  # fmt: skip
-        found: list[int] = said.tolist()
-        for receiver, arrival in enumerate(found):
+        ticks: list[int] = arrival_ticks.tolist()
+        for receiver, arrival in enumerate(ticks):
             if receiver != i and 0 <= arrival <= tick:
                 self.too_early.append(TooEarly(i, receiver, tick, arrival))
-        return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in found]
+        return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in ticks]
 
     def places(self, tick: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the robots' positions, m; turning robots are where their turn began."""
         if not self.moves:
             return np.empty(0), np.empty(0)
-        time_s, where = tick * self.tick_ms / 1000.0, np.empty((2, len(self.robots)))
+        time_s, positions = tick * self.tick_ms / 1000.0, np.empty((2, len(self.robots)))
         for move in self.moves:  # in order of time: the last one begun counts
             if move["start_s"] > time_s + self.tick_ms / 4000.0:
                 break
@@ -201,8 +201,8 @@ class _Plain:
                 at += (
                     move["speed_m_s"] / move["turn_rate_rad_s"] * ahead * (cmath.exp(1j * turned) - 1.0) / 1j
                 )
-            where[:, move["robot"]] = at.real, at.imag
-        return where[0], where[1]
+            positions[:, move["robot"]] = at.real, at.imag
+        return positions[0], positions[1]
 
     def is_lost(self, robot: PlainRobot, message: PlainMessage) -> bool:
         if self.network.lost is None:
@@ -212,9 +212,9 @@ class _Plain:
         return bool(self.network.lost(sender, robot.number, draws, self.of_network, robot.world))
 
     def read(self, robot: PlainRobot, tick: int) -> None:
-        there = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
+        due = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
         robot.unread = [m for m in robot.unread if m.arrival_tick > tick]
-        for message in there:
+        for message in due:
             draws = Draws(
                 self.seed, self.number, robot.number, int(Purpose.HEARING), message.number, message.sender, 16,
                 -1.0
@@ -276,16 +276,16 @@ class _Plain:
         return [PlainMessage(content, robot.number, tick, robot.sent - 1)]
 
     def ask(self, robot: PlainRobot, tick: int, time_s: float) -> None:
-        given = (robot.state, robot.arrays, self.params, robot.world)
-        robot.belief = math.nan if self.strategy.belief is None else float(self.strategy.belief(*given))
-        new = int(self.strategy.decision(*given))
+        arguments = (robot.state, robot.arrays, self.params, robot.world)
+        robot.belief = math.nan if self.strategy.belief is None else float(self.strategy.belief(*arguments))
+        new = int(self.strategy.decision(*arguments))
         if new == robot.opinion:
             return
         robot.opinion = new
         if self.strategy.decides == "once":
             robot.decision, robot.decided_s, robot.belief_at_decision = new, time_s, robot.belief
             return
-        agreed = new != -1 and all(one.opinion == new for one in self.robots)
+        agreed = new != -1 and all(robot_state.opinion == new for robot_state in self.robots)
         if not self.settled:
             self.agreed_since = tick if agreed else None
 

@@ -44,7 +44,10 @@ def run_checks(
     checks: Mapping[str, Callable[[str], Iterator[str]]], name: str, warnings: Container[str] = ()
 ) -> list[Finding]:
     """Run checks of the object called ``name``; failures of ``warnings`` are no errors."""
-    return [run_check(what, partial(check, name), what in warnings) for what, check in checks.items()]
+    return [
+        run_check(description, partial(check, name), description in warnings)
+        for description, check in checks.items()
+    ]
 
 
 def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: bool = False) -> Finding:
@@ -53,17 +56,17 @@ def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: 
     Args:
         what: what is checked. is_warning: a failure is no error.
     """
-    why = ""
+    problem = ""
     try:
-        found = check()
-        why = "" if found is None else next(found, "")
+        problems = check()
+        problem = "" if problems is None else next(problems, "")
     except (InputError, RunError) as error:
-        why = str(error)
+        problem = str(error)
     except AssertionError as error:
-        why = str(error) or "the check failed without a message"
+        problem = str(error) or "the check failed without a message"
     except Exception as error:  # users' tables and code can be wrong in any way
-        why = f"it cannot be checked: {type(error).__name__}: {error}"
-    return Finding(what, not why, why, is_warning)
+        problem = f"it cannot be checked: {type(error).__name__}: {error}"
+    return Finding(what, not problem, problem, is_warning)
 
 
 Scenarios = Iterable[tuple[str, Scenario]]
@@ -97,16 +100,16 @@ def equals_plain(scenarios: Scenarios) -> Iterator[str]:
     for words, scenario in scenarios:
         result = simulate(scenario, SEED, 1, moves=True)
         plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
-        for why in differences(result, plain):
-            yield f"{words}: compiled and plain Python results differ: {why}"
+        for problem in differences(result, plain):
+            yield f"{words}: compiled and plain Python results differ: {problem}"
 
 
 def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     """Yield the tables in which a run differs from the plain Python reference."""
     inference = result.inference
     for name in ("robot", "sample", "messages_received", "decision"):
-        mine, theirs = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
-        if mine.size != theirs.size or (mine != theirs).any():
+        compiled, expected = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
+        if compiled.size != expected.size or (compiled != expected).any():
             yield f"column {name}"
     belief = inference["belief_below"].fill_null(float("nan")).to_numpy()
     if not np.array_equal(
@@ -117,12 +120,12 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
         kept = inference[name].null_count() == 0 and bool(plain.rows)
         if kept and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
             yield f"column {name}"
-    said = [
+    sent = [
         int(row["message"].bit) if row["sends"] else None
         for row in plain.rows
         if "bit" in row["message"].dtype.names
     ]
-    if said and inference["message"].to_list() != said:
+    if sent and inference["message"].to_list() != sent:
         yield "column message"
     yield from _robots_differ(result, plain)
 
@@ -137,9 +140,11 @@ def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
             int(r.state[name]) for r in plain.robots
         ]:
             yield f"{name} of the robots at the end"
-    for name, theirs in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
-        mine = robots[name].fill_null(float("nan")).to_numpy()
-        if not np.array_equal(mine, np.array([getattr(r, theirs) for r in plain.robots]), equal_nan=True):
+    for name, attribute in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
+        compiled = robots[name].fill_null(float("nan")).to_numpy()
+        if not np.array_equal(
+            compiled, np.array([getattr(r, attribute) for r in plain.robots]), equal_nan=True
+        ):
             yield f"{name} of the robots"
 
 
@@ -150,17 +155,17 @@ def in_pieces(scenarios: Scenarios) -> Iterator[str]:
         floors = {0: result.floor(0)}
         (ground,) = sensed_floors(scenario, SEED, [0], floors)
         rows = sample_rows(result.motion, scenario.run.control_period_ms)
-        found = []
+        snapshots = []
         for piece_s in (scenario.run.t_end_s, 7.0):
             loop = ClosedLoop(scenario, SEED)
             loop.begin(0, ground)
             feed(loop, rows, result, piece_s)
-            found.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
+            snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
         if any(
-            (one != other).any() for one, other in zip(*found, strict=True) if one.dtype.names
-        ) and not all(_alike(one, other) for one, other in zip(*found, strict=True)):
+            (first != second).any() for first, second in zip(*snapshots, strict=True) if first.dtype.names
+        ) and not all(_alike(first, second) for first, second in zip(*snapshots, strict=True)):
             yield f"{words}: results differ between pieces and a whole run"
-        if found[0][0]["decision"].tolist() != result.robots["decision"].to_list():
+        if snapshots[0][0]["decision"].tolist() != result.robots["decision"].to_list():
             yield f"{words}: decisions differ between closed loop and tables"
 
 

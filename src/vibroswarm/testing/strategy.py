@@ -54,13 +54,13 @@ def _counts_equal_messages(name: str) -> Iterator[str]:
         return
     faster = replayer.counts_only
     for words, scenario in _scenarios(name):
-        one = simulate(scenario, SEED, 2)
+        counted = simulate(scenario, SEED, 2)
         try:
             replayer.counts_only = lambda strategy: False
-            other = simulate(scenario, SEED, 2)
+            by_message = simulate(scenario, SEED, 2)
         finally:
             replayer.counts_only = faster
-        if not one.same_tables(other):
+        if not counted.same_tables(by_message):
             yield f"{words}: on_counts differs from repeated on_message"
 
 

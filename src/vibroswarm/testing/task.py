@@ -41,8 +41,8 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
             tiles[f"{size}, all {words}"] = np.full((rows, columns), value, np.uint8)
     arena = scenario.arena
     return {
-        words: Floor(one, arena.width_m / one.shape[1], arena.height_m / one.shape[0])
-        for words, one in tiles.items()
+        words: Floor(grid, arena.width_m / grid.shape[1], arena.height_m / grid.shape[0])
+        for words, grid in tiles.items()
     }
 
 
@@ -53,19 +53,19 @@ def _scenario(name: str) -> Scenario:
 def _answers(name: str) -> Iterator[str]:
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
-        found = truth_on(scenario, floor)
-        if found not in (0, 1, None):  # ``Task.answer`` refuses it too
-            yield f"on the floor {words} it gives {shown(found)}; 0, 1 or None"
+        answer = truth_on(scenario, floor)
+        if answer not in (0, 1, None):  # ``Task.answer`` refuses it too
+            yield f"on the floor {words} it gives {shown(answer)}; 0, 1 or None"
 
 
 def _same_again(name: str) -> Iterator[str]:
     scenario = _scenario(name)
     first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
-    others = floors(scenario)
-    for words in reversed(others):
+    floors_by_name = floors(scenario)
+    for words in reversed(floors_by_name):
         # An equal floor, in another order, twice.
         for _ in range(2):
-            again = truth_on(scenario, others[words])
+            again = truth_on(scenario, floors_by_name[words])
             if again != first[words]:
                 yield f"on the floor {words} it gives {first[words]}, and another time {again}"
 
@@ -81,9 +81,9 @@ def _leaves_floors(name: str) -> Iterator[str]:
 
 def _tells_floors_apart(name: str) -> Iterator[str]:
     scenario = _scenario(name)
-    found = {truth_on(scenario, floor) for floor in floors(scenario).values()}
-    if len(found) < 2:
-        yield f"it gives {found.pop()} on every floor"
+    answers = {truth_on(scenario, floor) for floor in floors(scenario).values()}
+    if len(answers) < 2:
+        yield f"it gives {answers.pop()} on every floor"
 
 
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {

@@ -266,8 +266,8 @@ def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> i
 @inlined
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
     """Bound on the squared distances in robot ``i``'s row of ``apart``: above it no robot is within, m^2."""
-    far = distance_m + apart[i, 0]
-    return float(far * far)
+    bound_m = distance_m + apart[i, 0]
+    return float(bound_m * bound_m)
 
 
 @inner
@@ -339,9 +339,9 @@ def nearest_now_m(world: World, i: int, tick: int) -> float:
     planners, setup = world.planners, world.setup
     row = planners[i]
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
-    nearest = math.inf
+    shortest_m = math.inf
     if x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach:
-        nearest = rays_to_walls(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h)
+        shortest_m = rays_to_walls(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h)
     if row.clearance_m < setup.sight_m:
         near2 = within2(world.apart, i, setup.sight_m)
         for m in range(candidate_count(planners, world.near, i)):
@@ -351,8 +351,8 @@ def nearest_now_m(world: World, i: int, tick: int) -> float:
             if maybe_within(other, x, y, setup.sight_m, tick):
                 other_x, other_y = position_at(other, setup, tick)
                 disc = rays_to_disc(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h, other_x, other_y)
-                nearest = min(nearest, disc)
-    return nearest if nearest <= setup.look_m else math.inf
+                shortest_m = min(shortest_m, disc)
+    return shortest_m if shortest_m <= setup.look_m else math.inf
 
 
 @inlined
@@ -473,15 +473,15 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
     """Schedule the first tick at which robot ``i`` and a neighbour could sense or touch each other."""
     planners, setup = world.planners, world.setup
     row = planners[i]
-    far = encounter_reach_m(row, setup, tick)
-    if far < row.clearance_m:
+    reach_m = encounter_reach_m(row, setup, tick)
+    if reach_m < row.clearance_m:
         return
-    far2 = within2(world.apart, i, far)
+    reach2_m2 = within2(world.apart, i, reach_m)
     if planners.size <= SMALL_SWARM:
-        far2 = 0.0
+        reach2_m2 = 0.0
         measure_meetings(world.places, world.apart, planners.size, i, row, setup, tick)
     for m in range(candidate_count(planners, world.near, i)):
-        if world.apart[i, m + 1] > far2:
+        if world.apart[i, m + 1] > reach2_m2:
             continue
         j = candidate(planners, world.near, i, m)
         other = planners[j]
@@ -598,10 +598,10 @@ class EventRun(KernelRun):
 
     def copy(self) -> EventRun:
         """A branch that does not change with this state."""
-        other = super().copy()
-        other.wakes, other.near, other.places = self.wakes.copy(), self.near.copy(), self.places.copy()
-        other.awake, other.apart, other.stops = self.awake.copy(), self.apart.copy(), self.stops.copy()
-        return other
+        branch = super().copy()
+        branch.wakes, branch.near, branch.places = self.wakes.copy(), self.near.copy(), self.places.copy()
+        branch.awake, branch.apart, branch.stops = self.awake.copy(), self.apart.copy(), self.stops.copy()
+        return branch
 
     def world(self) -> World:
         """What the kernels work on."""

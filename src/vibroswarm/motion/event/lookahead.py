@@ -77,8 +77,8 @@ def set_standing(row: Planner) -> None:
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
     """Whether a robot may be within a distance of a point at ``tick``, by its chord."""
-    far = distance_m + row.position_error_m
-    return bool(distance2_m2(row, x_m, y_m, tick) < far * far)
+    bound_m = distance_m + row.position_error_m
+    return bool(distance2_m2(row, x_m, y_m, tick) < bound_m * bound_m)
 
 
 @inlined
@@ -93,9 +93,9 @@ def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
 @inlined
 def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
     """A robot further away than this at ``tick`` cannot matter before this one looks around again, m."""
-    far: float = max(setup.zone_m, setup.sight_m)
+    reach_m: float = max(setup.zone_m, setup.sight_m)
     own_m = (row.self_event_tick - tick) * row.max_step_m
-    return far + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
+    return reach_m + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
 
 
 @inlined
@@ -142,32 +142,34 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
             integral_deg_s += error_deg * setup.tick_s
             gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
             x, y = blocked_turn_end(row, setup, row.error_deg - error_deg, gyro_deg)
-        held = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), a_tick)
+        blocked = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), a_tick)
         for m in range(neighbour_count(near, i)):
             j = neighbour(near, i, m)
             other = planners[j]
-            if held > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
+            if blocked > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
                 continue
             if other.mode != STOP and other.self_event_tick <= row.tick + n:
                 return n
             other_x, other_y = position_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
             apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
-            held = overlap_ticks(2.0 * setup.radius_m - apart, a_tick + other.max_step_m)
-            if held > 0 and other.mode != STOP:
+            blocked = overlap_ticks(2.0 * setup.radius_m - apart, a_tick + other.max_step_m)
+            if blocked > 0 and other.mode != STOP:
                 if not other.blocked and not stays_near(other, row, setup):
                     return n
-                held = min(held, other.self_event_tick - row.tick - n)
-        if held == 0:
+                blocked = min(blocked, other.self_event_tick - row.tick - n)
+        if blocked == 0:
             return n
-        n += held if row.mode == DRIVE else 1
+        n += blocked if row.mode == DRIVE else 1
     return most
 
 
 @inlined
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
     """Whether a robot whose plan brings it to touch another is within the zone until then."""
-    far = setup.zone_m - 2.0 * other.position_error_m
-    return bool(far > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < far * far)
+    bound_m = setup.zone_m - 2.0 * other.position_error_m
+    return bool(
+        bound_m > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < bound_m * bound_m
+    )
 
 
 @inlined
@@ -190,12 +192,17 @@ def wall_tick(row: Planner, setup: Setup) -> int:
     if row.mode != DRIVE:
         if row.blocked:  # and stays so
             return NEVER
-        near = wall_clearance_m(setup, row.mid_x_m, row.mid_y_m)
-        return NEVER if near - row.position_error_m >= inset else turn_at_walls(row, setup)
-    far = max(setup.ray_reach_m, inset) + row.position_error_m
+        clearance_m = wall_clearance_m(setup, row.mid_x_m, row.mid_y_m)
+        return NEVER if clearance_m - row.position_error_m >= inset else turn_at_walls(row, setup)
+    reach_m = max(setup.ray_reach_m, inset) + row.position_error_m
     left, right = min(row.x_m, row.end_x_m), max(row.x_m, row.end_x_m)
     low, high = min(row.y_m, row.end_y_m), max(row.y_m, row.end_y_m)
-    if left >= far and low >= far and right <= setup.width_m - far and high <= setup.height_m - far:
+    if (
+        left >= reach_m
+        and low >= reach_m
+        and right <= setup.width_m - reach_m
+        and high <= setup.height_m - reach_m
+    ):
         return NEVER
     return tick_at_walls(row, setup, inset)
 
@@ -257,13 +264,13 @@ def reach_box(
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
-        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
-        end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+        lateral = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        end_x, end_y = x_m + along * cos_h - lateral * sin_h, y_m + along * sin_h + lateral * cos_h
         left, right = min(left, end_x), max(right, end_x)
         low, high = min(low, end_y), max(high, end_y)
         if setup.outside_m > 0.0:  # rays that may start beyond a wall
-            along, beside = row.ray_forward_m, setup.ray_side_m[k]
-            end_x, end_y = x_m + along * cos_h - beside * sin_h, y_m + along * sin_h + beside * cos_h
+            along, lateral = row.ray_forward_m, setup.ray_side_m[k]
+            end_x, end_y = x_m + along * cos_h - lateral * sin_h, y_m + along * sin_h + lateral * cos_h
             left, right = min(left, end_x), max(right, end_x)
             low, high = min(low, end_y), max(high, end_y)
     return left, right, low, high
@@ -290,13 +297,15 @@ def free_ticks_to_wall(
         return free
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
-        beside = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
-        nearer = along * toward - beside * aside
-        closing = step * toward - bend * (along * aside + beside * toward)
-        free = min(free, ticks_until_closed(distance_m - nearer, closing, abs(bend) * most))
+        lateral = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
+        approach = along * toward - lateral * aside
+        closing = step * toward - bend * (along * aside + lateral * toward)
+        free = min(free, ticks_until_closed(distance_m - approach, closing, abs(bend) * most))
         if setup.outside_m > 0.0:
-            along, beside = row.ray_forward_m, setup.ray_side_m[k]
-            nearer = along * toward - beside * aside
-            closing = step * toward - bend * (along * aside + beside * toward)
-            free = min(free, ticks_until_closed(distance_m - nearer - ROUNDING_M, closing, abs(bend) * most))
+            along, lateral = row.ray_forward_m, setup.ray_side_m[k]
+            approach = along * toward - lateral * aside
+            closing = step * toward - bend * (along * aside + lateral * toward)
+            free = min(
+                free, ticks_until_closed(distance_m - approach - ROUNDING_M, closing, abs(bend) * most)
+            )
     return free

@@ -66,15 +66,15 @@ def measure_all(
     Returns the least, m^2, and the largest error of a distance, m. From then on others find robot ``i`` at (x, y).
     """
     places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # it does not find itself
-    mine = apart[i]
+    own_row = apart[i]
     for k in range(np.uint64((robots + 3) & ~3)):
         passed = tick - places.tick[k]
         dx = places.mid_x_m[k] + passed * places.chord_x_m[k] - x_m
         dy = places.mid_y_m[k] + passed * places.chord_y_m[k] - y_m
-        mine[k + np.uint64(1)] = dx * dx + dy * dy
+        own_row[k + np.uint64(1)] = dx * dx + dy * dy
     nearest2, error = math.inf, 0.0
     for k in range(robots):
-        nearest2 = min(nearest2, mine[k + 1])
+        nearest2 = min(nearest2, own_row[k + 1])
         error = max(error, places.position_error_m[k])
     places.mid_x_m[i], places.mid_y_m[i], places.tick[i] = x_m, y_m, tick
     return nearest2, error
@@ -89,7 +89,7 @@ def measure_meetings(
     Written as squares, m^2, into its row of ``apart`` from 1 on. Above 0, the two do not matter to each other for as
     long as both plans last.
     """
-    mine = apart[i]
+    own_row = apart[i]
     x_m, y_m, chord_x_m, chord_y_m = row.mid_x_m, row.mid_y_m, row.chord_x_m, row.chord_y_m
     own, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
     error, minded = row.position_error_m + ROUNDING_M, minded_m(row, setup)
@@ -104,11 +104,11 @@ def measure_meetings(
         nearest2 = nearest_on_way2(x, y, b_x - chord_x_m, b_y - chord_y_m, both)
         x, y = x + both * (b_x - chord_x_m), y + both * (b_y - chord_y_m)
         on_x, on_y = (b_x, b_y) if own < b_own else (-chord_x_m, -chord_y_m)
-        one = max(min(last, b_own), min(b_last, own)) - both
-        nearest2 = min(nearest2, nearest_on_way2(x, y, on_x, on_y, one))
-        far = max(minded, places.minded_m[k]) + error + places.position_error_m[k]
-        mine[k + np.uint64(1)] = nearest2 - far * far
-    mine[i + 1] = math.inf
+        overlap_ticks = max(min(last, b_own), min(b_last, own)) - both
+        nearest2 = min(nearest2, nearest_on_way2(x, y, on_x, on_y, overlap_ticks))
+        bound_m = max(minded, places.minded_m[k]) + error + places.position_error_m[k]
+        own_row[k + np.uint64(1)] = nearest2 - bound_m * bound_m
+    own_row[i + 1] = math.inf
 
 
 @inlined
@@ -147,12 +147,12 @@ def most_listed(robots: int, setup: Setup) -> int:
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
     """Lists with room for ``most_listed``; those of a small swarm name everybody else, for ever."""
     room = most_listed(robots, setup)
-    near = np.zeros((robots, room + 1), dtype=np.uint32)
+    lists = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
         for i in range(robots):
-            near[i, 0] = robots - 1
-            near[i, 1:] = [j for j in range(robots) if j != i]
-    return near
+            lists[i, 0] = robots - 1
+            lists[i, 1:] = [j for j in range(robots) if j != i]
+    return lists
 
 
 @inlined

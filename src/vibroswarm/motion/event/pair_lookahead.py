@@ -23,13 +23,13 @@ def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
     """
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
-    far = setup.zone_m
+    bound_m = setup.zone_m
     if a.mode == DRIVE or b.mode == DRIVE:
-        far = max(far, setup.sight_m)
-    far += a.position_error_m + b.position_error_m
+        bound_m = max(bound_m, setup.sight_m)
+    bound_m += a.position_error_m + b.position_error_m
     span = min(a.self_event_tick, b.self_event_tick) - tick
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
-    if not comes_within(x, y, dx, dy, span, far):
+    if not comes_within(x, y, dx, dy, span, bound_m):
         return False
     end_x, end_y, slack = x + span * dx, y + span * dy, a.position_error_m + b.position_error_m
     a_drives, b_drives = a.mode == DRIVE, b.mode == DRIVE
@@ -53,19 +53,19 @@ def passes_by(
         slack: how far both may be beside their chords, m.
     """
     turned = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
-    far = slack + max(setup.sight_m, setup.zone_m) * turned
+    margin = slack + max(setup.sight_m, setup.zone_m) * turned
     # All times the chord's length, which is at most ``max_step_m``.
-    ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + far) * row.max_step_m
-    behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - far) * row.max_step_m
-    beside = (max(setup.fan_beside_m, setup.zone_m) + far) * row.max_step_m
+    ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + margin) * row.max_step_m
+    behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - margin) * row.max_step_m
+    lateral = (max(setup.fan_beside_m, setup.zone_m) + margin) * row.max_step_m
     on, off = x * row.chord_x_m + y * row.chord_y_m, y * row.chord_x_m - x * row.chord_y_m
     end_on = end_x * row.chord_x_m + end_y * row.chord_y_m
     end_off = end_y * row.chord_x_m - end_x * row.chord_y_m
     return bool(
         (min(on, end_on) > ahead)
         | (max(on, end_on) < behind)
-        | (min(off, end_off) > beside)
-        | (max(off, end_off) < -beside)
+        | (min(off, end_off) > lateral)
+        | (max(off, end_off) < -lateral)
     )
 
 
@@ -154,8 +154,8 @@ def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
-    far = reach + a.position_error_m + b.position_error_m
-    beyond = x * x + y * y - far * far
+    bound = reach + a.position_error_m + b.position_error_m
+    beyond = x * x + y * y - bound * bound
     if beyond <= 0.0:
         return 0.0
     closing = -(x * dx + y * dy)
@@ -218,22 +218,22 @@ def pair_clear_ticks(
         if not a_first:
             on_x, on_y, veer = x + b_step * b_cos, y + b_step * b_sin, b.max_step_m * abs(b_bend)
         # It is there a tick later, by which its heading and so its way differ.
-        beside = first_rate if is_turning(a if a_first else b) else veer
+        lateral = first_rate if is_turning(a if a_first else b) else veer
         on = math.sqrt(on_x * on_x + on_y * on_y)
         approach = creep + veer - (on_x * dx + on_y * dy) / on
         contact = min(
-            ticks_until_closed(gap - apart + on - beside, approach, swerve),
+            ticks_until_closed(gap - apart + on - lateral, approach, swerve),
             ticks_until_closed(gap, closing, swerve),
         )
     a_sight = b_sight = SIDE_TICKS
-    far = apart + SIDE_TICKS * both
+    reach = apart + SIDE_TICKS * both
     if a_looks:
-        spin = abs(a_bend) * (2.0 * both + abs(a_bend) * far)
+        spin = abs(a_bend) * (2.0 * both + abs(a_bend) * reach)
         a_sight = ticks_until_seen(
             setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
         )
     if b_looks:
-        spin = abs(b_bend) * (2.0 * both + abs(b_bend) * far)
+        spin = abs(b_bend) * (2.0 * both + abs(b_bend) * reach)
         b_sight = ticks_until_seen(
             setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
         )
@@ -276,10 +276,10 @@ def ticks_until_seen(
     ahead -= forward_m
     free = SIDE_TICKS
     for k in range(setup.ray_side_m.size):
-        beside = left - setup.ray_side_m[k]
-        along = ahead * setup.ray_cos[k] + beside * setup.ray_sin[k]
+        lateral = left - setup.ray_side_m[k]
+        along = ahead * setup.ray_cos[k] + lateral * setup.ray_sin[k]
         along = min(max(along, 0.0), setup.look_m)
-        off_x, off_y = ahead - along * setup.ray_cos[k], beside - along * setup.ray_sin[k]
+        off_x, off_y = ahead - along * setup.ray_cos[k], lateral - along * setup.ray_sin[k]
         off = math.sqrt(off_x * off_x + off_y * off_y)
         gap = off - setup.disc_radius_m - slack
         if gap <= 0.0:

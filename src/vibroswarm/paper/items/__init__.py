@@ -60,11 +60,11 @@ def items_named(names: list[str] | None) -> tuple[Item, ...]:
     known = {item.name: item for item in all_items()}
     if names is None:
         return all_items()
-    wanted = [name.replace("_", "-") for name in names]
-    for name in wanted:
+    requested = [name.replace("_", "-") for name in names]
+    for name in requested:
         if name not in known:
             raise InputError(
                 f"there is no item '{name}'{nearest(name, known)} (there are {', '.join(known)})",
                 field="--only",
             )
-    return tuple(item for item in all_items() if item.name in wanted)
+    return tuple(item for item in all_items() if item.name in requested)

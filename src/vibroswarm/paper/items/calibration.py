@@ -71,8 +71,10 @@ def _draw_states(states: pl.DataFrame) -> Drawn:
         for state in ("walking", "sensing", "avoiding")
         for source, part in states.group_by("source", maintain_order=True)
     ]
-    made = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
-    return draw_error_bars(made, label="share of time", percent=True, interval="95 % interval over sessions")
+    intervals = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
+    return draw_error_bars(
+        intervals, label="share of time", percent=True, interval="95 % interval over sessions"
+    )
 
 
 SESSIONS: Final = 3
@@ -93,19 +95,19 @@ Sets = dict[str, list[tuple[float, float]]]
 
 def similarity_by_set(real: Result, simulated: Result) -> Sets:
     """Similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
-    there, here = sessions_of(real), sessions_of(simulated)
-    found: Sets = {}
+    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
+    by_feature: Sets = {}
     for feature in FEATURES:
-        all_real = np.concatenate(there.values(feature))
+        all_real = np.concatenate(real_sessions.values(feature))
         even: dict[int, float] = {}
-        values = here.values(feature)
+        values = simulated_sessions.values(feature)
         for first in range(0, len(values), SESSIONS):
             some = np.concatenate(values[first : first + SESSIONS])
             count = min(len(all_real), len(some))
             if count not in even:
                 even[count] = null_similarity(feature, all_real, count)
-            found.setdefault(feature, []).append((similarity(feature, all_real, some), even[count]))
-    return found
+            by_feature.setdefault(feature, []).append((similarity(feature, all_real, some), even[count]))
+    return by_feature
 
 
 def printed(feature: str) -> float:
@@ -116,8 +118,13 @@ def printed(feature: str) -> float:
 def authors_rows(found: Comparison) -> list[Row]:
     """Rows for the authors' own simulator against the recordings, minus the printed similarity."""
     return [
-        exact("calibration-printed", "paper", WORDS[one.feature], one.as_published - printed(one.feature))
-        for one in found.similarities
+        exact(
+            "calibration-printed",
+            "paper",
+            WORDS[row_of.feature],
+            row_of.as_published - printed(row_of.feature),
+        )
+        for row_of in found.similarities
     ]
 
 
@@ -126,8 +133,12 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
     rows = []
     for feature, pairs in sets.items():
         alike, even = np.array(pairs).T
-        there = printed(feature)
-        rows.append(mean("calibration-ours", column, WORDS[feature], alike, there, published_runs=THEIR_SETS))
+        published_value = printed(feature)
+        rows.append(
+            mean(
+                "calibration-ours", column, WORDS[feature], alike, published_value, published_runs=THEIR_SETS
+            )
+        )
         rows.append(mean("calibration-tells", column, WORDS[feature], alike - even))
     return rows + error_rows(settings, column) + battery_rows(settings, column)
 
@@ -190,22 +201,22 @@ def compute(work: Work) -> Tables:
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
     work.progress(0.2)
     many = {column: _simulated(settings, column) for column in settings.columns}
-    sources: dict[str, Result] = {SIMULATOR: authors} | {c: _first_set(one) for c, one in many.items()}
-    found: dict[str, Comparison] = {}
+    sources: dict[str, Result] = {SIMULATOR: authors} | {c: _first_set(source) for c, source in many.items()}
+    comparisons: dict[str, Comparison] = {}
     known: RealCache = {}
-    for place, (name, one) in enumerate(sources.items()):
-        found[name] = compare(real, one, known)
+    for place, (name, source) in enumerate(sources.items()):
+        comparisons[name] = compare(real, source, known)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))
-    sets = {column: similarity_by_set(real, one) for column, one in many.items()}
-    measured = authors_rows(found[SIMULATOR])
+    sets = {column: similarity_by_set(real, source) for column, source in many.items()}
+    measured = authors_rows(comparisons[SIMULATOR])
     for column in settings.columns:
         measured += column_rows(settings, column, sets[column])
     everything: dict[str, Result] = {ROBOTS: real, **sources}
     return {
-        "similarities": _similarities(found, sets),
-        "distances": _distances(found),
+        "similarities": _similarities(comparisons, sets),
+        "distances": _distances(comparisons),
         "figures": _figures(settings, everything),
-        "states": pl.concat([_states(name, one) for name, one in everything.items()]),
+        "states": pl.concat([_states(name, source) for name, source in everything.items()]),
         "histograms": histograms_of({ROBOTS: real, **sources}),
         CLAIMS: frame(measured),
     }
@@ -214,8 +225,8 @@ def compute(work: Work) -> Tables:
 def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.DataFrame:
     """Similarities of each source and feature with their references."""
     rows = []
-    for source, one in found.items():
-        for alike in one.similarities:
+    for source, comparison in found.items():
+        for alike in comparison.similarities:
             row: dict[str, Any] = {
                 "source": source,
                 "feature": WORDS[alike.feature],
@@ -237,10 +248,16 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
 def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
     """Energy distances and classifier accuracy of each source."""
     rows = []
-    for source, one in found.items():
-        named = [(WORDS[each.feature], each.effect, each.real) for each in one.distances]
+    for source, comparison in found.items():
+        named = [
+            (WORDS[distance.feature], distance.effect, distance.real) for distance in comparison.distances
+        ]
         named.append(
-            ("share of stretches told apart", one.classifier.simulated_by_robot, one.classifier.real)
+            (
+                "share of stretches told apart",
+                comparison.classifier.simulated_by_robot,
+                comparison.classifier.real,
+            )
         )
         for feature, effect, real in named:
             row: dict[str, Any] = {"source": source, "feature": feature}
@@ -257,11 +274,14 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
     threshold = settings.scenario("paper").sensor.rms_threshold
     rows = []
     for source, result in sources.items():
-        for one in figures_of(result, threshold):
-            if one.name in (*SHOWN_FIGURES, "false_positive", "false_negative") and one.interval is not None:
-                words, times = FIGURES[one.name]
-                ends = [times * value if np.isfinite(value) else None for value in one.interval[:3]]
-                rows.append((source, words, *ends, one.interval.n))
+        for figure in figures_of(result, threshold):
+            if (
+                figure.name in (*SHOWN_FIGURES, "false_positive", "false_negative")
+                and figure.interval is not None
+            ):
+                words, times = FIGURES[figure.name]
+                ends = [times * value if np.isfinite(value) else None for value in figure.interval[:3]]
+                rows.append((source, words, *ends, figure.interval.n))
     names = ["source", "figure", "mean", "low", "high", "sessions"]
     return pl.DataFrame(rows, schema=names, orient="row")
 

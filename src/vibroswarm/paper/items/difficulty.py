@@ -25,12 +25,12 @@ FILLS: Final = ("0.48", "0.46")
 
 def _table() -> pl.DataFrame:
     """Printed, reproduced and correct values of each pattern and measure."""
-    theirs = {ours: name for name, ours in PATTERNS.items()}
+    published_names = {own_name: name for name, own_name in PATTERNS.items()}
     rows = []
     for entry in paper_table():
         kind, _, fill = entry.pattern.partition(":")
         key = "moran" if entry.measure == "Moran index" else "entropy"
-        printed = float(published("patterns_10x10")[f"{key}_{fill}"][theirs[kind]])
+        printed = float(published("patterns_10x10")[f"{key}_{fill}"][published_names[kind]])
         as_paper, right = (
             round(entry.as_the_paper, 12),
             round(entry.right, 12),

@@ -55,16 +55,16 @@ GROUPS: Final = 20
 
 def cells(settings: Settings) -> Cells:
     """Those of ``experiment_times`` with loss; "pool", robots."""
-    there = experiment_times.cells(settings)
-    found: Cells = {
-        key: cell for key, cell in there.items() if isinstance(key, tuple) and key[1] == LOSSES[0]
+    with_loss = experiment_times.cells(settings)
+    cells_of: Cells = {
+        key: cell for key, cell in with_loss.items() if isinstance(key, tuple) and key[1] == LOSSES[0]
     }
     if POOL_COLUMN in settings.columns:
         for robots in _some():
-            like: Cell = there[_key(POOL_COLUMN, robots)]
+            like: Cell = with_loss[_key(POOL_COLUMN, robots)]
             drawn = like.scenario.with_values({"robot.speed_redraw": "robot"})
-            found["pool", robots] = replace(like, scenario=drawn, runs=POOL_RUNS)
-    return found
+            cells_of["pool", robots] = replace(like, scenario=drawn, runs=POOL_RUNS)
+    return cells_of
 
 
 def _key(
@@ -96,19 +96,19 @@ def compute(work: Work) -> Tables:
 def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
     """Accuracy as in the text and at ``FITTED``, with the published one."""
     rows = []
-    for column, how, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
-        values = work.values(_key(column, robots, strategy, how), BELIEF)
-        theirs = published_by_size(f"experiments.belief_in_truth.{strategy}")[robots]
-        ours, error = (
+    for column, setting, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
+        values = work.values(_key(column, robots, strategy, setting), BELIEF)
+        published_mean = published_by_size(f"experiments.belief_in_truth.{strategy}")[robots]
+        own_mean, error = (
             float(values.mean()),
             error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF)),
         )
         rows.append(
             {
-                "column": column, "theta_E": how[0], "gate": how[1], "strategy": strategy, "robots": robots,
-                "published": theirs, "ours": ours,
-                "ours_error": float(np.std(values, ddof=1)) / float(np.sqrt(values.size)), "less": ours - theirs,
-                "error": error, "in errors": in_standard_errors(ours - theirs, error),
+                "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
+                "published": published_mean, "ours": own_mean,
+                "ours_error": float(np.std(values, ddof=1)) / float(np.sqrt(values.size)),
+                "less": own_mean - published_mean, "error": error, "in errors": in_standard_errors(own_mean - published_mean, error),
             }
         )  # fmt: skip
     return pl.DataFrame(rows, infer_schema_length=None)
@@ -125,10 +125,10 @@ def _loss() -> pl.DataFrame:
 def _measured(work: Work, column: str) -> Iterator[Row]:
     """Rows of the claims about accuracy and distance."""
     for strategy in STRATEGIES:
-        for robots, theirs in published_by_size(f"experiments.belief_in_truth.{strategy}").items():
+        for robots, published_mean in published_by_size(f"experiments.belief_in_truth.{strategy}").items():
             values = work.values(_key(column, robots, strategy), BELIEF)
             error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
-            less, label = float(values.mean()) - theirs, f"{robots} robots, {strategy}"
+            less, label = float(values.mean()) - published_mean, f"{robots} robots, {strategy}"
             yield row("robots-belief", column, label, less, error, REAL_EXPERIMENTS)
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
         yield work.change("robots-belief-size", column, strategy, BELIEF, first, second, check=False)
@@ -144,19 +144,21 @@ def _to_explain(work: Work, robots: int) -> Row:
     plain, fewer = (work.values(_key(POOL_COLUMN, n), DISTANCE) for n in (robots, WHOLE))
     printed = published_by_size("experiments.distance_between_samples_m_none")
     rise = printed[robots] - printed[WHOLE]
-    whole = _z(drawn, plain, fewer, robots, rise)
+    estimate = _z(drawn, plain, fewer, robots, rise)
     parts = np.array(
         [
             _z(_without(drawn, k), _without(plain, k), _without(fewer, k), robots, rise)
             for k in range(min(GROUPS, drawn.size))
         ]
     )
-    ours = np.sqrt((parts.size - 1) * np.mean((parts - parts.mean()) ** 2))
-    theirs = np.sqrt(2 * float(plain.var(ddof=1)) / REAL_EXPERIMENTS) / _subset_sd(drawn, plain, robots)
+    own_error = np.sqrt((parts.size - 1) * np.mean((parts - parts.mean()) ** 2))
+    published_error = np.sqrt(2 * float(plain.var(ddof=1)) / REAL_EXPERIMENTS) / _subset_sd(
+        drawn, plain, robots
+    )
     error = float(
-        np.hypot(ours, theirs)
+        np.hypot(own_error, published_error)
     )  # nan, so inconclusive, if speeds have no visible effect on distances
-    return row("robots-subset", POOL_COLUMN, f"{robots} of {POOL} robots", whole, error, REAL_EXPERIMENTS)
+    return row("robots-subset", POOL_COLUMN, f"{robots} of {POOL} robots", estimate, error, REAL_EXPERIMENTS)
 
 
 def _without(values: NDArray[np.float64], group: int) -> NDArray[np.float64]:
@@ -184,9 +186,9 @@ def _subset_sd(drawn: NDArray[np.float64], plain: NDArray[np.float64], robots: i
 def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:
     """Distances between samples, published and ours, with the effect of the subset."""
     rows = []
-    for robots, theirs in published_by_size("experiments.distance_between_samples_m_none").items():
+    for robots, published_m in published_by_size("experiments.distance_between_samples_m_none").items():
         plain = work.values(_key(POOL_COLUMN, robots), DISTANCE)
-        line: dict[str, Any] = {"robots": robots, "published_m": theirs, "ours_m": float(plain.mean())}
+        line: dict[str, Any] = {"robots": robots, "published_m": published_m, "ours_m": float(plain.mean())}
         if robots in pool:
             line["subset_sd_m"] = _subset_sd(work.values(("pool", robots), DISTANCE), plain, robots)
             line["to explain"] = pool[robots]["estimate"]
@@ -201,8 +203,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         if not part.is_empty():
             mean, half = pl.col("ours"), 1.96 * pl.col("ours_error")
             series = pl.format("{}, {}, {}", "column", "theta_E", "gate")
-            theirs = published_points(published(f"experiments.belief_in_truth.{strategy}"))
-            both = pl.concat([theirs, points(part, series, "ours", mean - half, mean + half)])
+            published_line = published_points(published(f"experiments.belief_in_truth.{strategy}"))
+            both = pl.concat([published_line, points(part, series, "ours", mean - half, mean + half)])
             draw = partial(draw_error_bars, both, x_label="robots", label="belief in the truth")
             yield Picture(f"experiments-accuracy-{strategy}", f"Accuracy, {strategy}", draw)
 

@@ -55,7 +55,7 @@ def published_by_size(path: str) -> dict[int, float]:
 
 def largest_sd(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
     """Largest standard deviation over runs of a figure, over ``SETTINGS``."""
-    keys = [(column, LOSSES[0], *how, robots, strategy) for how in SETTINGS]
+    keys = [(column, LOSSES[0], *setting, robots, strategy) for setting in SETTINGS]
     return max(float(work.values(key, name).std(ddof=1)) for key in keys)
 
 
@@ -104,9 +104,11 @@ def _values(packets: str, threshold: float, gate: str, robots: int, strategy: st
 def published_points(values: list[float], name: str = "published") -> pl.DataFrame:
     """The paper's values by swarm size, as a series without interval."""
     numbers = [float(value) for value in values]
-    there = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
+    columns = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
     return (
-        pl.DataFrame(there).with_columns(series=pl.lit(name)).select("x", "series", "estimate", "low", "high")
+        pl.DataFrame(columns)
+        .with_columns(series=pl.lit(name))
+        .select("x", "series", "estimate", "low", "high")
     )
 
 
@@ -127,8 +129,8 @@ def error_of_difference(values: Any, spread: float | None = None) -> float:
         values: (runs,). spread: standard deviation of the experiments; default: that of the runs.
     """
     own = float(np.std(values, ddof=1))
-    theirs = own if spread is None else spread
-    return float(np.sqrt(own**2 / np.size(values) + theirs**2 / REAL_EXPERIMENTS))  # e
+    published_sd = own if spread is None else spread
+    return float(np.sqrt(own**2 / np.size(values) + published_sd**2 / REAL_EXPERIMENTS))  # e
 
 
 def in_standard_errors(less: float, error: float) -> float | None:
@@ -141,12 +143,13 @@ def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
     rows = []
     for column, strategy, robots in product(columns, STRATEGIES, sizes()):
         values = work.values((column, LOSSES[0], *FITTED, robots, strategy), TIME)
-        theirs = published_by_size(f"experiments.decision_time_s.{strategy}")[robots]
-        ours, error = float(values.mean()), error_of_difference(values)
+        published_s = published_by_size(f"experiments.decision_time_s.{strategy}")[robots]
+        own_s, error = float(values.mean()), error_of_difference(values)
         rows.append(
             {
-                "column": column, "strategy": strategy, "robots": robots, "published_s": theirs, "ours_s": ours,
-                "less_s": ours - theirs, "error_s": error, "in errors": in_standard_errors(ours - theirs, error),
+                "column": column, "strategy": strategy, "robots": robots, "published_s": published_s, "ours_s": own_s,
+                "less_s": own_s - published_s, "error_s": error,
+                "in errors": in_standard_errors(own_s - published_s, error),
             }
         )  # fmt: skip
     return pl.DataFrame(rows, infer_schema_length=None)
@@ -195,7 +198,7 @@ def published_gaps() -> list[float]:
 
 def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> tuple[Any, Any, Any]:
     """Difference in time (positive - none) of each run with loss, without, and the difference of both."""
-    found = [
+    gaps_of = [
         work.difference(
             TIME,
             (column, packets, threshold, gate, robots, "positive"),
@@ -203,16 +206,16 @@ def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> t
         )
         for packets in LOSSES
     ]
-    return found[0], found[1], found[0] - found[1]
+    return gaps_of[0], gaps_of[1], gaps_of[0] - gaps_of[1]
 
 
 def draw_loss(part: pl.DataFrame) -> Drawn:
     """Draw the published differences, ours with loss, and ours without loss where that matters most."""
     frames = [published_points(published_gaps())]
-    for name, (threshold, gate) in [*(("with", how) for how in SETTINGS), ("without", SETTINGS[0])]:
-        mine = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))
+    for name, (threshold, gate) in [*(("with", setting) for setting in SETTINGS), ("without", SETTINGS[0])]:
+        of_setting = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))
         mean, half = pl.col(f"{name}_s"), Z * pl.col(f"{name}_error_s")
         series = pl.lit(f"{name} loss, {threshold}, {gate}")
-        frames.append(points(mine, series, f"{name}_s", mean - half, mean + half))
+        frames.append(points(of_setting, series, f"{name}_s", mean - half, mean + half))
     label = "difference in time, positive - none (s)"
     return draw_error_bars(pl.concat(frames), x_label="robots", label=label)

@@ -55,8 +55,10 @@ def compute(work: Work) -> Tables:
         plotted = published("experiments.packet_loss_percent")
         in_text = published("experiments.packet_loss_percent_in_text")
         ends = zip((min(sizes()), max(sizes())), (plotted[0], plotted[-1]), in_text, strict=True)
-        for robots, shown, said in ends:
-            measured.append(exact("robots-loss-sizes", "paper", f"{robots} robots", (shown - said) / 100))
+        for robots, plotted_percent, stated in ends:
+            measured.append(
+                exact("robots-loss-sizes", "paper", f"{robots} robots", (plotted_percent - stated) / 100)
+            )
     bands = _bands(table)
     return {
         "cells": table,
@@ -89,9 +91,9 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
         schema={"strategy": pl.String, "robots": bands.schema["robots"], "published": pl.Float64},
         orient="row",
     )
-    found = bands.join(means, on=["strategy", "robots"], how="left", maintain_order="left")
+    joined = bands.join(means, on=["strategy", "robots"], how="left", maintain_order="left")
     inside = (pl.col("published") >= pl.col("least")) & (pl.col("published") <= pl.col("most"))
-    return found.with_columns((pl.col("most") - pl.col("least")).alias("width"), inside.alias("inside"))
+    return joined.with_columns((pl.col("most") - pl.col("least")).alias("width"), inside.alias("inside"))
 
 
 def _widths(bands: pl.DataFrame) -> pl.DataFrame:
@@ -143,8 +145,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Bands and published means; the best fit; the effect of loss; how the swarms walked."""
     for strategy in STRATEGIES:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
-        ours = points(part, pl.col("column"), "as the text has it", "least", "most")
-        both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), ours])
+        own = points(part, pl.col("column"), "as the text has it", "least", "most")
+        both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
         band = f"band over thresholds and gates (mark: theta_E {TEXTS}, the robots' gate)"
         draw = partial(draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band)
         yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
@@ -162,8 +164,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         chosen = tables["cells"].filter(
             _AS_TEXT, pl.col("packets") == LOSSES[0], pl.col("strategy") == "none"
         )
-        ours = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
-        both = pl.concat([published_points(published(f"experiments.{numbers}")), ours])
+        own = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
+        both = pl.concat([published_points(published(f"experiments.{numbers}")), own])
         draw = partial(draw_error_bars, both, x_label="robots", label=label)
         title = label.rpartition(" (")[0].capitalize()
         yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", title, draw)

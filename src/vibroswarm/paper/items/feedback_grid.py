@@ -25,17 +25,17 @@ def _kappas() -> list[int]:
 
 def cells(settings: Settings) -> Cells:
     """column, strategy, eta, kappa."""
-    found: Cells = {}
+    by_key: Cells = {}
     for column in settings.columns:
         for strategy in ("none", "positive"):
             values = {"floor.source": FILL, "strategy.name": strategy}
-            found[column, strategy, None, None] = settings.cell(column, values)
+            by_key[column, strategy, None, None] = settings.cell(column, values)
         for eta in _etas():
             for kappa in _kappas():
                 values = {"floor.source": FILL, "strategy.name": "soft"}
                 values |= {"strategy.soft.eta": float(eta), "strategy.soft.kappa": float(kappa)}  # type: ignore[dict-item]
-                found[column, "soft", eta, kappa] = settings.cell(column, values)
-    return found
+                by_key[column, "soft", eta, kappa] = settings.cell(column, values)
+    return by_key
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
@@ -45,12 +45,12 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     label = f"eta {most[2]}, kappa {most[3]}"
     yield work.change("grid-approaches-none", column, label, time, most, none)
     for eta in _etas():
-        one, two, four = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
+        kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
         for claim, name, first, second in (
-            ("grid-kappa-4", time, four, none),
-            ("grid-kappa-1-fast", time, one, two),
-            ("grid-kappa-1-belief", belief, one, two),
-            ("grid-kappa-1-wrong", wrong, one, two),
+            ("grid-kappa-4", time, kappa_4, none),
+            ("grid-kappa-1-fast", time, kappa_1, kappa_2),
+            ("grid-kappa-1-belief", belief, kappa_1, kappa_2),
+            ("grid-kappa-1-wrong", wrong, kappa_1, kappa_2),
         ):
             yield work.change(claim, column, f"eta {eta}", name, first, second)
     for kappa in _kappas():
@@ -61,11 +61,11 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """A line for each kappa, with no feedback and positive feedback across, as in the paper."""
-    whole = tables["cells"]
-    soft = whole.filter(pl.col("strategy") == "soft").with_columns(
+    table = tables["cells"]
+    soft = table.filter(pl.col("strategy") == "soft").with_columns(
         series=pl.format("kappa {}", pl.col("kappa"))
     )
-    across = whole.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
+    across = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
     lines = across.join(pl.DataFrame({"eta": _etas()}), how="cross")
     names = [name for name in soft.columns if name != "strategy"]
     together = pl.concat([soft.select(names), lines.select(names)]).sort("series", maintain_order=True)

@@ -30,12 +30,12 @@ def cells(settings: Settings) -> Cells:
 
 def compute(work: Work) -> Tables:
     """Cells and claims."""
-    said = published("simulation.claim_speed_up_soft_vs_none")
+    stated = published("simulation.claim_speed_up_soft_vs_none")
     printed = pl.DataFrame(
         {
             "fill ratio": [NEAR[0][0]] * 2,
             "strategy": ["none", "soft"],
-            "printed_s": [float(said["none_s"]), float(said["soft_s"])],
+            "printed_s": [float(stated["none_s"]), float(stated["soft_s"])],
         }
     )
     keys = ("column", "fill ratio", "strategy")
@@ -66,10 +66,10 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             "soft-gain", column, f"fill ratio {near}", work.values(soft, time), work.values(none, time),
             less=printed["percent"] / 100, published_runs=published("simulation.runs"), cannot=work.cannot(none),
         )  # fmt: skip
-        there = work.difference(time, (column, far, "none"), (column, far, "soft"))
+        saved_far = work.difference(time, (column, far, "none"), (column, far, "soft"))
         saved = work.difference(time, none, soft)
         cannot = work.cannot(none, (column, far, "none"))
-        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - there, cannot=cannot)
+        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - saved_far, cannot=cannot)
     for strategy in ("none", "soft"):
         key = (column, NEAR[0][0], strategy)
         yield mean(

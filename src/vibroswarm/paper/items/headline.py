@@ -27,16 +27,16 @@ BOTH: Final = (OPTIMISED, EMPIRICAL)
 
 def cells(settings: Settings) -> Cells:
     """parameters, strategy, and variant: first, other seeds, fixed-step."""
-    found: Cells = {}
+    by_key: Cells = {}
     for parameters in BOTH:
         for strategy in STRATEGIES:
             values = {"floor.source": "random:0.48", "strategy.name": strategy}
             first = settings.cell(COLUMN, values, parameter_set=parameters)
-            found[parameters, strategy, "first"] = first
-            found[parameters, strategy, "other seeds"] = replace(first, block=1)
+            by_key[parameters, strategy, "first"] = first
+            by_key[parameters, strategy, "other seeds"] = replace(first, block=1)
             stepped = replace(first, motion="fixed-step", runs=STEPPED_RUNS)
-            found[parameters, strategy, "fixed-step"] = stepped
-    return found
+            by_key[parameters, strategy, "fixed-step"] = stepped
+    return by_key
 
 
 def compute(work: Work) -> Tables:
@@ -60,8 +60,10 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
     row |= dict(zip(("change_s", "change_low", "change_high"), change[:3], strict=True))
     row["holds_zero"] = not change.excludes(0.0)
     stepped = work.cells[(*key, "fixed-step")]
-    here, there = (work.results[work.cells[(*key, name)]].figures for name in ("first", "fixed-step"))
-    alike = _alike(here, there)
+    first_figures, stepped_figures = (
+        work.results[work.cells[(*key, name)]].figures for name in ("first", "fixed-step")
+    )
+    alike = _alike(first_figures, stepped_figures)
     row |= {"stepped_runs": alike.size, "stepped_alike": int(alike.sum())}
     return row | {"stepped_command": stepped.command(work.results.runs, work.results.seed)}
 
@@ -70,15 +72,18 @@ def _alike(first: Figures, second: Figures) -> NDArray[np.bool_]:
     """Runs of the second (which may be fewer) with the same decisions at the same times, (runs,)."""
     names = ("decision_time_s", "right_share", "wrong_share", "swarm_time_s")
     pairs = [(first[name][: second[name].size], second[name]) for name in names]
-    same = [np.isclose(one, other, rtol=0.0, atol=1e-6, equal_nan=True) for one, other in pairs]
+    same = [
+        np.isclose(first_values, second_values, rtol=0.0, atol=1e-6, equal_nan=True)
+        for first_values, second_values in pairs
+    ]
     alike: NDArray[np.bool_] = np.all(same, axis=0)
     return alike
 
 
 def _against(work: Work, key: tuple[str, str], which: str) -> Any:
     """Difference in decision time of another variant from the first, run by run."""
-    here, there = (work.values((*key, name), "decision_time_s") for name in ("first", which))
-    return there - here[: there.size]
+    first_s, variant_s = (work.values((*key, name), "decision_time_s") for name in ("first", which))
+    return variant_s - first_s[: variant_s.size]
 
 
 def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:

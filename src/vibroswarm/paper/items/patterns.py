@@ -66,17 +66,17 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
         cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
         return mean(claim, column, words, values, bounded=True, cannot=cannot)
 
-    whole = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
+    mean_belief = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
     easy = np.mean([belief[EMPIRICAL, pattern] for pattern in EASY], axis=0)
     for pattern in PATTERNS.values():
         words = f"{pattern}:{fill}, {strategy}"
-        ours, theirs = belief[OPTIMISED, pattern], belief[EMPIRICAL, pattern]
-        yield of_five("patterns-steady", words, ours - whole, *PATTERNS.values())
+        optimised, empirical = belief[OPTIMISED, pattern], belief[EMPIRICAL, pattern]
+        yield of_five("patterns-steady", words, optimised - mean_belief, *PATTERNS.values())
         if pattern in HARD:
-            yield of_five("patterns-start-drops", words, theirs - easy, pattern, *EASY)
-            yield of_five("patterns-optimised-better", words, ours - theirs, pattern)
+            yield of_five("patterns-start-drops", words, empirical - easy, pattern, *EASY)
+            yield of_five("patterns-optimised-better", words, optimised - empirical, pattern)
         else:
-            yield of_five("patterns-start-easy", words, theirs - ours, pattern)
+            yield of_five("patterns-start-easy", words, empirical - optimised, pattern)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -93,11 +93,11 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
-    made = bars(part, figure) if form == "papers" else limits(part, figure)
+    intervals = bars(part, figure) if form == "papers" else limits(part, figure)
     series = pl.format("{}, {}", "parameters", "strategy")
-    made = made.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
+    intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
-    return draw_error_bars(made, label=label, interval=interval, percent=figure.startswith("robots"))
+    return draw_error_bars(intervals, label=label, interval=interval, percent=figure.startswith("robots"))
 
 
 ITEM: Final = Item(

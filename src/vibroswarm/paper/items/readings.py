@@ -43,11 +43,11 @@ LABELS: Final = "labels of the energies as printed"
 
 def cells(settings: Settings) -> Cells:
     """reading, strategy."""
-    found: Cells = {}
+    by_key: Cells = {}
     for reading in (BASE, *READINGS):
         for strategy in STRATEGIES:
-            found[reading, strategy] = settings.cell(COLUMN, _values(settings, reading, strategy))
-    return found
+            by_key[reading, strategy] = settings.cell(COLUMN, _values(settings, reading, strategy))
+    return by_key
 
 
 def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
@@ -65,8 +65,8 @@ def compute(work: Work) -> Tables:
     for reading, strategy in pairs:
         row: dict[str, Any] = {"reading": reading, "strategy": strategy}
         for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share"):
-            found = mean_interval(work.difference(name, (reading, strategy), (BASE, strategy)))
-            for end, value in zip(("", "_low", "_high"), found[:3], strict=True):
+            difference = mean_interval(work.difference(name, (reading, strategy), (BASE, strategy)))
+            for end, value in zip(("", "_low", "_high"), difference[:3], strict=True):
                 row[f"{name}_change{end}"] = value
         rows.append(row)
     changes = pl.DataFrame(rows, infer_schema_length=None)

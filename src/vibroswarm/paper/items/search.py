@@ -55,7 +55,7 @@ def search_of(settings: Settings) -> Search:
 def compute(work: Work) -> Tables:
     """Search, then evaluate the winner, P0, P* and another optimum on fresh runs."""
     search, workers = search_of(work.settings), work.settings.workers
-    found = run_search(
+    search_result = run_search(
         search,
         work.folder / search.hash,
         workers=workers,
@@ -63,30 +63,32 @@ def compute(work: Work) -> Tables:
         progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),
     )
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
-    truth = truth_of(found, runs=max(work.settings.runs, 2), others=others, workers=workers)
+    truth = truth_of(search_result, runs=max(work.settings.runs, 2), others=others, workers=workers)
     return {
-        "history": history_table(found),
-        "candidates": candidate_table(found),
-        "truth": _truth_table(found, truth),
-        CLAIMS: frame(list(_measured(found, truth))),
+        "history": history_table(search_result),
+        "candidates": candidate_table(search_result),
+        "truth": _truth_table(search_result, truth),
+        CLAIMS: frame(list(_measured(search_result, truth))),
     }
 
 
 def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
     """Validated costs of the winner and the others, with the differences."""
     rows = []
-    for k, one in enumerate((truth.winner, *truth.others)):
-        name = {"start": "P0"}.get(one.name, one.name)
+    for k, scored in enumerate((truth.winner, *truth.others)):
+        name = {"start": "P0"}.get(scored.name, scored.name)
         less = None if k == 0 else truth.against[k - 1]
         line: dict[str, Any] = {
             "parameters": name,
-            **{n.rpartition(".")[2]: v for n, v in one.values.items()},
+            **{n.rpartition(".")[2]: v for n, v in scored.values.items()},
         }
         line |= {"believed": truth.believed if k == 0 else None}
-        line |= dict(zip(("true", "true_low", "true_high"), one.score[:3], strict=True))
+        line |= dict(zip(("true", "true_low", "true_high"), scored.score[:3], strict=True))
         limits = (None, None, None) if less is None else less[:3]
         rows.append(
-            line | dict(zip(("less", "less_low", "less_high"), limits, strict=True)) | {"runs": one.score.n}
+            line
+            | dict(zip(("less", "less_low", "less_high"), limits, strict=True))
+            | {"runs": scored.score.n}
         )
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -96,18 +98,22 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     from vibroswarm.optimize.validation import paired_score
 
     objective = found.search.objectives[0]
-    scored = {one.name: one for one in truth.others}
+    scored = {item.name: item for item in truth.others}
     start, star, other = scored["start"], scored["P*"], scored[ELSEWHERE]
     yield of_interval("search-beats-start", COLUMN, "P0 less P*", paired_score(objective, start, star))
     yield of_interval("search-is-best", COLUMN, f"{ELSEWHERE} less P*", paired_score(objective, other, star))
     yield of_interval("search-score-holds", COLUMN, "this search", _ratio(truth.believed, truth.winner.score))
-    shares = {one.number: one.mean_point for one in found.history}
+    shares = {item.number: item.mean_point for item in found.history}
     last = max(shares)
     at = min(
         shares, key=lambda number: abs(number - SETTLED_AT * last / published("parameters.pso.iterations"))
     )
-    theirs = published("parameters.pso.iterations")
-    short = None if last >= theirs else f"the search took fewer than {theirs} iterations"
+    published_iterations = published("parameters.pso.iterations")
+    short = (
+        None
+        if last >= published_iterations
+        else f"the search took fewer than {published_iterations} iterations"
+    )
     for k, name in enumerate(found.search.space.names):
         moved = shares[last][k] - shares[at][k]
         yield exact(

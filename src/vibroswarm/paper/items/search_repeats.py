@@ -37,11 +37,11 @@ FIFTH: Final = 0.2
 
 def searches_of(settings: Settings) -> list[Search]:
     """The paper's search with fewer particles and iterations, each with its own seed."""
-    whole = search_of(settings)
+    full = search_of(settings)
     iterations = min(ITERATIONS, max(2, settings.runs // RUNS_AN_ITERATION))
-    pso = replace(whole.pso, particles=PARTICLES, iterations=iterations)
+    pso = replace(full.pso, particles=PARTICLES, iterations=iterations)
     return [
-        replace(whole, pso=pso, study=replace(whole.study, seed=settings.seed + 1 + place))
+        replace(full, pso=pso, study=replace(full.study, seed=settings.seed + 1 + place))
         for place in range(max(2, settings.runs // RUNS_A_SEARCH))
     ]
 
@@ -52,7 +52,7 @@ def compute(work: Work) -> Tables:
     rows: list[dict[str, Any]] = []
     searches = searches_of(work.settings)
     for place, search in enumerate(searches):
-        found = run_search(
+        search_result = run_search(
             search,
             work.folder / search.hash,
             workers=work.settings.workers,
@@ -61,17 +61,19 @@ def compute(work: Work) -> Tables:
                 (place + now.runs / max(now.wanted, 1)) / len(searches)
             ),
         )
-        histories.append(_history(found, place))
-        rows.append({"search": place, "seed": search.seed, "runs": found.runs, **_summary(found)})
+        histories.append(_history(search_result, place))
+        rows.append(
+            {"search": place, "seed": search.seed, "runs": search_result.runs, **_summary(search_result)}
+        )
     table = pl.DataFrame(rows, infer_schema_length=None)
     return {"history": pl.concat(histories), "searches": table, CLAIMS: frame(list(_measured(table)))}
 
 
 def _summary(found: Found) -> dict[str, float]:
     """Summary of one search, see the head of this module."""
-    best = np.array([one.personal for one in found.history])
+    best = np.array([iteration.personal for iteration in found.history])
     gaps = best.mean(axis=1) - best.min(axis=1)
-    costs = np.array([one.mean for one in found.history])
+    costs = np.array([iteration.mean for iteration in found.history])
     some = max(round(FIFTH * costs.size), 1)
     return {
         "best": float(best[-1].min()),
@@ -87,8 +89,8 @@ def _summary(found: Found) -> dict[str, float]:
 def _history(found: Found, place: int) -> pl.DataFrame:
     """Costs of each iteration of one search."""
     rows = [
-        (place, one.number, min(one.personal), float(np.mean(one.personal)), one.mean)
-        for one in found.history
+        (place, iteration.number, min(iteration.personal), float(np.mean(iteration.personal)), iteration.mean)
+        for iteration in found.history
     ]
     names = ("search", "iteration", "best", "personal", "mean")
     kinds = (pl.Int64, pl.Int64, pl.Float64, pl.Float64, pl.Float64)

@@ -41,7 +41,7 @@ COLUMN: Final = "paper"
 
 def cells(settings: Settings) -> Cells:
     """column, robots, floor, strategy; case, eta, kappa."""
-    found: Cells = {}
+    by_key: Cells = {}
     for column in settings.columns:
         for robots, floor in _where():
             for strategy in STRATEGIES[:2]:
@@ -50,14 +50,14 @@ def cells(settings: Settings) -> Cells:
                     "swarm.robots": robots,
                     "network.name": "ideal",
                 }  # preset `calibrated` has message loss
-                found[column, robots, floor, strategy] = settings.cell(column, values)
+                by_key[column, robots, floor, strategy] = settings.cell(column, values)
     if COLUMN in settings.columns:
         for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):
             values = {"floor.source": floor, "swarm.robots": robots, "strategy.name": "soft"}
-            found[case, eta, kappa] = settings.cell(
+            by_key[case, eta, kappa] = settings.cell(
                 COLUMN, values | {"strategy.soft.eta": eta, "strategy.soft.kappa": kappa}
             )
-    return found
+    return by_key
 
 
 def _where() -> list[tuple[int, str]]:
@@ -96,9 +96,9 @@ def _positive(work: Work, column: str) -> Iterator[Row]:
 
 def _gaps(measured: list[Row]) -> pl.DataFrame:
     rows = [row for row in measured if row["claim"] == "positive-all-to-all"]
-    whole = frame(rows).rename({"estimate": "gap_s"})
+    table = frame(rows).rename({"estimate": "gap_s"})
     half = 1.96 * pl.col("standard_error")
-    return whole.select("column", "cell", "gap_s", low=pl.col("gap_s") - half, high=pl.col("gap_s") + half)
+    return table.select("column", "cell", "gap_s", low=pl.col("gap_s") - half, high=pl.col("gap_s") + half)
 
 
 def _costs(work: Work, case: str) -> NDArray[np.float64]:
@@ -119,11 +119,11 @@ def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np
     Args:
         there, here: (choices, runs). Odd runs are evaluated with the choice on even ones, and vice versa.
     """
-    found = np.empty(here.shape[1])
+    regret = np.empty(here.shape[1])
     for half in (0, 1):
         chosen = [int(costs[:, 1 - half :: 2].mean(axis=1).argmin()) for costs in (there, here)]
-        found[half::2] = here[chosen[0], half::2] - here[chosen[1], half::2]
-    return found
+        regret[half::2] = here[chosen[0], half::2] - here[chosen[1], half::2]
+    return regret
 
 
 def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
@@ -132,11 +132,11 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
     for case, values in costs.items():
         least = int(values.mean(axis=1).argmin())
         for place, (eta, kappa) in enumerate(CHOICES):
-            found = mean_interval(values[place])
+            cost = mean_interval(values[place])
             rows.append(
                 {
                     "case": case, "robots": CASES[case][0], "floor": CASES[case][1], "eta": eta, "kappa": kappa,
-                    "cost": found.estimate, "low": plain(found.low), "high": plain(found.high),
+                    "cost": cost.estimate, "low": plain(cost.low), "high": plain(cost.high),
                     "least": place == least,
                 }
             )  # fmt: skip

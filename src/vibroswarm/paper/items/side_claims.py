@@ -32,15 +32,15 @@ TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
 
 def cells(settings: Settings) -> Cells:
     """column, floor, strategy."""
-    found: Cells = {}
+    by_key: Cells = {}
     for column in settings.columns:
         for strategy in STRATEGIES:
             for fill in fills():
                 values: dict[str, Any] = {"floor.source": f"random:{fill}", "strategy.name": strategy}
-                found[column, f"random:{fill}", strategy] = settings.cell(column, values)
+                by_key[column, f"random:{fill}", strategy] = settings.cell(column, values)
             values = {**real_floor(), "strategy.name": strategy}
-            found[column, REAL_FLOOR, strategy] = settings.cell(column, values)
-    return found
+            by_key[column, REAL_FLOOR, strategy] = settings.cell(column, values)
+    return by_key
 
 
 def compute(work: Work) -> Tables:
@@ -54,19 +54,19 @@ def compute(work: Work) -> Tables:
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
     rows = [
-        {"column": column, "timer": timer, "density": found.estimate, "low": found.low, "high": found.high,
-         "runs": found.n}
+        {"column": column, "timer": timer, "density": interval.estimate, "low": interval.low, "high": interval.high,
+         "runs": interval.n}
         for (column, timer), values in corners.items()
-        for found in [mean_interval(values)]
+        for interval in [mean_interval(values)]
     ]  # fmt: skip
     density = pl.concat([_counts(key[0], key[1], x, y) for key, (_, x, y) in placed.items()])
     measured = [row for column in columns for row in _measured(work, column, corners)]
     floors = (f"random:{published('parameters.pso.fill_ratio')}", REAL_FLOOR)
-    shown = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
+    requested = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
     return {
         "corners": pl.DataFrame(rows),
         "places": density,
-        "cells": work.rows(("column", "floor", "strategy"), shown),
+        "cells": work.rows(("column", "floor", "strategy"), requested),
         CLAIMS: frame(measured),
     }
 

@@ -44,9 +44,9 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Both forms for each column; then how the swarms sampled, which does not depend on the strategy."""
-    whole = tables["cells"]
-    yield from both_forms("swarm-sizes", whole, settings.columns, "robots", "robots", "strategy")
-    alike = whole.filter(pl.col("strategy") == "none").with_columns(series=pl.col("column"))
+    table = tables["cells"]
+    yield from both_forms("swarm-sizes", table, settings.columns, "robots", "robots", "strategy")
+    alike = table.filter(pl.col("strategy") == "none").with_columns(series=pl.col("column"))
     walked = alike.with_columns(column=pl.lit("all"))
     yield from both_forms("swarm-sizes", walked, ["all"], "robots", "robots", "series", WALK_FIGURES)
 

@@ -21,12 +21,12 @@ KEYS: Final = ("timer", "strategy")
 
 def cells(settings: Settings) -> Cells:
     """timer, strategy."""
-    found: Cells = {}
+    by_key: Cells = {}
     for timer in TIMERS:
         for strategy in STRATEGIES:
             values: dict[str, Any] = {"floor.source": "random:0.48", "strategy.name": strategy}
-            found[timer, strategy] = settings.cell(COLUMN, values | {"sample.timer": timer})
-    return found
+            by_key[timer, strategy] = settings.cell(COLUMN, values | {"sample.timer": timer})
+    return by_key
 
 
 def compute(work: Work) -> Tables:
