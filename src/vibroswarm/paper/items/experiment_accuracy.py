@@ -108,7 +108,8 @@ def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
                 "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
                 "published": published_mean, "ours": own_mean,
                 "ours_error": float(np.std(values, ddof=1)) / float(np.sqrt(values.size)),
-                "less": own_mean - published_mean, "error": error, "in errors": in_standard_errors(own_mean - published_mean, error),
+                "less": own_mean - published_mean, "error": error,
+                "in errors": in_standard_errors(own_mean - published_mean, error),
             }
         )  # fmt: skip
     return pl.DataFrame(rows, infer_schema_length=None)
