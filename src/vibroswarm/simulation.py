@@ -242,7 +242,7 @@ def result_of(
 
 @cache
 def versions() -> dict[str, str]:
-    """Return versions of the software behind a result, the processor architecture and the code hash."""
+    """Return the versions of the software behind a result, the processor architecture and the code hash."""
     packages = ("vibroswarm", "numpy", "numba", "scipy", "polars")
     return {
         **{name: version(name) for name in packages},

@@ -158,7 +158,7 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 def _resampled(
     numerators: Values, denominators: Values, counts: NDArray[np.int64], level: float, seed: int, draws: int
 ) -> tuple[float, float]:
-    """Bootstrap limits of sum(numerator) / sum(denominator) over units; ``counts`` units have each value."""
+    """Return the bootstrap limits of sum(numerator) / sum(denominator) over units; ``counts`` units have each value."""
     n = int(counts.sum())
     ratio = float(numerators @ counts) / float(denominators @ counts)
     widen = math.sqrt(n / (n - 1))

@@ -77,7 +77,7 @@ class Paired:
         return row | {"level": interval.level}
 
     def as_dict(self) -> dict[str, Any]:
-        """Nested plain values for JSON."""
+        """Return nested plain values for JSON."""
         return {name: plain(v) for name, v in self.__dict__.items()} | {
             "difference": self.difference.as_dict()
         }
@@ -158,7 +158,7 @@ class Confirmation:
     says: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Nested plain values for JSON."""
+        """Return nested plain values for JSON."""
         return {
             "first": self.first.as_dict(),
             "second": self.second.as_dict(),

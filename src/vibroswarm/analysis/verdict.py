@@ -70,7 +70,7 @@ class Verdict:
     robots: tuple[RobotVerdict, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
 

@@ -40,7 +40,7 @@ class Camera:
         )
 
     def seen(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Positions at which objects at (x, y) are seen."""
+        """Return the positions at which objects at (x, y) are seen."""
         x0, y0 = size_m[0] / 2, size_m[1] / 2
         x = x0 + self.shift_x_m + self.magnification * (x_m - x0)
         y = y0 + self.shift_y_m + self.magnification * (y_m - y0)

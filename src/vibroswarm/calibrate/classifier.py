@@ -54,7 +54,7 @@ class ClassifierAccuracy:
     """Real sessions against each other, split by robot; None with one session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
 
         def plain(one: Interval | None) -> dict[str, float] | None:
             return None if one is None else {"estimate": one.estimate, "low": one.low, "high": one.high}
@@ -63,7 +63,7 @@ class ClassifierAccuracy:
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
-    """Features of a robot's stretches, (stretches, columns); an incomplete last stretch is left out.
+    """Return the features of a robot's stretches, (stretches, columns); an incomplete last stretch is left out.
 
     Args:
         samples: of one robot and session, ordered by time (``features.sample_table``).
@@ -107,7 +107,7 @@ def _mean_and_spread(values: Floats) -> tuple[float, float]:
 
 
 def _alike(values: Floats) -> float:
-    """Lag-1 correlation."""
+    """Return the lag-1 correlation."""
     deviation = values - values.mean()
     square = float((deviation**2).mean())
     return float((deviation[1:] * deviation[:-1]).mean()) / square if square > 0 else 0.0
@@ -142,7 +142,7 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
 
 
 def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Balanced accuracy on the test rows; each pair holds the rows of both kinds."""
+    """Return the balanced accuracy on the test rows; each pair holds the rows of both kinds."""
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
     spread = np.where(spread > 1e-9, spread, 1.0)
@@ -210,7 +210,7 @@ def _by_robot_share(
     robots: list[int],
     train: tuple[list[Stretches], list[Stretches]] | None = None,
 ) -> float:
-    """Share of two sessions' stretches classified correctly, mean over robots.
+    """Return the share of two sessions' stretches classified correctly, mean over robots.
 
     Args:
         train: sessions of both kinds to train on, with the other robots; without, the two sessions themselves.
@@ -225,7 +225,7 @@ def _by_robot_share(
 
 
 def _among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
-    """Accuracy between real sessions, pair by pair; None with one session."""
+    """Return the accuracy between real sessions, pair by pair; None with one session."""
     if len(sessions) < 2:
         return None
     numbers = range(len(sessions))

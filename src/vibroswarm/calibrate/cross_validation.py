@@ -83,7 +83,7 @@ class Fold:
     """The same for the other simulator; nan if there is none."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; null where a value is unknown."""
+        """Return plain values for JSON; null where a value is unknown."""
 
         return {
             "session": self.session,
@@ -98,7 +98,7 @@ class Fold:
 
 
 def on_floor(base: Scenario, floor: Floor) -> Scenario:
-    """The scenario on this floor."""
+    """Return the scenario on this floor."""
     rows, columns, width, height, left, bottom = floor.geometry
     arena = base.arena
     fills = np.allclose(
@@ -198,13 +198,13 @@ def _score(
 
 
 def _distance(feature: str, own: Floats, other: Floats) -> float:
-    """Energy distance of one session to the pooled sessions of a source."""
+    """Return the energy distance of one session to the pooled sessions of a source."""
     distance = compare_distance(feature, [own], [other])
     return np.nan if distance is None else distance.effect.estimate
 
 
 def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
-    """Error rates of one session, also by distance from the edge, and the lag-1 correlation of bits."""
+    """Return the error rates of one session, also by distance from the edge, and the lag-1 correlation of bits."""
     ordered = samples.sort("robot", "time_s")
     on, edge = ordered["vibrating"].to_numpy(), np.abs(ordered["edge_m"].to_numpy())
     bits = ordered["energy"].to_numpy() > threshold

@@ -52,7 +52,7 @@ class Dataset:
         return [self.samples.filter(pl.col("run") == run) for run in self.sessions]
 
     def corrected(self, camera: Camera) -> Dataset:
-        """The same with positions of recordings corrected for a camera."""
+        """Return the same with positions of recordings corrected for a camera."""
         if camera == RIGHT:
             return self
         return dataset_of([corrected(result, camera) for result in self.results]).only(self.sessions)
@@ -127,7 +127,7 @@ def _with_edges(samples: pl.DataFrame, floor: Floor) -> pl.DataFrame:
 def signed_edge_distance(
     floor: Floor, x_m: Floats, y_m: Floats
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Distance to the nearest tile of the other kind, m; negative where the tile below vibrates.
+    """Return the distance to the nearest tile of the other kind, m; negative where the tile below vibrates.
 
     Returns: it (inf or -inf where there is no tile of the other kind), the tile below (beyond the rim the nearest
     one, as

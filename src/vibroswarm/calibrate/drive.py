@@ -52,7 +52,7 @@ LEAST_DRIVES: Final = 10
 
 
 def drive_table(result: Result) -> pl.DataFrame:
-    """One row a drive (``DRIVES``); veer is null where there is no track or too short a course."""
+    """Return one row a drive (``DRIVES``); veer is null where there is no track or too short a course."""
     table = sample_table(result).join(
         result.motion.select("run", "robot", "sample", "stop_start_s"), on=["run", "robot", "sample"]
     )
@@ -76,7 +76,7 @@ def drive_table(result: Result) -> pl.DataFrame:
 
 
 def track_of(result: Result, run: int, robot: int) -> Floats | None:
-    """A robot's path as a camera saw it or would have seen it, (positions, 3): s, m, m; None if unknown."""
+    """Return a robot's path as a camera saw it or would have seen it, (positions, 3): s, m, m; None if unknown."""
     if isinstance(result, Recording):
         own = result.tracks.filter((pl.col("run") == run) & (pl.col("robot") == robot))
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None
@@ -89,7 +89,7 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
 
 
 def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, float] | None:
-    """Speed and veer of one drive without its first and last steps; None: too short, or the robot stood."""
+    """Return the speed and veer of one drive without its first and last steps; None: too short, or the robot stood."""
     first, last = np.searchsorted(track[:, 0], [since_s, until_s])
     time, x, y = track[first:last].T
     if time.size < 7:
@@ -115,7 +115,7 @@ def _median(values: Floats) -> float:
 
 
 def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
-    """Statistics of one session's drives by name; None with too few drives, or for the veer without paths.
+    """Return the statistics of one session's drives by name; None with too few drives, or for the veer without paths.
 
     ``lag_one``: correlation of a robot's speed with that of its next drive, about its own line.
     """
@@ -148,7 +148,8 @@ def _mean(values: Floats) -> float | None:
 
 
 def _robot(own: pl.DataFrame) -> tuple[float, ...]:
-    """Mean speed, speed at the start, drop, spread within, lag-1 correlation, veer and its spread (nan: too few)."""
+    """Return the mean speed, speed at the start, drop, spread within, lag-1 correlation, veer and its spread (nan: too
+    few)."""
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
     rest = speed - (start + slope * time)

@@ -33,7 +33,7 @@ class Effect:
     differences: tuple[Confirmation, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "strategy": self.strategy,
             "figures": [
@@ -53,7 +53,7 @@ def effects(
     strategies: Sequence[str] = STRATEGIES,
     progress: Callable[[float], None] | None = None,
 ) -> list[Effect]:
-    """Effect of changing from the first scenario to the second, for each strategy in place of theirs.
+    """Return the effect of changing from the first scenario to the second, for each strategy in place of theirs.
 
     Args:
         runs: of each scenario, and as many again on other seeds.

@@ -54,7 +54,7 @@ AUTHORS_SHORT_S: Final = 0.536
 
 
 def sample_table(result: Result) -> pl.DataFrame:
-    """One row a sample, by run, robot and time.
+    """Return one row a sample, by run, robot and time.
 
     Columns: run, robot, sample, time_s, x_m, y_m, energy, vibrating; since the robot's sample before dx_m, dy_m,
     distance_m, spacing_s, avoid_s (null at its first); wraps, of the counter of avoidance.
@@ -91,7 +91,7 @@ def sample_table(result: Result) -> pl.DataFrame:
 
 
 def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
-    """How often the avoidance counter wrapped since the robot's previous sample; 0 at the first."""
+    """Return how often the avoidance counter wrapped since the robot's previous sample; 0 at the first."""
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
@@ -113,14 +113,15 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
 
 
 def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column of the tile below each place; beyond the floor's rim, of the nearest one, as the authors count."""
+    """Return the row and column of the tile below each place; beyond the floor's rim, of the nearest one, as the
+    authors count."""
     rows, columns, width, height, left, bottom = floor.geometry
     column = np.clip(np.floor((x_m - left) / width), 0, columns - 1).astype(np.int64)
     return rows - 1 - np.clip(np.floor((y_m - bottom) / height), 0, rows - 1).astype(np.int64), column
 
 
 def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False) -> Floats:
-    """Values of one feature, (n, 1) or (n, 2), within the range the authors used.
+    """Return the values of one feature, (n, 1) or (n, 2), within the range the authors used.
 
     Args:
         samples: of ``sample_table``.
@@ -147,7 +148,7 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
 
 
 def histogram(values: Floats, feature: str) -> Floats:
-    """The authors' histogram of these values, flattened; a bin includes its lower edge, the last one both."""
+    """Return the authors' histogram of these values, flattened; a bin includes its lower edge, the last one both."""
     edges = _EDGES.get(feature) or [np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1)]
     place, bins = np.zeros(len(values), dtype=np.int64), 1
     inside = np.ones(len(values), dtype=np.bool_)
@@ -160,7 +161,7 @@ def histogram(values: Floats, feature: str) -> Floats:
 
 
 def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
-    """Bin of each value between evenly spaced edges; values outside go to the first or last bin."""
+    """Return the bin of each value between evenly spaced edges; values outside go to the first or last bin."""
     last = edges.size - 2
     fraction = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
     index: NDArray[np.int64] = np.clip(fraction, 0, last).astype(np.int64)
@@ -170,7 +171,7 @@ def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
 
 
 def shapeless(feature: str, u: Floats) -> Floats:
-    """Values without structure: uniform over the histogram's range; ``u``: (n, 2) in (0, 1)."""
+    """Return the values without structure: uniform over the histogram's range; ``u``: (n, 2) in (0, 1)."""
     spans: dict[str, tuple[tuple[float, float], ...]] = {
         "vibrating": ((0.0, VIBRATING_BELOW),),
         "still": ((0.0, STILL_BELOW),),
@@ -189,11 +190,11 @@ class Sessions:
     samples: tuple[pl.DataFrame, ...]
 
     def values(self, feature: str, *, as_published: bool = False) -> list[Floats]:
-        """Values of a feature, session by session."""
+        """Return the values of a feature, session by session."""
         return [values_of(samples, feature, as_published=as_published) for samples in self.samples]
 
 
 def sessions_of(result: Result) -> Sessions:
-    """Each run of a result as a session."""
+    """Return each run of a result as a session."""
     table = sample_table(result)
     return Sessions(tuple(table.partition_by("run", maintain_order=True)))

@@ -67,7 +67,7 @@ class Fit:
     """How positions were seen in the recordings; the scenario uses corrected positions."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "fields": self.changed,
             "figures": [asdict(item) for item in self.figures],
@@ -139,7 +139,7 @@ def fit(
 
 
 def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
-    """Share of intervals with avoidance in which it took longer than the sampling interval.
+    """Return the share of intervals with avoidance in which it took longer than the sampling interval.
 
     The timer counts avoidance, so a robot that interrupts its turn to sample has almost none of these.
     """
@@ -155,13 +155,13 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
 
 
 def _share(name: str, value: float, each: Floats) -> Fitted:
-    """A share with the error of the mean over ``each``, one value a cluster."""
+    """Return a share with the error of the mean over ``each``, one value a cluster."""
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
     return Fitted(name, value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
 
 def stop_of(found: Dataset, base: Scenario) -> float | None:
-    """Duration of a stop, ms, in whole control periods, from the intervals without avoidance or turn.
+    """Return the duration of a stop, ms, in whole control periods, from the intervals without avoidance or turn.
 
     These last tau, the stop and two control periods. None if there are too few, or tau is a different one.
     """
@@ -177,7 +177,8 @@ def stop_of(found: Dataset, base: Scenario) -> float | None:
 
 
 def fit_loss(found: Dataset) -> Fitted | None:
-    """Share of addressed messages that were lost, with an interval over sessions; None if no log counts them."""
+    """Return the share of addressed messages that were lost, with an interval over sessions; None if no log counts
+    them."""
     known = found.exchange.drop_nulls("packet_loss")
     if known.height == 0:
         return None
@@ -187,13 +188,13 @@ def fit_loss(found: Dataset) -> Fitted | None:
 
 
 def _estimate(name: str, value: float, draws: Floats) -> Fitted:
-    """An estimate with error and interval from its bootstrap draws."""
+    """Return an estimate with error and interval from its bootstrap draws."""
     low, high = np.quantile(draws, [0.025, 0.975])
     return Fitted(name, value, float(draws.std(ddof=1)), float(low), float(high))
 
 
 def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
-    """Estimates of the avoidance parameters with weighted quantiles of the posterior."""
+    """Return the estimates of the avoidance parameters with weighted quantiles of the posterior."""
     figures = []
     for name, draws in found.draws.items():
         mean = float(found.weights @ draws)

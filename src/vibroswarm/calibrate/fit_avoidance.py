@@ -79,12 +79,12 @@ class AvoidanceFit:
         return {name: float(self.weights @ draws) for name, draws in self.draws.items()}
 
     def fields(self, base: Scenario, speed_m_s: float) -> dict[str, object]:
-        """Fields of the scenario."""
+        """Return the fields of the scenario."""
         return fields_of(self.values, base, speed_m_s)
 
 
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """Fields for these parameters; all rays are turned in proportion to the outermost."""
+    """Return the fields for these parameters; all rays are turned in proportion to the outermost."""
     rays = base.rays
     fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
@@ -102,7 +102,7 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
-    """Statistics of one session, (``SUMMARIES``,); samples ordered by run, robot and time."""
+    """Return the statistics of one session, (``SUMMARIES``,); samples ordered by run, robot and time."""
     width, height = arena_m
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     robot, time = samples["robot"].to_numpy(), samples["time_s"].to_numpy()
@@ -163,7 +163,7 @@ def fit_avoidance(
 def posterior(
     tried: Floats, seen: Floats, real: Floats, bounds: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Accepted draws (accepted, parameters), adjusted by regression and clipped to the prior, and their weights.
+    """Return accepted draws (accepted, parameters), adjusted by regression and clipped to the prior, and their weights.
 
     Args:
         tried: (candidates, parameters). seen: (candidates, statistics). real: (sessions, statistics).

@@ -60,7 +60,7 @@ class DriveFit:
     """Speed at the start, m/s, and veer, rad/s, of each robot, (robots, 2); (0, 2) if they cannot be matched."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """Fields of the scenario given by these estimates."""
+        """Return the fields of the scenario given by these estimates."""
         robot, values = base.robot, self.values
         mean = self.distance_ratio * values["start_speed_m_s"] / robot.full_speed_m_s
         kept = values["share_between"] > 0.5
@@ -87,7 +87,7 @@ class DriveFit:
         return fields | (self._each(base, low, high) if kept else {})
 
     def _each(self, base: Scenario, low: float, high: float) -> dict[str, object]:
-        """Fields of individual robots; the bounds of the speed distribution must include them."""
+        """Return the fields of individual robots; the bounds of the speed distribution must include them."""
         if len(self.bodies) == 0:
             return {}
         speeds, veers = self.bodies.T
@@ -137,7 +137,7 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
 
 
 def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
-    """Mean speed and veer of each robot over sessions, in the order of the first session."""
+    """Return the mean speed and veer of each robot over sessions, in the order of the first session."""
     sessions = [table[runs == run][:, [1, 4]] for run in np.unique(runs)]
     if len({len(session) for session in sessions}) > 1:
         return np.zeros((0, 2))
@@ -154,7 +154,8 @@ def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
 
 
 def _by_robot(drives: pl.DataFrame) -> tuple[Floats, NDArray[np.int64]]:
-    """Mean speed, speed at the start, share lost a second, sd within and veer (nan: unknown): (robots in sessions, 5).
+    """Return the mean speed, speed at the start, share lost a second, sd within and veer (nan: unknown): (robots in
+    sessions, 5).
 
     Also the session of each row; rows by session and robot.
     """
@@ -175,7 +176,7 @@ def _by_robot(drives: pl.DataFrame) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _estimates(table: Floats) -> dict[str, float]:
-    """Estimates from the table of ``_by_robot``."""
+    """Return the estimates from the table of ``_by_robot``."""
     mean, start, lost, within, veer = table.T
     between = float(start.std(ddof=1))
     inside = float(np.sqrt((within**2).mean()))

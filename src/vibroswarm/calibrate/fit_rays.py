@@ -53,7 +53,7 @@ class RaysFit:
     """F of each robot; empty if undetermined."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """Fields of the scenario."""
+        """Return the fields of the scenario."""
         fields: dict[str, object] = {}
         if self.forward_m:
             fields["rays.angle_deg"] = _angles(base, self.values["ray_deg"])
@@ -103,7 +103,7 @@ def _most(turned: Floats) -> float:
 
 
 def _resampled(robot: Ints, draw: int) -> Ints:
-    """Bootstrap rows, resampled within each robot."""
+    """Return the bootstrap rows, resampled within each robot."""
     u = uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, robot.size)
     picked = np.empty(robot.size, dtype=np.int64)
     for number in np.unique(robot):
@@ -113,7 +113,7 @@ def _resampled(robot: Ints, draw: int) -> Ints:
 
 
 def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tuple[float, Floats]:
-    """Outermost angle, deg, and F of each robot, (robots,)."""
+    """Return the outermost angle, deg, and F of each robot, (robots,)."""
     losses = [_ahead(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
     best = float(GRID_DEG[int(np.argmin(losses))])
     return best, _ahead(distance, incidence, robot, base, best)[0]
@@ -122,7 +122,7 @@ def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tu
 def _ahead(
     distance: Floats, incidence: Floats, robot: Ints, base: Scenario, ray_deg: float
 ) -> tuple[Floats, float]:
-    """F of each robot by weighted medians, m, and the mean absolute error, m."""
+    """Return F of each robot by weighted medians, m, and the mean absolute error, m."""
     reach = base.walk.avoidance_threshold_mm / 1000.0
     bent = np.radians(_angles(base, ray_deg))[:, None]
     side = np.array(base.rays.side_m)[:, None]
@@ -141,6 +141,6 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 
 
 def _angles(base: Scenario, ray_deg: float) -> list[float]:
-    """The base's rays, turned in proportion so that the outermost is at ``ray_deg``."""
+    """Return the base's rays, turned in proportion so that the outermost is at ``ray_deg``."""
     most = max(abs(angle_deg) for angle_deg in base.rays.angle_deg) or 1.0
     return [round(angle_deg / most * ray_deg, 2) for angle_deg in base.rays.angle_deg]

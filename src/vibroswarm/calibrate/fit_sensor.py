@@ -100,13 +100,13 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:
-    """Maximum-likelihood Gammas, reach and blur (``_start``) if all tiles and robots are alike."""
+    """Return the maximum-likelihood Gammas, reach and blur (``_start``) if all tiles and robots are alike."""
     even = np.ones(energy.size)
     return _fit(_Data(energy, edge_m, even, even), even, _start(energy, vibrating))
 
 
 def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
-    """Log likelihood of each sample if all tiles and robots are alike."""
+    """Return the log likelihood of each sample if all tiles and robots are alike."""
     even = np.ones(energy.size)
     from_vibrating, from_still = _parts(theta, _Data(energy, edge_m, even, even))
     return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
@@ -138,7 +138,7 @@ def _density(energy: Floats, shape: float, scale: float, location: float) -> Flo
 
 
 def _parts(theta: Floats, data: _Data) -> tuple[Floats, Floats]:
-    """Likelihood of each sample as felt from a vibrating and from a still tile."""
+    """Return the likelihood of each sample as felt from a vibrating and from a still tile."""
     k, s, loc, k2, s2, loc2, reach, blur = theta
     p = ndtr((reach / 100.0 - data.edge_m) / (np.exp(blur) / 100.0))
     from_vibrating = p * _density(data.energy / data.vibrating, np.exp(k), np.exp(s), loc) / data.vibrating
@@ -166,7 +166,7 @@ def _factors(
     theta: Floats, data: _Data, tiles: tuple[NDArray[np.int64], NDArray[np.int64]], cluster: NDArray[np.int64],
     before: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, tuple[float, float]]:  # fmt: skip
-    """Logarithms of the factors of tiles and robots, and their spreads."""
+    """Return the logarithms of the factors of tiles and robots, and their spreads."""
     from_vibrating, from_still = _parts(theta, data)
     share = from_vibrating / (from_vibrating + from_still + _FLOOR)
     values = _values(theta)
@@ -205,7 +205,7 @@ def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int
 
 
 def _mean_log(shape: float, scale: float, location: float) -> float:
-    """E log(G) of a shifted Gamma, by its quantiles, clipped at 1e-3."""
+    """Return E log(G) of a shifted Gamma, by its quantiles, clipped at 1e-3."""
     from scipy.special import gammaincinv
 
     u = (np.arange(400) + 0.5) / 400
@@ -213,7 +213,7 @@ def _mean_log(shape: float, scale: float, location: float) -> float:
 
 
 def _spread_draws(of_tile: Floats, of_robot: Floats, draws: int) -> dict[str, Floats]:
-    """Bootstrap draws of the spreads of tiles and robots."""
+    """Return the bootstrap draws of the spreads of tiles and robots."""
     spreads: dict[str, Floats] = {}
     for name, values, stream in (("tile_spread", of_tile, 1), ("robot_spread", of_robot, 2)):
         picked = [values[resample(_SEED, draw, stream, values.size)] for draw in range(draws)]

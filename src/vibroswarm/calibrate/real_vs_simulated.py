@@ -40,7 +40,7 @@ class Comparison:
     missing: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "similarities": [row.as_dict() for row in self.similarities],
             "energy_distances": [row.as_dict() for row in self.distances],

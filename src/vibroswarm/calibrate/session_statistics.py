@@ -58,7 +58,7 @@ class Figure:
     interval: Interval | None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, in SI units."""
+        """Return plain values for JSON, in SI units."""
         values: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
         if self.interval is not None:
             low, high = (
@@ -69,7 +69,7 @@ class Figure:
 
 
 def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figure]:
-    """All statistics of a result; each run is a session.
+    """Return all statistics of a result; each run is a session.
 
     Args:
         rms_threshold: threshold that turns energies into bits; None: the scenario's.
@@ -93,7 +93,7 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
 
 
 def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
-    """Statistics of one session's samples."""
+    """Return the statistics of one session's samples."""
     arena = result.scenario.arena
     x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold
@@ -116,7 +116,7 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
 
 
 def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
-    """Density of samples in corner tiles, and off the outermost tiles, relative to a uniform one."""
+    """Return the density of samples in corner tiles, and off the outermost tiles, relative to a uniform one."""
     floor = result.floor(int(result.runs["run"][0]))
     rows, columns = floor.tiles.shape
     if rows < 3 or columns < 3:
@@ -131,7 +131,7 @@ def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
 
 
 def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: float) -> float:
-    """Density of samples at this distance from the nearest wall, relative to a uniform one."""
+    """Return the density of samples at this distance from the nearest wall, relative to a uniform one."""
     area: Callable[[float], float] = lambda d: max(width_m - 2 * d, 0.0) * max(height_m - 2 * d, 0.0)  # noqa: E731
     even = (area(low_m) - area(high_m)) / (width_m * height_m)
     return float(((wall >= low_m) & (wall < high_m)).mean()) / even

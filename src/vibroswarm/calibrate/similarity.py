@@ -84,23 +84,23 @@ class Similarity:
         return (self.at_equal_counts - self.null) / (self.ceiling - self.null)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return asdict(self) | {"share_of_way": self.share_of_way}
 
 
 def cosine(a: Floats, b: Floats) -> float:
-    """Cosine similarity S; nan if one histogram is empty."""
+    """Return the cosine similarity S; nan if one histogram is empty."""
     norms = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:
-    """Cosine similarity S of two sets of values."""
+    """Return the cosine similarity S of two sets of values."""
     return cosine(histogram(one, feature), histogram(other, feature))
 
 
 def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
-    """S_max of two samples from the real data's own distribution."""
+    """Return S_max of two samples from the real data's own distribution."""
     counts = histogram(real, feature)
     n = counts.sum()
     c = float((counts * (counts - 1)).sum() / (n * (n - 1)))
@@ -122,7 +122,7 @@ Drawn = dict[tuple[int, int, int, int], Floats]
 def at_equal_counts(
     feature: str, one: Floats, other: Floats, count: int, drawn: Drawn | None = None
 ) -> float:
-    """S of subsamples of ``count`` values each, mean over draws.
+    """Return S of subsamples of ``count`` values each, mean over draws.
 
     Args:
         drawn: earlier histograms of this feature's values, which must still exist; extended.
@@ -140,7 +140,7 @@ def at_equal_counts(
 
 
 def null_similarity(feature: str, real: Floats, count: int) -> float:
-    """S of ``count`` real values and as many spread uniformly, mean over draws."""
+    """Return S of ``count`` real values and as many spread uniformly, mean over draws."""
     similarities = []
     for draw in range(DRAWS):
         u = uniforms(_SEED, draw, 2, Purpose.BOOTSTRAP, 2 * count).reshape(count, 2)
@@ -201,7 +201,7 @@ class EnergyDistance:
     """The same for each real session against the other real ones; None with one session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
 
         def plain(one: Interval | None) -> dict[str, float] | None:
             if one is None:
@@ -216,7 +216,7 @@ class EnergyDistance:
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:
-    """E abs(X - Y); within one sample without self-pairs."""
+    """Return E abs(X - Y); within one sample without self-pairs."""
     if one.shape[1] == 1:
         return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
     columns = one if other is None else other
@@ -254,7 +254,8 @@ def compare_distance(
     level: float = 0.95,
     known: RealCache | None = None,
 ) -> EnergyDistance | None:
-    """Energy distance of one feature of two sources, session by session; None if a session has fewer than 10 values.
+    """Return the energy distance of one feature of two sources, session by session; None if a session has fewer than 10
+    values.
 
     Args:
         known: earlier results for the same real sessions at the same level; extended.
@@ -277,7 +278,7 @@ def compare_distance(
 
 
 def _inside(sessions: Sequence[Floats], level: float) -> RealDistances:
-    """Distances within and between the real sessions."""
+    """Return the distances within and between the real sessions."""
     within = tuple(mean_distance(session) for session in sessions)
     if len(sessions) < 2:
         return RealDistances(within, None)
@@ -289,7 +290,7 @@ def _inside(sessions: Sequence[Floats], level: float) -> RealDistances:
 
 
 def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: float | None = None) -> float:
-    """Effect size H of two samples, (n, columns) each with n of at least 2; nan where all values are equal.
+    """Return the effect size H of two samples, (n, columns) each with n of at least 2; nan where all values are equal.
 
     Args:
         within_x, within_y: mean distance within each, where it is known already.

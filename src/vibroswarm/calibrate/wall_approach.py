@@ -85,7 +85,7 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
 
 
 def _path(result: Result, run: int, robot: int) -> _Path | None:
-    """A robot's path with its driving steps; None if it is unknown or too short."""
+    """Return a robot's path with its driving steps; None if it is unknown or too short."""
     track = track_of(result, run, robot)
     if track is None or len(track) < 100:
         return None
@@ -100,7 +100,7 @@ def _path(result: Result, run: int, robot: int) -> _Path | None:
 def _approaches(
     path: _Path, samples: Floats, others: list[_Path], size: tuple[float, float]
 ) -> list[tuple[float, float, float]]:
-    """Distance and incidence of each turn away from a wall, and distance of the nearest robot."""
+    """Return the distance and incidence of each turn away from a wall, and distance of the nearest robot."""
     approaches = []
     for before, (until_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
         if not avoid_s > 1e-9:
@@ -125,7 +125,7 @@ def _approaches(
 
 
 def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float, float] | None:
-    """Time, position and course of the first standstill after a drive among the positions first..last-1."""
+    """Return the time, position and course of the first standstill after a drive among the positions first..last-1."""
     driving = path.driving[first : max(last - 1, first)]
     starts = np.flatnonzero(driving)
     if last - first < 6 or starts.size == 0 or np.diff(path.time_s[first:last]).max() > LONGEST_GAP_S:
@@ -147,7 +147,7 @@ def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float
 
 
 def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tuple[float, float]:
-    """Distance to the nearest wall that the robot does not move away from, and the incidence on it."""
+    """Return the distance to the nearest wall that the robot does not move away from, and the incidence on it."""
     distances = np.array([x, size[0] - x, y, size[1] - y])
     normals = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])
     incidences = _wrapped(course - normals)
@@ -157,7 +157,7 @@ def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tu
 
 
 def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[float]:
-    """Turns between two drives, rad, far from walls and without avoidance nearby.
+    """Return the turns between two drives, rad, far from walls and without avoidance nearby.
 
     Args:
         samples: (samples, 2): time, and avoidance since the sample before, s.
@@ -183,7 +183,7 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
 
 
 def _course(path: _Path, first: int, last: int, end: int) -> float:
-    """Course at the beginning (0) or the end (-1) of a drive, from its first or last five steps."""
+    """Return the course at the beginning (0) or the end (-1) of a drive, from its first or last five steps."""
     some = slice(first, min(last, first + 5) + 1) if end == 0 else slice(max(first, last - 5), last + 1)
     courses = np.unwrap(np.arctan2(np.diff(path.y_m[some]), np.diff(path.x_m[some])))
     bend = (courses[-1] - courses[0]) / (courses.size - 1)

@@ -156,7 +156,7 @@ def _failed_with(error: OSError) -> int:
 
 
 def shown_name(name: object) -> str:
-    """A file name for a message, cut if it is longer than file systems allow."""
+    """Return a file name for a message, cut if it is longer than file systems allow."""
     text = str(name)
     return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 

@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def scenario_of(name: str, settings: list[str]) -> Scenario:
-    """A preset or scenario file, with fields set; prints its warnings."""
+    """Return a preset or scenario file, with fields set; prints its warnings."""
     from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.scenario.presets import preset_names
     from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
@@ -103,7 +103,7 @@ def scenario_of(name: str, settings: list[str]) -> Scenario:
 
 
 def share_done(what: str) -> Callable[[float], None] | None:
-    """A function that shows the share done on a terminal; None elsewhere."""
+    """Return a function that shows the share done on a terminal; None elsewhere."""
     if not sys.stderr.isatty():
         return None
 

@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The field ``boundary_of``: tiles, unless an option sets it."""
+    """Return the field ``boundary_of``: tiles, unless an option sets it."""
     from vibroswarm.scenario.scenario import parse_setting
 
     field = "decision.boundary_of"
@@ -135,7 +135,7 @@ def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list[float]]:
-    """The fill ratios to simulate, and those among them that were added below the boundary."""
+    """Return the fill ratios to simulate, and those among them that were added below the boundary."""
     boundary, tiles = base.decision.decision_boundary, base.floor.rows * base.floor.columns
 
     def in_tiles(shares: Iterable[float]) -> list[float]:

@@ -101,7 +101,7 @@ MOST_CURVES = 8
 def detection_pictures(
     curve: pl.DataFrame, boundary: float, tolerated: float, style: str = "column"
 ) -> Iterator[tuple[str, Picture]]:
-    """Names and pictures, from ``analysis.detection.detection_curve``."""
+    """Yield names and pictures, from ``analysis.detection.detection_curve``."""
     drawable = curve.filter(pl.col("missed").is_not_null())
     if drawable.is_empty():
         return

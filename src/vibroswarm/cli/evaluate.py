@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def study_from(arguments: argparse.Namespace) -> Study:
-    """The study that the options describe."""
+    """Return the study that the options describe."""
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.study.precision import Precision
     from vibroswarm.study.spec import Study
@@ -109,7 +109,7 @@ def _base_of_presets(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _varied(options: list[str]) -> dict[str, list[Any]]:
-    """Values by field, from texts ``FIELD=A,B``."""
+    """Return the values by field, from texts ``FIELD=A,B``."""
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.scenario import plugins
     from vibroswarm.scenario.scenario import parse_setting

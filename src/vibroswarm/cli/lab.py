@@ -152,7 +152,7 @@ def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
 
 
 def _inferred_value(recording: Recording, setting: Any) -> str:
-    """The inferred value, compared with the value given by an option."""
+    """Return the inferred value, compared with the value given by an option."""
     name, value = setting["name"], setting["value"]
     if value is None:
         return "inconclusive"

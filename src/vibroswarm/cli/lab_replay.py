@@ -129,7 +129,7 @@ def _rule(scenario: Scenario) -> dict[str, Any]:
 
 
 def _line(name: str, told: SessionOutcome, *, one: bool) -> str:
-    """One line on a session: its single outcome, or (with ``one`` false) shares over the draws."""
+    """Return one line on a session: its single outcome, or (with ``one`` false) shares over the draws."""
     consensus = ", ".join(
         outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in told.consensus.items()
     )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def costs(text: str) -> tuple[float, float]:
-    """The two costs in a text such as ``1:5``."""
+    """Return the two costs in a text such as ``1:5``."""
     parts = text.split(":")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B, such as 1:5")
@@ -121,12 +121,12 @@ def _print_profile(profile: pl.DataFrame) -> None:
 
 
 def _written(chosen: Threshold) -> float:
-    """The threshold as written: energies are logged to three places."""
+    """Return the threshold as written: energies are logged to three places."""
     return round(chosen.value, 3)
 
 
 def _finite(value: Any) -> Any:
-    """A value for JSON, None for each number that is not finite."""
+    """Return a value for JSON, None for each number that is not finite."""
     if isinstance(value, dict):
         return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, list):

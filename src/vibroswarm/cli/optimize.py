@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def search_from(arguments: argparse.Namespace) -> Search:
-    """The search in the file, changed by the options."""
+    """Return the search in the file, changed by the options."""
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
 

@@ -15,7 +15,7 @@ STYLES: Final = ("column", "page", "slide")
 
 
 def whole(text: str, low: float = -math.inf, high: float = math.inf) -> int:
-    """A whole number from ``low`` to ``high``.
+    """Return a whole number from ``low`` to ``high``.
 
     Raises:
         argparse.ArgumentTypeError: it is not.
@@ -32,7 +32,7 @@ def whole(text: str, low: float = -math.inf, high: float = math.inf) -> int:
 
 
 def real(text: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number from ``low`` to ``high``.
+    """Return a finite number from ``low`` to ``high``.
 
     Raises:
         argparse.ArgumentTypeError: it is not.
@@ -53,17 +53,17 @@ def _range(low: float, high: float) -> str:
 
 
 def between(kind: Callable[..., Any], low: float, high: float = math.inf) -> Callable[[str], Any]:
-    """The type ``kind``, limited to a range."""
+    """Return the type ``kind``, limited to a range."""
     return lambda text: kind(text, low, high)
 
 
 def list_of(kind: Callable[[str], Any] = str) -> Callable[[str], list[Any]]:
-    """The type of values of ``kind`` separated by commas, such as ``5,10``; repeated values count once."""
+    """Return the type of values of ``kind`` separated by commas, such as ``5,10``; repeated values count once."""
     return lambda text: list(dict.fromkeys(kind(part.strip()) for part in text.split(",")))
 
 
 def toml_file(text: str) -> Path:
-    """The name of a scenario file.
+    """Return the name of a scenario file.
 
     Raises:
         argparse.ArgumentTypeError: it does not end in .toml.
@@ -75,17 +75,17 @@ def toml_file(text: str) -> Path:
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
-    """The option that prints JSON in place of text."""
+    """Add the option that prints JSON instead of text."""
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
 
 
 def add_seed(parser: argparse._ActionsContainer, help: str = "same scenario and seed: same result") -> None:
-    """The option for the seed."""
+    """Add the option for the seed."""
     parser.add_argument("--seed", metavar="S", type=whole, default=1, help=f"{help} (default 1)")
 
 
 def add_style(parser: argparse._ActionsContainer) -> None:
-    """The option for the size of pictures."""
+    """Add the option for the size of pictures."""
     parser.add_argument(
         "--style",
         metavar="NAME",
@@ -98,14 +98,14 @@ def add_style(parser: argparse._ActionsContainer) -> None:
 def add_out(
     parser: argparse._ActionsContainer, help: str, *, metavar: str = "DIR", force: bool = False
 ) -> None:
-    """The option for where to save; with ``force``, also the one that replaces what exists there."""
+    """Add the option for where to save; with ``force``, also the one that replaces existing files."""
     parser.add_argument("--out", metavar=metavar, type=Path, help=help)
     if force:
         parser.add_argument("--force", action="store_true", help=f"replace {metavar} if it exists")
 
 
 def add_settings(parser: argparse._ActionsContainer, help: str) -> None:
-    """The option that sets fields of a scenario."""
+    """Add the option that sets fields of a scenario."""
     parser.add_argument(
         "--set",
         metavar="FIELD=VALUE",
@@ -117,7 +117,7 @@ def add_settings(parser: argparse._ActionsContainer, help: str) -> None:
 
 
 def add_motion(parser: argparse._ActionsContainer) -> None:
-    """The option for the engine."""
+    """Add the option for the engine."""
     parser.add_argument(
         "--motion",
         metavar="NAME",
@@ -127,7 +127,7 @@ def add_motion(parser: argparse._ActionsContainer) -> None:
 
 
 def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Options for workers and executor; returns their group."""
+    """Add the options for workers and executor; return their group."""
     group = parser.add_argument_group("execution")
     group.add_argument(
         "--workers", metavar="N", type=whole, help="threads or processes (default: all processors)"
@@ -147,7 +147,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
 def add_scenario_options(
     parser: argparse.ArgumentParser, *, robots: Callable[[str], Any] = whole
 ) -> argparse._ArgumentGroup:
-    """The options from which ``scenario_options.scenario_from`` makes a scenario; returns their group.
+    """Add the options from which ``scenario_options.scenario_from`` makes a scenario; return their group.
 
     Args:
         robots: type of ``--robots``.

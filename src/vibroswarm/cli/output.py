@@ -34,7 +34,7 @@ def print_paragraph(text: str) -> None:
 
 
 def console() -> Console:
-    """A console on stdout."""
+    """Return a console on stdout."""
     from rich.console import Console
 
     return Console(
@@ -48,7 +48,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], *, tex
 
 
 def table_lines(columns: Sequence[str], rows: Iterable[Sequence[object]], *, texts: int = 1) -> list[str]:
-    """The lines that ``print_table`` prints."""
+    """Return the lines that ``print_table`` prints."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold", show_header=any(columns))
@@ -78,7 +78,7 @@ def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit
 
 
 def percent(share: Interval | None, form: str = ".1f") -> str:
-    """A share with its interval, in percent."""
+    """Return a share with its interval, in percent."""
     return with_interval(share, form, scale=100.0, unit=" %")
 
 
@@ -185,7 +185,7 @@ def _print_comparisons(outcome: Outcome) -> None:
 
 
 def _again(one: Compared) -> str:
-    """Whether the comparison was confirmed on other seeds."""
+    """Return whether the comparison was confirmed on other seeds."""
     if one.replicate is None:
         return "not tried"
     if one.replicate.confirmed:

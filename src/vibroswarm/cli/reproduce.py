@@ -129,7 +129,7 @@ def check(arguments: argparse.Namespace) -> int:
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
-    """The settings given by the options."""
+    """Return the settings given by the options."""
     from vibroswarm.paper.columns import COLUMNS, CONTROLS
     from vibroswarm.paper.item import Settings
     from vibroswarm.study.spec import MOST_RUNS

@@ -31,7 +31,7 @@ examples:
 
 
 def speed(text: str) -> float:
-    """A speed of playback."""
+    """Return a speed of playback."""
     value = real(text, 0, 1e6)
     if value == 0:
         raise argparse.ArgumentTypeError(f"'{text}' is not above 0")

@@ -31,7 +31,7 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
 
 
 def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
-    """Fields set by options, by dotted names."""
+    """Return the fields set by options, by dotted names."""
     values: dict[str, Any] = {}
     if arguments.floor is not None or arguments.tiles is not None:
         values |= _floor_values(base, arguments.floor, arguments.tiles)
@@ -75,7 +75,7 @@ def chosen(kind: str, text: str) -> str:
 
 
 def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:
-    """Fields of a floor; the content of a file is copied into the scenario."""
+    """Return the fields of a floor; the content of a file is copied into the scenario."""
     size = None if tiles is None else parse_tiles(tiles)
     if spec is None:
         if base.floor.tiles is not None or not is_random(base.floor.source):

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def state_of(store: Store) -> dict[str, Any]:
-    """The state of a study folder in plain values."""
+    """Return the state of a study folder in plain values."""
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.study_result import StudyResult
 

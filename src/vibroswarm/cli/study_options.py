@@ -159,7 +159,7 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
 
 
 def duration(seconds: float) -> str:
-    """A duration in a fitting unit: 0.4 s, 25 s, 12 min, 3.5 h."""
+    """Return a duration in a fitting unit: 0.4 s, 25 s, 12 min, 3.5 h."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     if seconds < 120:

@@ -11,7 +11,7 @@ from vibroswarm.result import Result
 
 
 def strategy_name(name: str) -> str:
-    """A readable name of a strategy: the beginning of its description, or its name."""
+    """Return a readable name of a strategy: the beginning of its description, or its name."""
     known = strategies.known().get(name)
     return known.about.partition(":")[0] if known is not None and known.about else name
 
@@ -22,7 +22,7 @@ def percent(share: float) -> str:
 
 
 def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
-    """What a decision means for the floor.
+    """Return what a decision means for the floor.
 
     Args:
         answers: ``verdict.answers_of`` the scenario.
@@ -31,7 +31,7 @@ def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
 
 
 def headline(found: Verdict) -> str:
-    """The outcome in one sentence."""
+    """Return the outcome in one sentence."""
     if found.consensus is None:
         return "Decisions were not logged."
     robots = len(found.robots)
@@ -53,7 +53,7 @@ def headline(found: Verdict) -> str:
 
 
 def confidence(found: Verdict) -> str:
-    """The robots' confidence in their decisions."""
+    """Return the robots' confidence in their decisions."""
     beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
     note = "A belief treats all bits as independent; those of neighbouring samples are not."
     if not beliefs:
@@ -75,7 +75,7 @@ def _range(shares: list[float]) -> str:
 
 
 def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
-    """One robot as a row of the table."""
+    """Return one robot as a row of the table."""
     at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f} s"
     sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f} %"
     estimate = "-"
@@ -87,7 +87,7 @@ def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
 
 
 def verdict_text(result: Result, found: Verdict) -> str:
-    """The whole verdict in plain text, the outcome first."""
+    """Return the whole verdict in plain text, the outcome first."""
     scenario, floor = result.scenario, result.floor()
     ones, tiles = int(floor.tiles.sum()), floor.tiles.size
     origin = "as recorded" if result.seed is None else f"seed {result.seed}"

@@ -50,7 +50,7 @@ class Playback:
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
 
     def at(self, time_s: float) -> Moment:
-        """The state at a time."""
+        """Return the state at a time."""
         assert self.result.segments is not None, "a playback needs segments"
         at = min(time_s, self.end_s)
         poses = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
@@ -91,7 +91,7 @@ def play(result: Result, speed: float) -> None:
 
 
 def line(moment: Moment) -> str:
-    """A moment as one line of text."""
+    """Return a moment as one line of text."""
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
         f"{robot}:{belief:.2f}{marks[int(decision)]}"
@@ -102,7 +102,7 @@ def line(moment: Moment) -> str:
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
-    """A moment as a terminal picture: the arena, and each robot's belief as a bar."""
+    """Return a moment as a terminal picture: the arena, and each robot's belief as a bar."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -119,12 +119,12 @@ def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
 
 
 def _has_unicode() -> bool:
-    """Whether the terminal shows more than ASCII."""
+    """Return whether the terminal shows more than ASCII."""
     return "utf" in (sys.stdout.encoding or "").lower()
 
 
 def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
-    """The arena from above: vibrating tiles shaded, a symbol for each robot; cells are twice as high as wide."""
+    """Return the arena from above: vibrating tiles shaded, a symbol for each robot; cells are twice as high as wide."""
     width_m, height_m = playback.scenario.arena.width_m, playback.scenario.arena.height_m
     columns = int(np.clip(round(2 * rows * width_m / height_m), 4, 100))
     rows = max(2, round(columns * height_m / width_m / 2))
@@ -142,7 +142,7 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
 
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:
-    """A bar for each robot: its belief that less than the boundary vibrates."""
+    """Return a bar for each robot: its belief that less than the boundary vibrates."""
     boundary, answers = playback.scenario.decision.decision_boundary, answers_of(playback.scenario)
     answer = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
     block, rest = ("█", "─") if _has_unicode() else ("=", "-")

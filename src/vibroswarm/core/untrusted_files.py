@@ -98,7 +98,7 @@ def parsed_json(text: str | bytes, name: str) -> Any:
 
 
 def parsed_toml(text: str, name: str) -> dict[str, Any]:
-    """The values in a TOML text; errors name the file ``name``.
+    """Return the values in a TOML text; errors name the file ``name``.
 
     Raises:
         InputError: the text is not TOML.

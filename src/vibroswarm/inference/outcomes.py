@@ -300,7 +300,7 @@ def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
 
 
 def mean_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return means over the robots of each run that have the value, (runs,); nan where none has it."""
+    """Return the means over the robots of each run that have the value, (runs,); nan where none has it."""
     known = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         return sum_by_run(np.where(known, values, 0.0), first) / sum_by_run(known.astype(np.float64), first)

@@ -54,7 +54,7 @@ Swarm = NDArray[np.void]
 
 @inlined
 def load(swarm: Swarm, i: int) -> WalkState:
-    """What robot ``i``'s program remembers."""
+    """Return the state of robot ``i``'s program."""
     row = swarm[i]
     return WalkState(
         row.mode, row.resume, row.sampled != 0, row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
@@ -64,7 +64,7 @@ def load(swarm: Swarm, i: int) -> WalkState:
 
 @inlined
 def store(swarm: Swarm, i: int, state: WalkState) -> None:
-    """The reverse of ``load``."""
+    """Write the state of robot ``i``'s program into its row; the inverse of ``load``."""
     row = swarm[i]
     row.mode, row.resume, row.sampled = state.mode, state.resume, state.sampled
     row.leg_ms, row.driven_ms, row.timer_ms = state.leg_ms, state.driven_ms, state.timer_ms
@@ -79,27 +79,27 @@ def store(swarm: Swarm, i: int, state: WalkState) -> None:
 
 @inner
 def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) -> None:
-    """Put the numbers of the next leg, turn and avoidance into the robot's hand."""
+    """Draw the random numbers of robot ``i``'s next leg, turn and avoidance."""
     roll_leg(swarm, i, seed, run, legs)
     roll_avoidance(swarm, i, seed, run, avoidances)
 
 
 @inner
 def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
-    """The numbers of the next leg, and of the turn before it."""
+    """Draw the random numbers of the next leg and of the turn before it."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
 
 
 @inner
 def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -> None:
-    """The number of the next avoidance."""
+    """Draw the random number of the next avoidance."""
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
 
 
 @allocating_kernel
 def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> None:
-    """The state at tick 0: placed, standing, with the first leg drawn."""
+    """Set the state at tick 0: robots placed and standing, the first leg drawn."""
     place(swarm, setup, seed, run)
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
@@ -118,7 +118,7 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
 
 @allocating_kernel
 def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
-    """Centres uniform in the start region, no two bodies overlapping; on a lattice if chance fails."""
+    """Place the robots uniformly in the start region without overlap; on a lattice if random placement fails."""
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
         placed = False
@@ -135,7 +135,7 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
 
 @allocating_kernel
 def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
-    """Robots side by side on distinct sites of a lattice, drawn at random (Fisher-Yates)."""
+    """Place the robots on distinct random sites of a lattice (Fisher-Yates shuffle)."""
     columns, rows = setup.lattice[0], setup.lattice[1]
     sites = np.arange(columns * rows)
     pitch_x = (setup.start[1] - setup.start[0]) / max(columns - 1, 1)
@@ -149,7 +149,7 @@ def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
 
 @inner
 def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: float) -> bool:
-    """Whether a body at (x, y) would overlap one of the first ``count`` robots, robot ``i`` left out."""
+    """Return whether a body at (x, y) would overlap one of the first ``count`` robots, except robot ``i``."""
     apart = 4.0 * setup.radius_m * setup.radius_m
     for j in range(count):
         dx, dy = swarm[j].x_m - x_m, swarm[j].y_m - y_m
@@ -160,7 +160,7 @@ def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: flo
 
 @kernel
 def sense(swarm: Swarm, setup: Setup) -> None:
-    """Read the rays of the robots that are about to look."""
+    """Read the rays of the robots whose program uses them in this step."""
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
             swarm[i].nearest_mm = math.inf
@@ -170,7 +170,7 @@ def sense(swarm: Swarm, setup: Setup) -> None:
 
 @inner
 def is_blind(swarm: Swarm, i: int) -> bool:
-    """Whether robot ``i`` turns, or has driven too short a time since, where rays are not heeded after a turn."""
+    """Return whether robot ``i`` ignores its rays: during a turn, and for some driving time after it."""
     row = swarm[i]
     mode = row.resume if row.mode == STOP else row.mode
     return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
@@ -178,7 +178,7 @@ def is_blind(swarm: Swarm, i: int) -> bool:
 
 @inner
 def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after: WalkState) -> None:
-    """From when on robot ``i`` heeds its rays again, if a turn of it has just ended."""
+    """Set the driving time from which robot ``i`` uses its rays again, if a turn has just ended."""
     was = before.resume if before.mode == STOP else before.mode
     if was != DRIVE and after.mode == DRIVE:
         swarm[i].sees_from_ms = after.driven_ms - setup.tick_ms + setup.blind_ms
@@ -186,10 +186,8 @@ def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after:
 
 @kernel
 def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
-    """The shortest of robot ``i``'s rays, m; infinite when none sees a thing that would matter.
-
-    What lies beyond ``look_m``, the shorter of range and theta_c, changes nothing and is not looked for.
-    """
+    """Return the shortest of robot ``i``'s rays, m; infinite if nothing is within ``look_m``, the shorter of range
+    and theta_c. Objects beyond it have no effect on the robot."""
     x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
     near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
     shortest_m = math.inf
@@ -211,7 +209,7 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
 def rays_to_walls(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
 ) -> float:
-    """The shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
+    """Return the shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
@@ -227,7 +225,7 @@ def rays_to_disc(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float,
     disc_x_m: float, disc_y_m: float,
 ) -> float:  # fmt: skip
-    """The shortest ray to another robot's disc, m."""
+    """Return the shortest ray to another robot's disc, m."""
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
@@ -242,7 +240,8 @@ def rays_to_disc(
 
 @kernel
 def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
-    """Step each robot's program; commands become speed and turn rate. Gives how many sample now."""
+    """Step each robot's program and convert its commands to speed and turn rate; return the number of robots that
+    sample now."""
     sampling = 0
     for i in range(swarm.size):
         sampling += control_one(swarm, setup, seed, run, tick, i)
@@ -251,7 +250,7 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
 
 @inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
-    """``control`` of robot ``i``; gives 1 if it samples now, else 0."""
+    """Do ``control`` for robot ``i``; return 1 if it samples now, else 0."""
     before = load(swarm, i)
     row = swarm[i]
     dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
@@ -277,7 +276,8 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 
 @kernel
 def move(swarm: Swarm, setup: Setup) -> None:
-    """Where each robot would be at the next tick if nothing stood in its way."""
+    """Compute each robot's pose at the next tick, ignoring contact, into ``from_x_m``, ``from_y_m``,
+    ``from_heading_rad``."""
     for i in range(swarm.size):
         row = swarm[i]
         row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
@@ -291,7 +291,7 @@ def move(swarm: Swarm, setup: Setup) -> None:
 
 @kernel
 def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Whether robot ``i``'s move would end in a wall or in another body, as they stand now."""
+    """Return whether robot ``i``'s move would end in a wall or another body at their current positions."""
     x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
     if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
         return True
@@ -300,10 +300,10 @@ def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @kernel
 def contact(swarm: Swarm, setup: Setup) -> None:
-    """Move the robots in index order; one that would overlap stays, while heading and clocks go on.
+    """Move the robots in index order. A move that would end in an overlap is blocked: the position stays, while heading
+    and clocks continue.
 
-    ``from_x_m`` and ``from_y_m`` hold where each robot came from afterwards, for the segment table.
-    """
+    Afterwards ``from_x_m`` and ``from_y_m`` hold each robot's previous position, for the segment table."""
     for i in range(swarm.size):
         swarm[i].blocked = 0
         if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
@@ -318,7 +318,7 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
-    """What changes at a sample: the speed factor is drawn anew, several at a time; the battery is read."""
+    """Update what changes at a sample: the speed factor (drawn several samples at a time) and the battery."""
     place = swarm[i].samples % AT_ONCE
     if place == 0:
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
@@ -328,7 +328,7 @@ def refresh(
 
 @kernel
 def account(swarm: Swarm) -> None:
-    """Add the period under way to what it was spent on."""
+    """Add the current control period to the robot's time in its mode."""
     for i in range(swarm.size):
         row = swarm[i]
         if row.mode == DRIVE:
@@ -343,6 +343,6 @@ def account(swarm: Swarm) -> None:
 
 @inner
 def clear_account(swarm: Swarm, i: int) -> None:
-    """Begin a new account, at a sample."""
+    """Reset the robot's times in each mode, at a sample."""
     row = swarm[i]
     row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = 0

@@ -83,7 +83,7 @@ class FixedStepRun(KernelRun):
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
     def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which nobody samples."""
+        """Return a tick, ``tick`` or later, before which no robot samples."""
         return no_sample_before_steps(self.swarm, self.setup, self.tick)
 
     def ends(self) -> NDArray[np.void]:

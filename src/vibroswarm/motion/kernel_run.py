@@ -86,7 +86,7 @@ def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) 
 
 @kernel
 def no_sample_before_steps(swarm: Swarm, setup: Setup, now: int) -> int:
-    """Return a tick before which nobody samples, for robots stepped up to tick ``now``."""
+    """Return a tick before which no robot samples, for robots stepped up to tick ``now``."""
     earliest = no_sample_before(swarm, 0, setup, now - 1, now)
     for i in range(1, swarm.size):
         earliest = min(earliest, no_sample_before(swarm, i, setup, now - 1, now))
@@ -127,10 +127,10 @@ class KernelRun(ABC):
         self.start(seed, run)
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to make
-        """Make what is the same for all runs, once."""
+        """Allocate everything that is the same for all runs."""
 
     def start(self, seed: int, run: int) -> None:
-        """Go to time 0 of a run, whatever this state was before."""
+        """Set time 0 of a run, whatever the state was before."""
         self.seed, self.run, self.tick = seed, run, 0
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
@@ -139,7 +139,7 @@ class KernelRun(ABC):
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:
-        """Since which tick each robot stands, (robots,); -1: it walks."""
+        """Return the tick since which each robot stands, (robots,); -1: it moves."""
         return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     @property
@@ -148,7 +148,7 @@ class KernelRun(ABC):
         return self.tick * self.tick_ms / 1000.0
 
     def copy(self) -> Self:
-        """A branch that does not change with this state."""
+        """Return an independent copy of this state."""
         branch = object.__new__(type(self))
         branch.__dict__.update(self.__dict__)
         branch.swarm = self.swarm.copy()
@@ -156,17 +156,17 @@ class KernelRun(ABC):
         return branch
 
     def advance(self, until_s: float) -> Motion:
-        """What is new up to the first tick at or after ``until_s``."""
+        """Return the new motion up to the first tick at or after ``until_s``."""
         return tables([self.rows(until_s)], self.tick_ms)
 
     def rows(self, until_s: float) -> Rows:
-        """``advance``, as plain rows."""
+        """Return the result of ``advance`` as rows."""
         samples: list[NDArray[np.void]] = []
         rest = self.hand_over(until_s, lambda rows: samples.append(joined([rows])))
         return rest._replace(samples=joined(samples or [rest.samples]))
 
     def hand_over(self, until_s: float, take: Take, take_moves: Take | None = None) -> Rows:
-        """``rows`` without samples: those are handed over as they come, in a buffer that is used again.
+        """Return ``rows`` without samples, which are passed to ``take`` in a reused buffer.
 
         Args:
             until_s: as in ``advance``. take: given the samples. take_moves: given the moves, in order; they are
@@ -194,7 +194,8 @@ class KernelRun(ABC):
         )
 
     def go_on(self, until_s: float, take: Take, take_moves: Take | None = None) -> list[NDArray[np.void]]:
-        """Move on to the first tick at or after ``until_s``; gives the segments, and samples as ``hand_over`` does.
+        """Advance to the first tick at or after ``until_s``; return the segments, and pass samples on as ``hand_over``
+        does.
 
         Args:
             take_moves: given the moves that leave the buffer because it is full: all that come before those that are
@@ -203,7 +204,7 @@ class KernelRun(ABC):
         return self.go_on_to(self.until_tick(until_s), take, take_moves)
 
     def until_tick(self, until_s: float) -> int:
-        """The first tick at or after ``until_s``.
+        """Return the first tick at or after ``until_s``.
 
         Raises:
             InputError: it is not a time.
@@ -213,7 +214,7 @@ class KernelRun(ABC):
         return tick_at(until_s, self.tick_ms)
 
     def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
-        """``go_on`` to a tick."""
+        """Do ``go_on`` up to a tick."""
         record, segments = self.record, []
         while self.tick < until:
             if self.tick == 0:
@@ -245,7 +246,7 @@ class KernelRun(ABC):
         take_moves: Take | None = None,
         take_segments: Take | None = None,
     ) -> bool:
-        """Move on until just after the next control period at which a robot samples, or to ``until_s`` if none does.
+        """Advance until just after the next control period in which a robot samples, or to ``until_s`` if none does.
 
         Args:
             until_s: as in ``advance``. take: given the samples of that period (``SAMPLE_ROW``), of all robots that
@@ -275,7 +276,7 @@ class KernelRun(ABC):
         return sampled
 
     def moves_under_way(self) -> NDArray[np.void]:
-        """The robots' moves under way (``MOVE_ROW``, (robots,)), as far as they have come, by robot."""
+        """Return the robots' current moves (``MOVE_ROW``, (robots,)) up to now, by robot."""
         place = self.record.under_way["place"]
         rows = self.record.moves[place[place >= 0]]
         rows["turned_rad"] = self.headings()[rows["robot"]] - rows["heading_rad"]
@@ -283,7 +284,7 @@ class KernelRun(ABC):
         return rows
 
     def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
-        """Let a robot that has just sampled go on otherwise than by its own chance, as ``robot.walk.steered`` says.
+        """Set the next turn and leg of a robot that has just sampled, see ``robot.walk.steered``.
 
         Args:
             robot: one of those that sampled in the last control period before ``time_s``. turn_deg: first turn by so
@@ -299,23 +300,23 @@ class KernelRun(ABC):
 
     @abstractmethod
     def no_sample_before(self) -> int:
-        """A tick, ``tick`` or later, before which nobody samples."""
+        """Return a tick, ``tick`` or later, before which no robot samples."""
 
     @abstractmethod
     def move_on(self, until: int) -> int:
-        """Move to the tick ``until``, or for as long as the buffers suffice; gives the tick reached."""
+        """Advance to the tick ``until``, or while the buffers suffice; return the tick reached."""
 
     @abstractmethod
     def ends(self) -> NDArray[np.void]:
-        """Where the robots are now: ``END_ROW``."""
+        """Return the robots' current poses: ``END_ROW``."""
 
     @abstractmethod
     def headings(self) -> NDArray[np.float64]:
-        """The robots' headings now, rad, whole turns included: (robots,)."""
+        """Return the robots' current headings, rad, not wrapped, (robots,)."""
 
 
 def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
-    """Segment rows by time, then robot: an engine may write a turn down when it is over."""
+    """Sort segment rows by time, then robot: an engine may write a turn only after it has ended."""
     return segments[np.lexsort((segments["robot"], segments["tick"]))]
 
 
@@ -327,7 +328,7 @@ def batch_of(
     segments: bool = False,
     moves: bool = False,
 ) -> Motion:
-    """Whole runs, one after the other, as one Motion."""
+    """Simulate whole runs one after the other and return them as one ``Motion``."""
     end_s = scenario.run.t_end_s
     state = engine(scenario, seed, runs[0], segments, moves)
     samples = likely_samples(scenario) * len(runs)
@@ -342,6 +343,6 @@ def batch_of(
 
 
 def likely_samples(scenario: Scenario) -> int:
-    """As many samples as a run takes if nobody is ever kept from it: about as many as there will be."""
+    """Return the number of samples of a run if no robot is ever delayed, which is close to the actual number."""
     each_ms = scenario.sample.sample_interval_ms + scenario.sample.stop_ms
     return int(scenario.swarm.robots * scenario.run.t_end_s * 1000.0 / max(each_ms, 1.0)) + 1

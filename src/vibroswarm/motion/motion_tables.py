@@ -190,7 +190,7 @@ def _file_of(init: Callable[..., Any]) -> str:
 def _wrong(
     piece: Any, scenario: Scenario, run: int, before_s: float, until_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield what is wrong with a piece of motion, in words."""
+    """Yield the errors in a piece of motion, in words."""
     if not isinstance(piece, Motion):
         yield f"gives {type(piece).__name__}, not Motion"
         return

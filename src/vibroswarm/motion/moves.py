@@ -140,7 +140,7 @@ def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDA
 
 
 def bytes_of(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-    """Return rows as bytes, which copy many times faster than field by field."""
+    """Return the rows as bytes, which copy many times faster than field by field."""
     return rows.view(np.uint8)
 
 

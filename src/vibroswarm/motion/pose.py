@@ -11,7 +11,7 @@ from vibroswarm.errors import InputError
 
 
 def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Return position and heading of one robot of one run.
+    """Return the position and heading of one robot of one run.
 
     Args:
         segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next.

@@ -65,7 +65,8 @@ class Record(NamedTuple):
 
 
 def empty_record(robots: int, samples: int, segments: int, moves: bool = False) -> Record:
-    """Buffers for so many rows; no segments at all when ``segments`` is 0, nor moves without ``moves``."""
+    """Return buffers for these numbers of rows; without segments if ``segments`` is 0, without moves if ``moves`` is
+    0."""
     record = Record(
         zero_rows(samples, SAMPLE_ROW),
         zero_rows(segments, SEGMENT_ROW),
@@ -79,13 +80,13 @@ def empty_record(robots: int, samples: int, segments: int, moves: bool = False) 
 
 
 def clear(record: Record) -> None:
-    """Nothing is written yet."""
+    """Clear the buffers."""
     record.filled[:], record.latest[:] = 0, -1.0
     record.under_way["place"], record.under_way["doing"], record.under_way["avoidances"] = -1, -1, 0
 
 
 def copy_record(record: Record) -> Record:
-    """Buffers that do not change with the others."""
+    """Return independent copies of the buffers."""
     # Zeroed pages take memory only when they are written.
     buffers = (record.samples, record.segments, record.moves)
     samples, segments, moves = (zero_rows(rows.size, rows.dtype) for rows in buffers)
@@ -98,7 +99,7 @@ def copy_record(record: Record) -> Record:
 
 @inner
 def room(record: Record, robots: int) -> int:
-    """Ticks for which the buffers suffice even if every robot writes a row at each."""
+    """Return the number of ticks for which the buffers suffice even if every robot writes a row at each."""
     ticks = (record.samples.size - record.filled[0]) // robots
     if record.segments.size > 0:
         ticks = min(ticks, (record.segments.size - record.filled[1]) // robots)
@@ -109,7 +110,8 @@ def room(record: Record, robots: int) -> int:
 
 @inner
 def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
-    """Up to how many samples, segments and moves there may be if so many more are to fit; any number of none kept.
+    """Return the fill levels of samples, segments and moves up to which so many more rows fit; 0 for tables
+    that are not recorded.
 
     Args:
         rows: of samples, and of segments.
@@ -120,7 +122,7 @@ def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
 
 @inner
 def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
-    """One row for the sample that robot ``i`` takes at this tick; its time account starts anew."""
+    """Write a row for the sample that robot ``i`` takes at this tick, and reset its times in each mode."""
     row = record.samples[record.filled[0]]
     record.filled[0] += 1
     row.run, row.robot, row.sample = run, i, swarm[i].samples - 1
@@ -133,7 +135,7 @@ def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> N
 
 @kernel
 def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move: bool) -> None:
-    """A row for each robot whose speed, turn rate or kind is not that of its open segment.
+    """Write a segment for each robot whose speed, turn rate or kind differs from its open segment.
 
     Args:
         after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
@@ -159,7 +161,7 @@ def write_segment(
     rate_rad_s: float,
     kind: int,
 ) -> None:
-    """A row if robot ``i``'s open segment has another speed, turn rate or kind."""
+    """Write a segment if robot ``i``'s speed, turn rate or kind differs from its open segment."""
     latest = record.latest[i]
     if latest[0] == speed_m_s and latest[1] == rate_rad_s and latest[2] == kind:
         return
@@ -172,12 +174,12 @@ def write_segment(
 
 
 def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:
-    """Times of ticks, s: the float nearest to the exact decimal."""
+    """Return the times of ticks, s: the float nearest to the exact decimal."""
     return ticks * tick_ms / 1000.0
 
 
 def joined(pieces: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Pieces of rows one after the other, as a copy; byte by byte: numpy's own way goes field by field."""
+    """Return the rows of several pieces as one copy; copies bytes, since numpy copies field by field."""
     if len(pieces) == 1:
         return pieces[0].view(np.uint8).copy().view(pieces[0].dtype)
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
@@ -195,7 +197,7 @@ class SampleColumns:
         self.arrays = {kind: np.empty((kinds.count(kind), room), dtype=kind) for kind in dict.fromkeys(kinds)}
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Put these rows (``SAMPLE_ROW``) after those there."""
+        """Append these rows (``SAMPLE_ROW``)."""
         if rows.size == 0:
             return
         room = self.arrays[np.float64].shape[1]
@@ -208,14 +210,14 @@ class SampleColumns:
         self.count += rows.size
 
     def frame(self) -> pl.DataFrame:
-        """All rows as a table."""
+        """Return all rows as a table."""
         columns = {kind: iter(array) for kind, array in self.arrays.items()}
         named = {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
         return pl.DataFrame(named, schema=MOTION)
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
-    """A copy with room for at least so many more columns, and for half as many again as now."""
+    """Return a copy with room for at least this number of further columns, and at least half as large again."""
     larger = np.empty((array.shape[0], max(count + more, count + count // 2)), dtype=array.dtype)
     larger[:, :count] = array[:, :count]
     return larger
@@ -231,7 +233,7 @@ def fill_columns(
     first: int,
     tick_ms: int,
 ) -> None:
-    """``SAMPLE_ROW`` into columns in the order of ``MOTION``, those of each kind by themselves; ticks become s."""
+    """Convert ``SAMPLE_ROW`` to columns in the order of ``MOTION``, one array per kind of number; ticks become s."""
     for k in range(rows.size):
         row, place = rows[k], first + k
         numbers[0, place], robots[0, place], numbers[1, place] = row.run, row.robot, row.sample
@@ -242,7 +244,7 @@ def fill_columns(
 
 
 def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """The motion table of pieces that are in the order of run, time, robot."""
+    """Return the motion table of pieces that are in the order of run, time, robot."""
     columns = SampleColumns(tick_ms, sum(piece.size for piece in pieces))
     for piece in pieces:
         columns.take(piece)
@@ -250,7 +252,7 @@ def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFra
 
 
 def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
-    """The segment table, in the order of run, time, robot."""
+    """Return the segment table, in the order of run, time, robot."""
     kinds = np.array(KINDS)
     return pl.DataFrame(
         {
@@ -269,7 +271,7 @@ def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 
 def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
-    """Where the robots of a run are at ``tick``, and the stop under way, if any (-1: none)."""
+    """Return the robots' poses at ``tick``, and the start of a stop under way (-1: none)."""
     ends = zero_rows(swarm.size, END_ROW)
     ends["run"], ends["robot"], ends["tick"] = run, np.arange(swarm.size), tick
     ends["x_m"], ends["y_m"] = swarm["x_m"], swarm["y_m"]
@@ -279,7 +281,7 @@ def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
 
 
 def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
-    """The table of ends."""
+    """Return the table of ends."""
     stopping = rows["stop_tick"] >= 0
     stop_start_s = np.where(stopping, seconds(rows["stop_tick"], tick_ms), np.nan)
     return pl.DataFrame(
@@ -297,12 +299,12 @@ def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 
 def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """The rows of several runs as one Motion."""
+    """Return the rows of several runs as one Motion."""
     return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
 
 
 def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """A table of samples, and the ends, segments and moves of the same runs, as one Motion."""
+    """Return a table of samples, and the ends, segments and moves of the same runs, as one Motion."""
     segments = [piece.segments for piece in pieces if piece.segments is not None]
     moves = [piece.moves for piece in pieces if piece.moves is not None]
     return Motion(
@@ -314,7 +316,7 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
 
 
 def move_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """The table of moves of pieces that are in the order of run, start, robot."""
+    """Return the table of moves of pieces that are in the order of run, start, robot."""
     columns = MoveColumns(tick_ms, sum(piece.size for piece in pieces))
     for piece in pieces:
         columns.take(piece)

@@ -129,7 +129,7 @@ def setup_of(scenario: Scenario) -> Setup:
 
 
 def _row(values: Mapping[str, Any]) -> Setup:
-    """Return named numbers and lists of numbers as one row; integers and booleans as int64."""
+    """Return numbers and lists of numbers, by name, as one row; integers and booleans as int64."""
     fields: list[tuple[Any, ...]] = []
     for name, value in values.items():
         array = np.asarray(value)
@@ -164,7 +164,7 @@ def walk_program(scenario: Scenario) -> WalkProgram:
 
 @inner
 def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
-    """Return m_d of a robot."""
+    """Draw m_d of a robot."""
     u = uniform(seed, run, robot, HARDWARE, FIRST, ALONE)
     return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
 
@@ -201,7 +201,7 @@ def draw_speed_factors(
 
 @inner
 def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return a speed factor times its variation at a sample."""
+    """Return a speed factor multiplied by its variation at a sample."""
     # The sum of two uniform numbers is triangular, of variance 1/6.
     both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
     both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
@@ -225,7 +225,7 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario) -> None:
 
 
 def turn_gain_deg(scenario: Scenario) -> float:
-    """Return G: degrees that the fastest robot turns in a control period at a command of 1 %."""
+    """Return G, the angle that the fastest robot turns in a control period at a command of 1 %, deg."""
     robot = scenario.robot
     fastest = robot.full_speed_m_s * robot.speed_factor_max
     return math.degrees(2.0 * 0.01 * fastest / robot.turn_track_m * scenario.tick_s)
@@ -262,7 +262,7 @@ def passes_tolerance(scenario: Scenario) -> bool:
 
 
 def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return warnings about a valid scenario that is hardly what was meant; one sentence each."""
+    """Return warnings about a valid but probably unintended scenario, one sentence each."""
     if is_stable(scenario) or not passes_tolerance(scenario):
         return []
     walk = scenario.walk

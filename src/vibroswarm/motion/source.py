@@ -71,7 +71,7 @@ class MotionState(Protocol):
         """Time up to which motion is known, s: 0 at first, then a whole number of control periods."""
 
     def advance(self, until_s: float) -> Motion:
-        """Advance to the first control period at or after ``until_s``, s; do nothing if that has passed.
+        """Advance to the first control period at or after ``until_s``, s; do nothing if it is past.
 
         Returns: the samples and segments that began since, the moves that were under way since, and the ends now.
         """
@@ -124,7 +124,7 @@ class Batch(Protocol):
     def __call__(
         self, scenario: Scenario, seed: int, runs: Sequence[int], segments: bool = False, moves: bool = False
     ) -> Motion:
-        """Return runs to the scenario's end, as ``init`` and ``advance`` would give them, in the order of
+        """Return the runs to the scenario's end, as ``init`` and ``advance`` would give them, in the order of
         ``runs``."""
 
 

@@ -186,7 +186,7 @@ def _mean_sensed_shares_cached(
 
 
 def geometry_of(scenario: Scenario) -> Geometry:
-    """Return rows, columns, tile size and position of a scenario's grid of tiles, m."""
+    """Return the rows, columns, tile size and position of a scenario's grid of tiles, m."""
     return _geometry(scenario.floor, scenario.arena)
 
 

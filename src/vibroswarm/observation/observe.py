@@ -56,7 +56,7 @@ class SensedFloor(NamedTuple):
 def sensed_floors(
     scenario: Scenario, seed: int, runs: Sequence[int], floors: Mapping[int, Floor]
 ) -> list[SensedFloor]:
-    """Return floor and sensors of each run, in the order of ``runs``."""
+    """Return the floor and sensors of each run, in the order of ``runs``."""
     own = [floors[run] for run in runs]
     response = response_of(
         scenario, seed, np.array(runs, dtype=np.int64), [floor.tiles.size for floor in own]

@@ -60,7 +60,7 @@ class Checked:
         return "No significant difference, which does not mean that they are equal."
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "objective": self.objective.as_values(),
             "first": self.first.as_dict(),

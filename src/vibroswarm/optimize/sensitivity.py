@@ -70,7 +70,7 @@ class Sensitivity:
     """Share of the variance of the points' means that is noise of the runs."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {**vars(self), "fields": [vars(index) for index in self.fields]}
 
 

@@ -59,7 +59,7 @@ class Scored:
         return {name: _beyond((self.parts or {})[name], limit) for name, limit in self.limits.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "name": self.name,
             "values": self.values,
@@ -124,7 +124,7 @@ class Truth:
         }[self.luck]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "believed": plain(self.believed),
             "true": self.winner.as_dict(),
@@ -315,7 +315,7 @@ class Front:
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "says": self.words,
             "fresh_runs_each": self.runs,

@@ -62,7 +62,7 @@ class Zipped:
             raise
 
     def _checked(self) -> list[str]:
-        """Names of all entries, checked with their sizes and compression."""
+        """Return the names of all entries, checked with their sizes and compression."""
         entries = self._file.infolist()
         names = [entry.filename for entry in entries]
         if len(entries) > MOST_ENTRIES or sum(entry.file_size for entry in entries) > MOST_BYTES:
@@ -78,7 +78,7 @@ class Zipped:
         return names
 
     def read(self, name: str) -> bytes:
-        """Bytes of an entry.
+        """Return the bytes of an entry.
 
         Raises:
             InputError: the entry is missing, damaged, encrypted, or longer than stated.
@@ -145,7 +145,7 @@ def write_archive(made: Reproduction, path: Path) -> None:
 
 
 def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
-    """Contents of all files of the archive but the head, by name."""
+    """Return the contents of all files of the archive but the head, by name."""
     cells = {key: cell for key, cell in made.cells.items() if key in results.cells}
     rows = [cell_row(cell, results) for cell in cells.values()]
     robots = [results.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]
@@ -164,7 +164,7 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
 
 
 def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
-    """Archived row of a cell."""
+    """Return archived row of a cell."""
     result = results[cell]
     return {
         "key": cell.key,

@@ -54,7 +54,7 @@ PROPER_CAPTION: Final = (
 
 
 def two_forms(table: str, keys: Sequence[str], walk: bool = False) -> tuple[TableView, ...]:
-    """Views of a table of cells in the paper's form and in the proper form."""
+    """Return views of a table of cells in the paper's form and in the proper form."""
     heads = {key: Column(key) for key in keys} | {"runs": Column("runs")}
     more = WALK_FORM if walk else {}
     return (
@@ -105,7 +105,7 @@ def both_forms(
     series: str,
     figures: Sequence[tuple[str, str, str, str]] = FIGURES,
 ) -> Iterator[Picture]:
-    """Pictures of figures over ``x`` for each column: as the paper draws them, and with intervals over runs."""
+    """Yield pictures of figures over ``x`` for each column: as the paper draws them, and with intervals over runs."""
     for place, column in enumerate(columns):
         part = whole.filter(pl.col("column") == column)
         if part.is_empty():

@@ -67,18 +67,18 @@ class Cell:
         return f"{self.scenario.hash}-{self.block}-{self.motion}-{self.runs or 'all'}"
 
     def seed(self, seed: int) -> int:
-        """Seed of its runs."""
+        """Return the seed of its runs."""
         return second_seed(seed) if self.block else seed
 
     def command(self, runs: int, seed: int) -> str:
-        """Command that runs this cell alone."""
+        """Return the command that runs this cell alone."""
         options = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
         options += [f"--motion {self.motion}"] if self.motion != "event" else []
         return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *options])
 
 
 def options_of(column: str, scenario: Scenario) -> list[str]:
-    """Options with which ``evaluate`` makes this scenario from the preset of a column."""
+    """Return options with which ``evaluate`` makes this scenario from the preset of a column."""
     values = differences(scenario, preset(column))
     words = [f"--preset {column}"]
     source = values.pop("floor.source", None)
@@ -94,7 +94,7 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Fields in which a scenario differs from a base, by dotted name."""
+    """Return the fields in which a scenario differs from a base, by dotted name."""
     changed: dict[str, Any] = {}
     for name in field_names():
         value = value_of(scenario, name)
@@ -129,11 +129,11 @@ class CellResults:
         return self.cells[cell.key]
 
     def values(self, cell: Cell, name: str) -> NDArray[np.float64]:
-        """A figure of each run of a cell, (runs,); nan where a run has none."""
+        """Return a figure of each run of a cell, (runs,); nan where a run has none."""
         return self[cell].figures[name]
 
     def row(self, cell: Cell) -> dict[str, Any]:
-        """Summary of a cell, with the command that runs it alone."""
+        """Return the summary of a cell, with the command that runs it alone."""
         origin = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
         return self[cell].row | origin
 
@@ -211,7 +211,7 @@ def summarise(
 
 
 def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
-    """Summary of one cell in two forms.
+    """Return the summary of one cell in two forms.
 
     As in the paper: means of time and belief, with the standard deviation over robots divided by the square root
     of the
@@ -243,7 +243,7 @@ def _with_limits(name: str, found: Interval) -> dict[str, Any]:
 
 
 def digest_of(robots: Columns) -> str:
-    """SHA-256 of a table of robots, (runs, robots) each; a missing value counts as a value."""
+    """Return the SHA-256 of a table of robots, (runs, robots) each; a missing value counts as a value."""
     digest = hashlib.sha256()
     for name, kind in ROBOTS.items():
         values = robots[name]
@@ -255,12 +255,12 @@ def digest_of(robots: Columns) -> str:
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
-    """Relative cost of a group, roughly."""
+    """Return the relative cost of a group, roughly."""
     return (5.0 if how[1] == "fixed-step" else 1.0) * how[2] * (3 + len(cells) / 30)
 
 
 def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
-    """Study with these cells, in order."""
+    """Return the study with these cells, in order."""
     seed, motion, runs = how
     base = preset(COLUMNS[0])
     points = [{LABEL: key, **differences(cell.scenario, base)} for key, cell in group.items()]
@@ -275,5 +275,5 @@ def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
 
 
 def digest(text: str) -> str:
-    """First 16 hexadecimal digits of the SHA-256 of a text."""
+    """Return the first 16 hexadecimal digits of the SHA-256 of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]

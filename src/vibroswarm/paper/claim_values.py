@@ -53,7 +53,7 @@ def row(
     n: int,
     cannot: str | None = None,
 ) -> Row:
-    """Row of ``MEASURED``; a standard error of 0 gives no limits."""
+    """Return the row of ``MEASURED``; a standard error of 0 gives no limits."""
     known = None if error is None or not math.isfinite(error) else error
     return {
         "claim": claim,
@@ -70,12 +70,12 @@ def row(
 
 
 def exact(claim: str, column: str, cell: str, value: float, cannot: str | None = None) -> Row:
-    """Row of a constant, which has no sampling error."""
+    """Return the row of a constant, which has no sampling error."""
     return row(claim, column, cell, value, None, 1, cannot) | {"exact": True}
 
 
 def of_interval(claim: str, column: str, cell: str, found: Interval) -> Row:
-    """Row of an estimate given with its 95 % limits."""
+    """Return the row of an estimate given with its 95 % limits."""
     half = (found.high - found.low) / 2
     quantile = float(stdtrit(max(found.n - 1, 1), 0.5 + found.level / 2))
     return row(claim, column, cell, found.estimate, half / quantile, found.n)
@@ -93,7 +93,7 @@ def mean(
     bounded: bool = False,
     cannot: str | None = None,
 ) -> Row:
-    """Row of the mean over runs, minus a number.
+    """Return the row of the mean over runs, minus a number.
 
     Args:
         less: a constant, or a published mean over ``published_runs`` with standard deviation ``published_sd``
@@ -121,7 +121,8 @@ def mean(
 def share(
     claim: str, column: str, cell: str, values: ArrayLike, less: float = 0.0, *, cannot: str | None = None
 ) -> Row:
-    """Row of the mean over runs of a share or a difference of shares; its limits hold for rare events too."""
+    """Return the row of the mean over runs of a share or a difference of shares; its limits hold for rare events
+    too."""
     runs_values = np.asarray(values, dtype=np.float64)
     runs_values = runs_values[~np.isnan(runs_values)]
     if not runs_values.size:
@@ -132,7 +133,7 @@ def share(
 
 
 def _lumped(values: NDArray[np.float64]) -> bool:
-    """Whether all but a few runs have the same value."""
+    """Return whether all but a few runs have the same value."""
     most = int(np.unique(values, return_counts=True)[1].max(initial=0))
     return most > 1 and values.size - most < min(FEW, most)
 
@@ -142,7 +143,7 @@ def _few_far(values: NDArray[np.float64]) -> bool:
 
 
 def _parts(values: NDArray[np.float64]) -> Row:
-    """Means of the positive and of the negative part."""
+    """Return the means of the positive and of the negative part."""
     if np.abs(values).max(initial=0.0) > 1.0 + 1e-9:
         raise ValueError("values between -1 and 1 are needed")
     return {
@@ -162,7 +163,7 @@ def share_saved(
     published_runs: int | None = None,
     cannot: str | None = None,
 ) -> Row:
-    """Row of the relative saving of the first over the second.
+    """Return the row of the relative saving of the first over the second.
 
     Args:
         less: a constant, or a published share over ``published_runs`` of each, which are not taken as paired.
@@ -186,7 +187,7 @@ def log_spread(
     *,
     cannot: str | None = None,
 ) -> Row:
-    """Row of the log ratio of standard deviations over runs; undefined where one of them is 0."""
+    """Return the row of the log ratio of standard deviations over runs; undefined where one of them is 0."""
     ends = [float(values.std(ddof=1)) for values in (first, second)]
     if min(ends) <= 0.0:
         return row(claim, column, cell, math.nan, None, first.size, cannot)
@@ -198,5 +199,5 @@ def log_spread(
 
 
 def frame(rows: Sequence[Row]) -> pl.DataFrame:
-    """Table of rows."""
+    """Return the table of rows."""
     return pl.DataFrame(list(rows), schema=MEASURED)

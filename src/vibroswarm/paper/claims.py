@@ -71,7 +71,7 @@ UNBOUNDED: Limits = (-math.inf, math.inf)
 
 
 def interval(row: Mapping[str, Any], level: float) -> Limits:
-    """Limits of a row of ``MEASURED``; infinite where there are none."""
+    """Return the limits of a row of ``MEASURED``; infinite where there are none."""
     x = row["estimate"]
     if x is None or not math.isfinite(x):
         return UNBOUNDED
@@ -92,7 +92,7 @@ def interval(row: Mapping[str, Any], level: float) -> Limits:
 
 
 def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
-    """Limits of the mean of n independent values between -1 and 1 (Zou & Donner 2008).
+    """Return the limits of the mean of n independent values between -1 and 1 (Zou & Donner 2008).
 
     Args:
         above, below: means of their positive and negative parts.
@@ -111,7 +111,8 @@ def _together(first: float, second: float, alike: float) -> float:
 
 
 def share_limits(share: float, n: int, tail: float) -> Limits:
-    """Limits of the mean of n independent values between 0 and 1, each wrong with probability ``tail`` at most."""
+    """Return the limits of the mean of n independent values between 0 and 1, each wrong with probability ``tail`` at
+    most."""
     total, each = share * n, tail / math.e
     least, most = math.floor(total + 1e-9), math.ceil(total - 1e-9)
     # Clopper & Pearson 1934, at c / (2 e)
@@ -225,7 +226,7 @@ def claims_from(text: str) -> tuple[Claim, ...]:
 
 @cache
 def all_claims() -> tuple[Claim, ...]:
-    """The claims of ``claims.toml``."""
+    """Return the claims of ``claims.toml``."""
     return claims_from(files("vibroswarm.paper").joinpath("claims.toml").read_text(encoding="utf-8"))
 
 
@@ -254,17 +255,17 @@ def state(low: float, high: float, bounds: tuple[float, float]) -> str:
 
 
 def states_of(rows: Rows, bounds: tuple[float, float], level: float) -> list[str]:
-    """State of each value, with intervals of this level."""
+    """Return the state of each value, with intervals of this level."""
     return [CANNOT if row["cannot"] else state(*interval(row, level), bounds) for row in rows]
 
 
 def corrected(level: float, rows: Rows) -> float:
-    """Level of single values of a claim, corrected for how many can be asked (Bonferroni)."""
+    """Return the level of single values of a claim, corrected for how many can be asked (Bonferroni)."""
     return 1.0 - (1.0 - level) / max(sum(not row["cannot"] for row in rows), 1)
 
 
 def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
-    """Verdict from the states at the claim's level and at the corrected level, see the head of this module."""
+    """Return verdict from the states at the claim's level and at the corrected level, see the head of this module."""
     if plain and all(state == "holds" for state in plain):
         return "reproduced"
     if "fails" in strict:
@@ -273,7 +274,7 @@ def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
 
 
 def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
-    """Verdict of a claim at a level."""
+    """Return verdict of a claim at a level."""
     plain, strict = (states_of(rows, claim.bounds, each) for each in (level, corrected(level, rows)))
     return verdict_of(plain, strict)
 
@@ -281,7 +282,7 @@ def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
 def settle(
     claims: Sequence[Claim], rows: Mapping[str, Rows], alpha: float = ALPHA
 ) -> dict[str, tuple[str, float]]:
-    """Verdict and level of each measured claim of a family, by Holm's procedure.
+    """Return verdict and level of each measured claim of a family, by Holm's procedure.
 
     Args:
         claims: the whole family. rows: measured rows by claim id; none where a claim was not measured.
@@ -325,7 +326,7 @@ def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> lis
 
 
 def _decided(claim: Claim, column: str, rows: Rows, verdict: str, level: float) -> Decided:
-    """Verdict on a claim, with the interval of each value at the level that decided it."""
+    """Return verdict on a claim, with the interval of each value at the level that decided it."""
     if len(rows) != claim.cells:
         raise InputError(f"{len(rows)} values were measured, but {claim.cells} are needed", field=claim.id)
     shown_level = level if verdict == "reproduced" else corrected(level, rows)

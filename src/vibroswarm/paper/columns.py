@@ -46,7 +46,7 @@ def published(path: str) -> Any:
 
 
 def parameters(name: str) -> dict[str, Any]:
-    """Fields set by ``P0`` or ``P_star``."""
+    """Return the fields set by ``P0`` or ``P_star``."""
     values = zip(published("parameters.names"), published(f"parameters.{name}"), strict=True)
     return {FIELDS[key]: value for key, value in values}
 
@@ -81,7 +81,7 @@ def scenario_of(
     parameter_set: str = OPTIMISED,
     control: str | None = None,
 ) -> Scenario:
-    """Scenario of a column.
+    """Return the scenario of a column.
 
     Args:
         column: one of ``COLUMNS``. values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
@@ -100,7 +100,7 @@ def scenario_of(
 
 
 def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
-    """Fields that a negative control sets."""
+    """Return the fields that a negative control sets."""
     if control not in CONTROLS:
         raise InputError(
             f"there is no control '{control}'{nearest(control, CONTROLS)} ({', '.join(CONTROLS)})",
@@ -123,14 +123,15 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:
-    """Fields of robots that hardly move: the tracks shrink with the speed, so they turn as before."""
+    """Return the fields of robots that hardly move: the tracks shrink with the speed, so they turn as before."""
     names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
     slowed = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
     return slowed | {_THRESHOLD: 0.0}
 
 
 def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
-    """Fields that give the sensor these error rates: both energy distributions are shifted, their shapes unchanged."""
+    """Return the fields that give the sensor these error rates: both energy distributions are shifted, their shapes
+    unchanged."""
     from scipy.stats import gamma
 
     sensor, changes = scenario.sensor, {}
@@ -143,17 +144,17 @@ def with_errors(scenario: Scenario, false_positive: float, false_negative: float
 
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:
-    """Fields that swap the energies of vibrating and still tiles."""
+    """Return the fields that swap the energies of vibrating and still tiles."""
     sensor = scenario.sensor
     swapped = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
     return swapped | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}
 
 
 def fills() -> list[float]:
-    """The fill ratios of the paper's simulations."""
+    """Return the fill ratios of the paper's simulations."""
     return [float(value) for value in published("simulation.fill_ratios")]
 
 
 def sizes() -> list[int]:
-    """The swarm sizes of the paper."""
+    """Return the swarm sizes of the paper."""
     return [int(value) for value in published("simulation.swarm_sizes")]

@@ -57,11 +57,11 @@ class Settings:
     def scenario(
         self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*"
     ) -> Scenario:
-        """Scenario of a column, under the negative control if one is set."""
+        """Return the scenario of a column, under the negative control if one is set."""
         return scenario_of(column, values, parameter_set=parameter_set, control=self.control)
 
     def cell(self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*") -> Cell:
-        """Cell of a column, see ``scenario``."""
+        """Return the cell of a column, see ``scenario``."""
         return Cell(column, self.scenario(column, values, parameter_set=parameter_set))
 
 
@@ -83,24 +83,24 @@ class Work:
     """The cells without the negative control, if one is set."""
 
     def cannot(self, *keys: Hashable) -> str | None:
-        """Why decisions in these cells cannot answer the question, or None; see ``cannot_ask``."""
+        """Return why decisions in these cells cannot answer the question, or None; see ``cannot_ask``."""
 
         plain = self.cells if self.plain is None else self.plain
         reasons = (cannot_ask(plain[key].scenario) for key in keys)
         return next((reason for reason in reasons if reason), None)
 
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
-        """Table of cells: the parts of each key under these names, then ``CellResults.row``."""
+        """Return the table of cells: the parts of each key under these names, then ``CellResults.row``."""
         chosen = [key for key in self.cells if isinstance(key, tuple)] if keys is None else keys
         rows = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def values(self, key: Hashable, name: str) -> Any:
-        """A figure of each run of a cell, (runs,)."""
+        """Return a figure of each run of a cell, (runs,)."""
         return self.results.values(self.cells[key], name)
 
     def difference(self, name: str, first: Hashable, second: Hashable) -> Any:
-        """Difference of a figure between two cells (first - second), run by run, (runs,)."""
+        """Return the difference of a figure between two cells (first - second), run by run, (runs,)."""
         return self.values(first, name) - self.values(second, name)
 
     def change(
@@ -114,7 +114,7 @@ class Work:
         *,
         check: bool = True,
     ) -> Row:
-        """Row of a claim about a paired difference between two cells (first - second).
+        """Return the row of a claim about a paired difference between two cells (first - second).
 
         Args:
             label: names the value. name: of the figure. check: whether the column must be able to answer the question;
@@ -127,7 +127,7 @@ class Work:
         return mean(claim, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
 
     def claims(self, measure: Callable[[Work, str], Iterable[Row]]) -> pl.DataFrame:
-        """The rows that ``measure`` yields for each column, as a table of ``claims.MEASURED``."""
+        """Return the rows that ``measure`` yields for each column, as a table of ``claims.MEASURED``."""
         return frame([row for column in self.settings.columns for row in measure(self, column)])
 
 
@@ -171,7 +171,8 @@ class Item:
 def cells_and_claims(
     keys: tuple[str, ...], measure: Callable[[Work, str], Iterable[Row]]
 ) -> Callable[[Work], Tables]:
-    """The ``compute`` of an item with one table of cells and the claims that ``measure`` yields for each column."""
+    """Return the ``compute`` of an item with one table of cells and the claims that ``measure`` yields for each
+    column."""
     return lambda work: {"cells": work.rows(keys), CLAIMS: work.claims(measure)}
 
 
@@ -181,12 +182,12 @@ FITTED_ON: Final = "calibrated"
 
 @cache
 def cannot_ask(scenario: Scenario) -> str | None:
-    """Why decisions in this scenario cannot answer the question, or None."""
+    """Return why decisions in this scenario cannot answer the question, or None."""
     return _edges(scenario) or _side(scenario)
 
 
 def _side(scenario: Scenario) -> str | None:
-    """Why the readings do not lean to the side of the truth, or None."""
+    """Return why the readings do not lean to the side of the truth, or None."""
     verdict = decidability(scenario)
     if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
         # Random floors of one fill ratio differ in the length of their edges, so the mean over floors is used.
@@ -200,7 +201,7 @@ def _side(scenario: Scenario) -> str | None:
 
 
 def _edges(scenario: Scenario) -> str | None:
-    """Why the tiles are too small for the fitted edges, or None."""
+    """Return why the tiles are too small for the fitted edges, or None."""
     reach_m = scenario.sensor.edge_reach_m
     if not reach_m:
         return None
@@ -219,14 +220,14 @@ def _fitted_m() -> float:
 
 
 def _side_m(floor: Floor) -> float:
-    """Shorter side of a tile, m."""
+    """Return the shorter side of a tile, m."""
     _, _, width_m, height_m, *_ = floor.geometry
     return float(min(width_m, height_m))
 
 
 @cache
 def code_hash() -> str:
-    """Hash of the sources and data files that items compute with."""
+    """Return the hash of the sources and data files that items compute with."""
     digest = hashlib.sha256()
     top = Path(__file__).parent.parent
     for room in ("analysis", "calibrate", "recordings", "optimize", "paper", "study"):
@@ -237,7 +238,7 @@ def code_hash() -> str:
 
 
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
-    """16 hexadecimal digits that change with everything the item's tables depend on."""
+    """Return 16 hexadecimal digits that change with everything the item's tables depend on."""
     data = {
         "item": item.name,
         "cells": sorted({cell.key for cell in cells.values()}),
@@ -257,7 +258,7 @@ MOST_BYTES: Final = 2**30
 
 
 def load_tables(folder: Path, fingerprint: str) -> Tables | None:
-    """Tables saved in a folder; None if missing, damaged, or of another fingerprint."""
+    """Return the tables saved in a folder; None if missing, damaged, or of another fingerprint."""
     path = folder / MARKER
     if not path.exists():
         return None

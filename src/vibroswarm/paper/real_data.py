@@ -32,7 +32,7 @@ ROWS: Final = ("01010", "10010", "10101", "01101", "10010")
 
 
 def real_floor() -> dict[str, Any]:
-    """Fields that put a scenario on that floor."""
+    """Return the fields that put a scenario on that floor."""
     return {"floor.source": REAL_FLOOR, "floor.tiles": ROWS}
 
 
@@ -43,7 +43,7 @@ SIZE: Final = (5, 5)
 
 
 def missing(folder: Path | None) -> str | None:
-    """Why the recordings cannot be read, or None."""
+    """Return why the recordings cannot be read, or None."""
     if folder is None:
         return (
             "It needs the study's recordings, which are not part of this software: name their folder with "
@@ -55,7 +55,7 @@ def missing(folder: Path | None) -> str | None:
 
 
 def hash_of(folder: Path) -> str:
-    """SHA-256 of all files that are read."""
+    """Return the SHA-256 of all files that are read."""
     digest = hashlib.sha256()
     for name in (*REAL, *AUTHORS, FLOOR):
         digest.update((folder / name).read_bytes())
@@ -79,7 +79,7 @@ _SCHEMA: Final = {
 
 
 def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
-    """One row for each source, feature and bin: bin centre (y null in one dimension) and share of the values."""
+    """Return one row for each source, feature and bin: bin centre (y null in one dimension) and share of the values."""
     frames = []
     for source, result in sources.items():
         sessions = sessions_of(result)

@@ -47,7 +47,7 @@ def write_all(
 
 
 def command_of(settings: Settings, item: str | None = None) -> str:
-    """Command that makes one item, or all."""
+    """Return the command that makes one item, or all."""
     words = ["vibroswarm reproduce"]
     words += [f"--only {item}"] if item else []
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
@@ -60,7 +60,7 @@ def command_of(settings: Settings, item: str | None = None) -> str:
 def claims_table(
     decided: Sequence[Decided], items: Iterable[str] | None = None, kind: str | None = None
 ) -> pl.DataFrame:
-    """One row a claim, one verdict a column; null where it is not asked or was not measured.
+    """Return one row a claim, one verdict a column; null where it is not asked or was not measured.
 
     Args:
         items: only claims of these items. kind: only claims or only checks.
@@ -90,7 +90,7 @@ def claims_table(
 
 
 def _verdict_words(one: Decided) -> str:
-    """Verdict with the number of values in each state."""
+    """Return verdict with the number of values in each state."""
     states = one.cells["holds"].to_list()
     if len(set(states)) == 1 and (one.verdict in ("reproduced", "passed", CANNOT) or len(states) == 1):
         return one.verdict
@@ -100,7 +100,7 @@ def _verdict_words(one: Decided) -> str:
 
 
 def _value_words(cells: pl.DataFrame) -> str:
-    """The value with its interval, or the range of several; reasons why others cannot be asked."""
+    """Return the value with its interval, or the range of several; reasons why others cannot be asked."""
     reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
     estimated = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
     return "; ".join(([_range_words(estimated)] if estimated.height else []) + reasons) or "-"
@@ -115,7 +115,7 @@ def _range_words(cells: pl.DataFrame) -> str:
 
 
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
-    """One row for each claim, column and value, with the interval that decided it."""
+    """Return one row for each claim, column and value, with the interval that decided it."""
     frames = [
         verdict.cells.select(
             pl.lit(verdict.claim.id).alias("claim"), pl.lit(verdict.column).alias("column"), "cell",
@@ -216,7 +216,7 @@ def _counts(decided: Sequence[Decided]) -> str:
 
 
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
-    """Section with the verdicts on all claims and checks."""
+    """Return the section with the verdicts on all claims and checks."""
     tables = []
     for kind, name in (("claim", "claims"), ("check", "checks")):
         table = claims_table(decided, kind=kind).select("item", "claim", "says", "holds if", *COLUMNS)
@@ -280,7 +280,7 @@ _CELLS: Final = {
 def _item(
     one: ItemResult, decided: Sequence[Decided], pictures: Sequence[DrawnPicture], settings: Settings
 ) -> Section:
-    """Section of one item."""
+    """Return the section of one item."""
     title = f"{one.item.number}. {one.item.title}"
     if one.skipped:
         return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
@@ -314,7 +314,7 @@ def _item(
 
 
 def _table(one: ItemResult, shown: TableView, name: str, alone: str) -> ReportTable | None:
-    """A table of an item with the commands that make it; None if it is empty."""
+    """Return a table of an item with the commands that make it; None if it is empty."""
     frame = one.tables[shown.table]
     if frame.is_empty():
         return None

@@ -126,7 +126,7 @@ def _head(archive: Zipped) -> dict[str, Any]:
 
 
 def _is_head(head: dict[str, Any]) -> bool:
-    """Whether each entry of an archive's head has the right type and range."""
+    """Return whether each entry of an archive's head has the right type and range."""
     runs, seed = head["settings"]["runs"], head["settings"]["seed"]
     return (
         all(
@@ -140,7 +140,7 @@ def _is_head(head: dict[str, Any]) -> bool:
 
 
 def _hashes(archive: Zipped, head: dict[str, Any]) -> list[str]:
-    """Entries that are missing or do not match their hash."""
+    """Return the entries that are missing or do not match their hash."""
     wrong = []
     stated = head["sha256"]
     for name in sorted({*archive.names, *stated} - {HEAD}):
@@ -166,7 +166,7 @@ def _frame(
 
 
 def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
-    """Rows of items' tables that show a cell must agree with the cell's own row."""
+    """Check that rows of cells in items' tables agree with the cells; return the errors."""
     known = {tuple(row) for row in cells.select("scenario", *FIGURES[:2]).rows()}
     wrong = []
     for name in archive.names:
@@ -180,7 +180,7 @@ def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
 
 
 def _verdicts(archive: Zipped) -> list[str]:
-    """Verdicts must follow from the measured values."""
+    """Check that the verdicts follow from the measured values; return the errors."""
     if "measured.csv" not in archive.names:
         return []
     measured = _frame(archive, "measured.csv", Schema(MEASURED, UNKNOWN))
@@ -267,7 +267,7 @@ def in_time(seconds: float) -> str:
 
 
 def _differing(theirs: dict[str, str]) -> list[str]:
-    """Versions that differ from those of the archive."""
+    """Return the versions that differ from those of the archive."""
     own_versions = versions()
     return [
         f"{name} {theirs.get(name)} there, {value} here"
@@ -279,7 +279,7 @@ def _differing(theirs: dict[str, str]) -> list[str]:
 def _against(
     row: dict[str, Any], robots: pl.DataFrame, cell: Cell, results: CellResults, *, exact: bool
 ) -> list[str]:
-    """Differences between the archived cell and the one computed here."""
+    """Return the differences between the archived cell and the one computed here."""
     result, words = results[cell], f"cell {row['key']}"
     figures = [name for name in FIGURES if not _same(row[name], result.row[name], exact)]
     wrong = [f"{words}: {', '.join(figures)} differ"] if figures else []
@@ -302,7 +302,8 @@ def _same(there: Any, here: Any, exact: bool) -> bool:
 def _runs_that_differ(
     there: pl.DataFrame, here: pl.DataFrame, tick_s: float, exact: bool
 ) -> list[int] | None:
-    """Runs whose robots differ: in any value, or in events beyond rounding; None if the robots are other ones."""
+    """Return the runs whose robots differ: in any value, or in events beyond rounding; None if the robots are other
+    ones."""
     if not there.select("run", "robot").equals(here.select("run", "robot")):
         return None
     differs = np.zeros(here.height, dtype=np.bool_)

@@ -108,7 +108,7 @@ def draw_incidence(
 
 
 def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
-    """At most ``up_to`` rows, evenly spaced, including the first and the last."""
+    """Return at most ``up_to`` rows, evenly spaced, including the first and the last."""
     if part.height <= up_to:
         return part
     return part[[round(index * (part.height - 1) / (up_to - 1)) for index in range(up_to)]]
@@ -236,7 +236,7 @@ def draw_belief(
 
 
 def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:
-    """The quantile columns in pairs about the median, the outermost first.
+    """Return the quantile columns in pairs about the median, the outermost first.
 
     Raises:
         InputError: q50 is missing, or a quantile has no partner.

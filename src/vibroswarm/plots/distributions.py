@@ -182,7 +182,7 @@ _MARKED = ("median", "q25", "q75")
 
 
 def violin(group: Group) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values between the least and the greatest run, and the density at each; empty for a single value."""
+    """Return the values between the least and the greatest run, and the density at each; empty for a single value."""
     values = group.values
     if values.size < 2 or values[0] == values[-1]:
         return values[:1], np.empty(0)

@@ -122,7 +122,7 @@ def draw_estimates(
 
 
 def series_handle(style: Style, index: int) -> Any:
-    """The line and mark of a series in a legend."""
+    """Return the line and mark of a series in a legend."""
     from matplotlib.lines import Line2D
 
     looks = look(index)
@@ -133,7 +133,7 @@ def series_handle(style: Style, index: int) -> Any:
 
 
 def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
-    """Distance between series at the same x, in x or in decades."""
+    """Return the distance between series at the same x, in x or in decades."""
     places = frame["x"].unique().sort()
     if log:
         places = places.filter(places > 0).log(10)

@@ -87,7 +87,8 @@ def draw_front(
 
 
 def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points no other dominates (is at least as good in both, and better in one); equal points are alike."""
+    """Return which points no other dominates (is at least as good in both, and better in one); equal points are
+    alike."""
     order = np.lexsort((error, time))
     best, best_time = np.inf, -np.inf
     front = np.zeros(time.size, dtype=bool)

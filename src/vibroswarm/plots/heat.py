@@ -96,7 +96,7 @@ def _order(column: pl.Series) -> list[Any]:
 
 
 def best_cells(grid: NDArray[np.float64], best: str | None, within: float) -> NDArray[np.bool_]:
-    """Which cells are at most ``within`` from the best; none if no cell has a value."""
+    """Return which cells are at most ``within`` from the best; none if no cell has a value."""
     if best is None or np.isnan(grid).all():
         return np.zeros(grid.shape, dtype=bool)
     signed = grid if best == "low" else -grid
@@ -210,7 +210,7 @@ def _write_numbers(
 
 
 def _borders(chosen: NDArray[np.bool_]) -> list[list[tuple[int, int]]]:
-    """Line segments between chosen cells and all others; row 0 is at the bottom."""
+    """Return line segments between chosen cells and all others; row 0 is at the bottom."""
     padded = np.pad(chosen, 1)
     upright = [[(x, y), (x, y + 1)] for y, x in np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])]
     level = [[(x, y), (x + 1, y)] for y, x in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]

@@ -40,7 +40,7 @@ def tidy(
     optional_numbers: Sequence[str] = (),
     complete: Sequence[str] = (),
 ) -> pl.DataFrame:
-    """The frame with numbers as Float64 (NaN becomes null) and texts as String, checked.
+    """Return the frame with numbers as Float64 (NaN becomes null) and texts as String, checked.
 
     Args:
         frame: one row per mark, or per run.
@@ -81,7 +81,7 @@ def tidy(
 
 
 def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
-    """The frame with a text column ``series``, and the names of the series in the order of their coming.
+    """Return the frame with a text column ``series``, and the names of the series in the order of their coming.
 
     Raises:
         InputError: more series than there are marks to tell them apart.
@@ -124,14 +124,14 @@ def check_bounds(frame: pl.DataFrame, low: str, middle: str, high: str) -> None:
 
 
 def run_counts(frame: pl.DataFrame, column: str = "runs") -> list[int]:
-    """The numbers of runs in the frame, if it has any."""
+    """Return the numbers of runs in the frame, if it has any."""
     if column not in frame.columns:
         return []
     return [int(count) for count in frame[column].drop_nulls().to_list()]
 
 
 def most(*columns: pl.Series, otherwise: float = 0.0) -> float:
-    """The greatest number in some columns, or ``otherwise`` without any."""
+    """Return the greatest number in some columns, or ``otherwise`` without any."""
     values = [value for column in columns for value in column.drop_nulls().to_list()]
     return float(max(values)) if values else otherwise
 
@@ -167,16 +167,17 @@ class Plane(NamedTuple):
     """x of values later than the end."""
 
     def place(self, group: Group) -> float:
-        """y of a group."""
+        """Return y of a group."""
         return self.rows.place(group.row, group.series_index, len(self.series))
 
     def at(self, value: float | None) -> float:
-        """x of a quantile; None is later than the end."""
+        """Return x of a quantile; None is later than the end."""
         return self.in_band if value is None else value
 
 
 def quantile(group: Group, q: float, *, censored: bool) -> float | None:
-    """Quantile of a group's runs, linear between neighbours; None if it falls among the undecided (or on nothing).
+    """Return the quantile of a group's runs, linear between neighbours; None if it falls among the undecided (or on
+    nothing).
 
     Args:
         group: the runs.
@@ -196,7 +197,7 @@ def quantile(group: Group, q: float, *, censored: bool) -> float | None:
 def plane_of(
     style: Style, frame: pl.DataFrame, label: str, t_end: float | None, missing: str, title: str
 ) -> Plane:
-    """Rows, groups and the band, for a frame of cell, series and value.
+    """Return the rows, groups and the band, for a frame of cell, series and value.
 
     Raises:
         InputError: the frame is not as described, or a value is later than ``t_end``.
@@ -286,7 +287,7 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
 
 
 def group_caption(plane: Plane, missing: str) -> str:
-    """The part of a caption on the number of runs and on those without a value."""
+    """Return the part of a caption on the number of runs and on those without a value."""
     counts = of_runs([group.runs for group in plane.groups])
     total, lost = sum(group.runs for group in plane.groups), sum(group.undecided for group in plane.groups)
     if not lost:

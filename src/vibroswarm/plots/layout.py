@@ -23,7 +23,7 @@ NARROWEST_EM = 0.27
 
 
 def plain(text: object) -> str:
-    """Text for every format: control characters become spaces, lone surrogates a question mark."""
+    """Return the text for every format: control characters become spaces, lone surrogates a question mark."""
     cleaned = "".join(
         " " if unicodedata.category(letter) in ("Cc", "Zl", "Zp") else letter for letter in str(text)
     )
@@ -31,7 +31,7 @@ def plain(text: object) -> str:
 
 
 def width_pt(text: str, size_pt: float) -> float:
-    """Width of a line of text in the pictures' font, points; letter by letter, without kerning."""
+    """Return the width of a line of text in the pictures' font, points; letter by letter, without kerning."""
     return size_pt * sum(map(_letter_em, text))
 
 
@@ -99,7 +99,7 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with ``digits`` significant digits and no trailing zeros; a dash if it is missing."""
+    """Return a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing."""
     if value is None or not math.isfinite(value):
         return "–"
     if value and abs(value) >= 10**digits:
@@ -110,7 +110,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def share(part: float, whole: float) -> str:
-    """A share in percent; never rounds to 0 % or 100 % unless it is exact."""
+    """Return a share in percent; never rounds to 0 % or 100 % unless it is exact."""
     if not whole:
         return "–"
     percent = 100 * part / whole
@@ -137,7 +137,7 @@ LABEL_SHARE = 0.36
 
 
 def new_figure(style: Style, *, height_in: float | None = None, title: str = "") -> Figure:
-    """An empty figure of the style's width; the title is broken to fit."""
+    """Draw an empty figure of the style's width; the title is broken to fit."""
     from matplotlib.figure import Figure
 
     height = style.height_in if height_in is None else height_in
@@ -153,7 +153,7 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
 def plain_axes(
     style: Style, x_label: str, y_label: str, *, title: str = "", legend: Sequence[str] = ()
 ) -> tuple[Figure, Axes]:
-    """A figure with numeric axes; it grows for a long legend, a slide only for a very long one."""
+    """Return a figure with numeric axes; it grows for a long legend, a slide only for a very long one."""
     free = 7 if style.fixed_height else 2
     more = max(0, legend_lines(style, legend) - free) * style.small_pt * 1.4 / 72
     figure = new_figure(style, title=title, height_in=style.height_in + more)
@@ -173,7 +173,7 @@ def name_axes(axes: Axes, style: Style, x_label: str, y_label: str, *, share_of_
 
 
 def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
-    """Width and height of the axes after layout, points."""
+    """Return the width and height of the axes after layout, points."""
     figure.draw_without_rendering()
     box = axes.get_window_extent()
     return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
@@ -182,7 +182,7 @@ def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
 def colour_bar(
     figure: Figure, axes: Axes, style: Style, mesh: Any, label: str, y_label: str, **how: Any
 ) -> Any:
-    """A colour bar for a map; its label and that of y are broken to the height of the map."""
+    """Return a colour bar for a map; its label and that of y are broken to the height of the map."""
     tall = max(1.0, figure.get_figheight() / style.height_in)
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, aspect=25 * tall, **how)
     bar.outline.set_linewidth(style.line_pt * 0.5)
@@ -241,7 +241,7 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
 
 
 def hatched(style: Style, hatch: str) -> str:
-    """A hatch, less dense for styles with thick lines."""
+    """Return a hatch, less dense for styles with thick lines."""
     return hatch if style.font_pt < 12 else hatch[: (len(hatch) + 1) // 2]
 
 
@@ -286,7 +286,7 @@ class Rows(NamedTuple):
         thin_ticks(self.figure, self.axes, style)
 
     def place(self, row: int, series: int, of: int) -> float:
-        """y of a series in a row; the first series is the upper one."""
+        """Return y of a series in a row; the first series is the upper one."""
         return row + (series - (of - 1) / 2) * self.band
 
     def note(self, y: float, text: str, *, colour: str = FAINT) -> None:
@@ -316,7 +316,7 @@ def rows_of(
     title: str = "",
     furniture: int = 0,
 ) -> Rows:
-    """A figure that grows with its rows; names are at the left, broken or shortened to fit.
+    """Return a figure that grows with its rows; names are at the left, broken or shortened to fit.
 
     Args:
         style: sizes of the picture.
@@ -377,7 +377,7 @@ def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Se
 
 
 def _legend_columns(style: Style, names: Sequence[str]) -> int:
-    """The largest number of legend columns that fits the width and leaves none almost empty."""
+    """Return the largest number of legend columns that fits the width and leaves none almost empty."""
     room_pt = style.width_in * 72 - style.small_pt * 2
     handle_pt, gap_pt = style.small_pt * 3, style.small_pt * 1.4
     labels = fitted_names(names, style.small_pt, room_pt - handle_pt)
@@ -390,7 +390,7 @@ def _legend_columns(style: Style, names: Sequence[str]) -> int:
 
 
 def _dealt(names: Sequence[str], columns: int) -> list[Sequence[str]]:
-    """The names as matplotlib deals them to a legend's columns: the first ones get one more."""
+    """Return the names as matplotlib deals them to a legend's columns: the first ones get one more."""
     least, more = divmod(len(names), columns)
     parts, start = [], 0
     for column in range(columns):

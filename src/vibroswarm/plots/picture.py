@@ -51,12 +51,12 @@ class Picture:
         )
 
     def svg(self) -> str:
-        """The picture for a page; see ``themed_svg``."""
+        """Return the picture for a page; see ``themed_svg``."""
         return themed_svg(self.figure)
 
 
 def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
-    """A ``draw_*`` that works under the settings of its argument ``style`` ("column" if none), the lock held."""
+    """Return a ``draw_*`` that works under the settings of its argument ``style`` ("column" if none), the lock held."""
 
     @wraps(draw)
     def with_settings(*args: P.args, **kwargs: P.kwargs) -> Picture:
@@ -110,7 +110,7 @@ def write_picture(
 
 
 def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> bytes:
-    """A figure as the bytes of an SVG, PDF or PNG file."""
+    """Return a figure as the bytes of an SVG, PDF or PNG file."""
     stream = io.BytesIO()
     with settings():
         figure.savefig(stream, format=kind, dpi=dots_per_inch, metadata=dict(_NO_DATE[kind]))
@@ -118,7 +118,7 @@ def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> byt
 
 
 def themed_svg(figure: Figure) -> str:
-    """The figure as SVG whose named colours are CSS variables, ``var(--fig-ink, #1b1e23)``.
+    """Return the figure as SVG whose named colours are CSS variables, ``var(--fig-ink, #1b1e23)``.
 
     A page may set ``--fig-*`` to show it in dark colours. Layers of very many marks come as an image, so that
     the text stays below some megabytes whatever is drawn.
@@ -137,7 +137,7 @@ _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
 
 
 def _themed(tag: str) -> str:
-    """A tag with variables for colours in its style; the ground of a hatch has its colour elsewhere."""
+    """Return a tag with variables for colours in its style; the ground of a hatch has its colour elsewhere."""
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
     return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)
 

@@ -31,7 +31,7 @@ _VECTORS_UP_TO: Final = 10_000  # tiles; more are drawn as an image in SVG and P
 
 
 def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
-    """The floor as a matplotlib figure; vibrating tiles dark, still ones light, row 0 at the top.
+    """Draw the floor as a matplotlib figure; vibrating tiles dark, still ones light, row 0 at the top.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
@@ -95,7 +95,7 @@ WRONG = OUTCOMES["wrong"]
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
-    """Floor, paths and samples of one run, drawn to scale; legible in grey.
+    """Draw floor, paths and samples of one run, drawn to scale; legible in grey.
 
     Vibrating tiles are hatched. A sample is a mark at its place: filled when it read "vibrating", open when
     "still", in red with a cross when the reading is not the tile's kind. Colours are the palette's, so that a page may

@@ -22,7 +22,7 @@ def draw_search(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Scores over the iterations: the best so far, the mean of the candidates, and every particle's own best.
+    """Draw scores over the iterations: the best so far, the mean of the candidates, and every particle's own best.
 
     Args:
         frame: one row an iteration: ``iteration``, ``best`` and ``mean`` (null: none).
@@ -80,7 +80,7 @@ def draw_parameters(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Mean of each field over the candidates of an iteration, as a share of its bounds.
+    """Draw mean of each field over the candidates of an iteration, as a share of its bounds.
 
     Args:
         frame: one row an iteration and field: ``iteration``, ``share`` (0 at the lower bound, 1 at the upper) and,

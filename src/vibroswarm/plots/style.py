@@ -94,7 +94,7 @@ class Look(NamedTuple):
 
 
 def look(index: int) -> Look:
-    """The look of series ``index`` (0 to 11); each differs from all others in marker and in hatch."""
+    """Return the look of series ``index`` (0 to 11); each differs from all others in marker and in hatch."""
     return Look(
         colour=SERIES[index % len(SERIES)],
         marker=MARKERS[index],
@@ -141,7 +141,7 @@ MATPLOTLIB_LOCK: Final = threading.RLock()
 
 
 def style_named(name: str) -> Style:
-    """The style of this name.
+    """Return the style of this name.
 
     Raises:
         InputError: there is none.

@@ -143,7 +143,7 @@ def _distance(x_m: float, y_m: float, tile: int, place: Place) -> float:
 
 @inner
 def _window(x_m: float, y_m: float, within_m: float, place: Place) -> tuple[int, int, int, int]:
-    """Return first and last row and column of the tiles that may be within reach."""
+    """Return the first and last row and column of the tiles that may be within reach."""
     return (
         max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0),
         min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1),

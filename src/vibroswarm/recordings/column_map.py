@@ -58,7 +58,7 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
 
 
 def text_of(path: Path) -> str:
-    """Text of a log.
+    """Return the text of a log.
 
     Raises:
         InputError: not a plain file, larger than ``LARGEST_BYTES``, or not text.
@@ -190,7 +190,7 @@ class ColumnMap:
 
 @cache
 def rugbot_map() -> ColumnMap:
-    """Column map of the study's robots."""
+    """Return the column map of the study's robots."""
     text = files("vibroswarm.recordings").joinpath("formats/rugbot.toml").read_text(encoding="utf-8")
     return column_map(text, "rugbot")
 
@@ -298,7 +298,7 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
 def _converted(
     cells: pl.Series, lines: pl.Series, name: str, use: str, column: Column, missing: tuple[str, ...]
 ) -> pl.Series:
-    """Values of one column, converted and checked."""
+    """Return the values of one column, converted and checked."""
     if column.values is None:
         numbers = numbers_of(cells, lines, name, column.name, missing)
         if (column.times, column.plus) != (1.0, 0.0):

@@ -120,7 +120,7 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _settings(result: Result) -> list[str]:
-    """Settings line of a console log."""
+    """Return the settings line of a console log."""
     s = result.scenario
     numbers = (
         s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, s.sample.sample_interval_ms,
@@ -160,7 +160,7 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:
-    """Motion, observation and inference joined, with cumulative times."""
+    """Return the motion, observation and inference joined, with cumulative times."""
     if result.runs.filter(pl.col("run") == run).is_empty():
         raise InputError(f"there is no run {run} in this result", field="--run")
     key = ["run", "robot", "sample"]

@@ -52,7 +52,7 @@ class FloorFit:
 
 
 def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
-    """Tiles in one of ``ORIENTATIONS``."""
+    """Return the tiles in one of ``ORIENTATIONS``."""
     k = ORIENTATIONS.index(orientation)
     if k < 4:
         return np.rot90(tiles, k)
@@ -93,7 +93,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
 
 
 def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float64]:
-    """Contrasts of random floors, (FLOORS,)."""
+    """Return the contrasts of random floors, (FLOORS,)."""
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)
     chosen = np.argpartition(u, ones - 1, axis=1)[:, :ones]
     upper = mean[chosen].sum(axis=1)
@@ -101,7 +101,7 @@ def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float6
 
 
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
-    """Statement about the fit of the floor.
+    """Return the statement about the fit of the floor.
 
     Raises:
         InputError: the energies fit it only rotated or mirrored.

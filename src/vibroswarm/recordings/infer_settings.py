@@ -96,7 +96,7 @@ def infer_settings(
 
 
 def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
-    """Samples of all logs with the changes since each robot's previous sample."""
+    """Return the samples of all logs with the changes since each robot's previous sample."""
     parts = []
     for session, log in enumerate(logs):
         ordered = log.samples.sort("robot", "time_s")
@@ -163,13 +163,13 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
 
 
 def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
-    """Logged bits in the order of ``Intervals``; nan if not logged."""
+    """Return logged bits in the order of ``Intervals``; nan if not logged."""
     bits = [log.samples.sort("robot", "time_s")["observation"].cast(pl.Float64).to_numpy() for log in logs]
     return np.concatenate(bits)
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
-    """Two-digit number in [low, high) nearest the bound with more samples; else the middle."""
+    """Return the two-digit number in [low, high) nearest the bound with more samples; else the middle."""
     rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
     return rounded if low - 1e-12 <= rounded < high else (low + high) / 2
 
@@ -224,7 +224,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
 def _deciding_robots(
     logs: Sequence[Log],
 ) -> Iterator[tuple[pl.DataFrame, NDArray[np.float64], NDArray[np.float64]]]:
-    """Samples, decisions and beliefs of each robot whose log has them all, in the order of time."""
+    """Yield samples, decisions and beliefs of each robot whose log has them all, in the order of time."""
     for log in logs:
         for own in log.samples.sort("time_s").partition_by("robot", maintain_order=True):
             if not own.select("sent", "decision", "belief_below").null_count().sum_horizontal()[0]:
@@ -311,7 +311,7 @@ def infer_strategy(
 
 
 def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
-    """Probability that each sample of a session sent a one, by strategy; rows ordered by time."""
+    """Return the probability that each sample of a session sent a one, by strategy; rows ordered by time."""
     frame = log.samples.sort("time_s")
     bit = (frame["energy"].to_numpy() > threshold).astype(float)
     logged = frame["observation"].cast(pl.Float64).to_numpy()
@@ -332,7 +332,7 @@ def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str,
 def _from_sent(
     logs: Sequence[Log], threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str] | None:
-    """Log likelihood of each strategy from the bits sent; None if a log lacks them."""
+    """Return the log likelihood of each strategy from the bits sent; None if a log lacks them."""
     if any(log.samples["message"].null_count() for log in logs):
         return None
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
@@ -348,7 +348,7 @@ def _from_sent(
 def _from_received(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
-    """Log likelihood of each strategy from the bits received."""
+    """Return the log likelihood of each strategy from the bits received."""
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
     own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):
@@ -390,7 +390,7 @@ def _from_received(
 def _log_binomial(
     ones: NDArray[np.float64], n: NDArray[np.float64], share: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Log probability of ``ones`` among ``n``, each with probability ``share`` in (0, 1)."""
+    """Return the log probability of ``ones`` among ``n``, each with probability ``share`` in (0, 1)."""
     from scipy.special import gammaln
 
     ways = gammaln(n + 1) - gammaln(ones + 1) - gammaln(n - ones + 1)

@@ -102,7 +102,7 @@ class Log:
 
 
 def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Table with the columns of a schema; missing ones are null."""
+    """Return the table with the columns of a schema; missing ones are null."""
     frame = pl.DataFrame(dict(columns))
     return frame.select(
         frame[name].cast(kind) if name in columns else pl.lit(None, dtype=kind).alias(name)
@@ -270,7 +270,7 @@ Floats = NDArray[np.float64]
 
 
 def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """time_s, x_m, y_m of one robot, ordered by time.
+    """Return time_s, x_m, y_m of one robot, ordered by time.
 
     Args:
         track: of the robot; if empty, the robot is known to stand at its samples' positions during each stop.
@@ -288,7 +288,7 @@ def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
 
 
 def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Segment table of one robot: straight lines between positions; it stands at the first one before."""
+    """Return the segment table of one robot: straight lines between positions; it stands at the first one before."""
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time.size and time[0] > 0.0:
         time, x, y = np.append(0.0, time), np.append(x[0], x), np.append(y[0], y)
@@ -313,7 +313,7 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
 
 
 def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Heading and speed from each position to the next."""
+    """Return the heading and speed from each position to the next."""
     dx, dy, dt = np.diff(x), np.diff(y), np.diff(time)
     step = np.hypot(dx, dy)
     moves = step >= STANDING_M

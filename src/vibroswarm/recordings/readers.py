@@ -42,7 +42,7 @@ _FEEDBACK: Final = ("none", "positive", "soft")
 
 
 def looks_like_webots(head: str) -> bool:
-    """Whether a text is a console log: one of its lines is a data line."""
+    """Return whether a text is a console log: one of its lines is a data line."""
     return any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in head.splitlines())
 
 
@@ -95,7 +95,7 @@ def read_webots(path: Path) -> Log:
 
 
 def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl.Series:
-    """Bits read, as far as the bits sent determine them, else null.
+    """Return the bits read, as far as the bits sent determine them, else null.
 
     Always without feedback; with positive feedback until the robot decides; never otherwise."""
     known = pl.lit(strategy == "none") | (pl.lit(strategy == "positive") & (pl.col("decision") == -1))
@@ -104,7 +104,7 @@ def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl
 
 
 def _settings(text: str) -> dict[str, Any]:
-    """Settings stated in the log; empty if there are none."""
+    """Return the settings stated in the log; empty if there are none."""
     match = _SETTINGS.search(text)
     if match is None:
         return {}
@@ -146,7 +146,7 @@ def register(reader: Reader) -> None:
 
 
 def readers() -> list[Reader]:
-    """All registered readers."""
+    """Return all registered readers."""
     return list(_READERS.values())
 
 
@@ -177,7 +177,7 @@ def read_log(path: str | Path, reader: str | None = None, columns: str | Path | 
 
 
 def _has_head(head: str) -> bool:
-    """Whether the header has enough of the names to report the missing ones."""
+    """Return whether the header has enough of the names to report the missing ones."""
     first = head.split("\n", 1)[0].split(",")
     names = {column.name for column in rugbot_map().columns.values()}
     return len(names & {cell.strip() for cell in first}) >= 5

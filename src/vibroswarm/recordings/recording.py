@@ -243,7 +243,7 @@ def recording_of(
 
 
 def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
-    """Robots of all logs; they must be the same in each."""
+    """Return robots of all logs; they must be the same in each."""
     by_log = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
     if robots is not None:
         return tuple(sorted(robots))
@@ -265,7 +265,7 @@ def _described(
     floor: Floor,
     robots: int,
 ) -> tuple[Scenario, list[str]]:
-    """Scenario that describes the sessions; stated fields override inferred ones."""
+    """Return the scenario that describes the sessions; stated fields override inferred ones."""
     values: dict[str, Any] = {
         setting.name: setting.value
         for setting in inferred
@@ -291,7 +291,7 @@ def _end_of(log: Log) -> float:
 
 
 def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> dict[str, Any]:
-    """Tables of one session."""
+    """Return the tables of one session."""
     number = {name: robot for robot, name in enumerate(names)}
     frame = log.samples.with_columns(
         run=pl.lit(run, dtype=pl.UInt32),
@@ -350,7 +350,7 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
 
 
 def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log) -> dict[str, Any]:
-    """Segments, final state, tracking gaps and ages of positions of one robot."""
+    """Return the segments, final state, tracking gaps and ages of positions of one robot."""
     knots = knots_of(track, samples)
     if knots.is_empty():
         raise InputError(f"robot {robot} has no rows", field=log.name)
@@ -420,7 +420,7 @@ def _problem_counts(
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
-    """Final state of each robot, as in ``inference.agents.final_frame``."""
+    """Return the final state of each robot, as in ``inference.agents.final_frame``."""
     rows: list[dict[str, Any]] = []
     for robot in range(robots):
         own = frame.filter(pl.col("robot") == robot)
@@ -447,7 +447,7 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
 def _outcomes(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Tables of robots and runs; null if decisions are not logged."""
+    """Return the tables of robots and runs; null if decisions are not logged."""
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]
     fills, truth = fills_and_truth(scenario, floors, runs)
@@ -463,7 +463,7 @@ def _outcomes(
 
 
 def count_lines(recording: Recording) -> list[str]:
-    """Counts made while reading, one line for each session and kind; zeros are left out."""
+    """Return the counts made while reading, one line for each session and kind; zeros are left out."""
     lines = []
     for run, session in enumerate(recording.sessions):
         counts = session["told"]

@@ -108,7 +108,8 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
 def _one(
     recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
 ) -> tuple[pl.DataFrame, int, list[pl.Series]]:
-    """Final state of each robot of a run in one draw, messages that nobody can have sent, and the inference columns."""
+    """Return the final state of each robot of a run in one draw, messages that nobody can have sent, and the inference
+    columns."""
     energy = rows.energy
     if np.isnan(energy).any():
         energy = _drawn(rows, run, seed)
@@ -130,7 +131,7 @@ def _one(
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
-    """Energies, those of lost samples drawn from the session's on tiles of the same kind."""
+    """Return the energies, those of lost samples drawn from the session's on tiles of the same kind."""
     energy = rows.energy.copy()
     for k in np.flatnonzero(np.isnan(rows.energy)):
         alike = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
@@ -142,7 +143,7 @@ def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
 
 
 def _rows_of(recording: Recording, run: int) -> _Rows:
-    """Samples of a run ordered by time, lost ones restored."""
+    """Return the samples of a run ordered by time, lost ones restored."""
     of_run = pl.col("run") == run
     key = ["run", "robot", "sample"]
     frame = (
@@ -190,7 +191,8 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
 def _put_back(
     recording: Recording, run: int, before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
-    """Rows for the samples lost between two of a robot's rows, evenly spaced in time and in messages received."""
+    """Return the rows for the samples lost between two of a robot's rows, evenly spaced in time and in messages
+    received."""
     lost = after["sample"] - before["sample"] - 1
     restored = []
     for nth in range(1, lost + 1):
@@ -220,7 +222,7 @@ def _put_back(
 def _outcome(
     recording: Recording, scenario: Scenario, finals: pl.DataFrame, draw: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Tables of robots and runs of one draw."""
+    """Return the tables of robots and runs of one draw."""
     runs = recording.runs["run"].to_list()
     floors = {run: recording.floor(run) for run in runs}
     fills, truth = fills_and_truth(scenario, floors, runs)
@@ -232,7 +234,7 @@ def _outcome(
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """The recording with beliefs computed from its scenario, all messages received; for logs without beliefs."""
+    """Return the recording with beliefs computed from its scenario, all messages received; for logs without beliefs."""
     motion = Motion(recording.motion, recording.ends, recording.segments)
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
@@ -258,12 +260,12 @@ class SessionOutcome:
 
 
 def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOutcome]:
-    """Outcome of each session, in order."""
+    """Return the outcome of each session, in order."""
     return _session_outcomes(recording, replayed.robots, replayed.runs, replayed.scenario.strategy.name)
 
 
 def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
-    """Outcomes of the robots' own logged decisions."""
+    """Return the outcomes of the robots' own logged decisions."""
     number = pl.lit(0, dtype=pl.UInt32).alias("draw")
     robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
     return _session_outcomes(recording, robots, runs, recording.scenario.strategy.name)

@@ -89,7 +89,7 @@ class Threshold:
     """From the pooled samples, with their effective number."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         share = self.share_by_session.as_dict()
         return {name: getattr(self, name) for name in ("rule", "value", "low", "high")} | {
             "all_samples": asdict(self.all_samples),
@@ -114,7 +114,7 @@ class Labelled:
 
 
 def labelled(recording: Recording) -> Labelled:
-    """Samples of a recording with the kind of the tile below.
+    """Return the samples of a recording with the kind of the tile below.
 
     Raises:
         InputError: all samples are on one kind of tile.
@@ -144,7 +144,8 @@ def labelled(recording: Recording) -> Labelled:
 def edge_distance(
     floor: Floor, x_m: Floats, y_m: Floats, vibrating: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Distance from each place to the nearest tile of the other kind, m (inf: none), and that tile's index (-1)."""
+    """Return the distance from each place to the nearest tile of the other kind, m (inf: none), and that tile's index
+    (-1)."""
     rows, columns, width, height, left, bottom = floor.geometry
     distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
     for index, kind in enumerate(floor.tiles.ravel()):
@@ -160,7 +161,7 @@ def edge_distance(
 def error_curves(
     energy: Floats, vibrating: NDArray[np.bool_], weight: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Thresholds (half-way between energies), with weighted a(theta) and b(theta)."""
+    """Return the thresholds (half-way between energies), with weighted a(theta) and b(theta)."""
     order = np.argsort(energy, kind="stable")
     sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
     still, shaking = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
@@ -173,7 +174,7 @@ def error_curves(
 
 
 def equal_error(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
-    """Threshold at which both error rates cross."""
+    """Return the threshold at which both error rates cross."""
     thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
     k = int(np.argmax(false_negative >= false_positive))
     if k == 0:
@@ -244,7 +245,7 @@ def at_threshold(
     high: float = float("nan"),
     margin_m: float = 0.02,
 ) -> Threshold:
-    """Error rates at a threshold, and whether the floor can be decided with it."""
+    """Return the error rates at a threshold, and whether the floor can be decided with it."""
     data = data or labelled(recording)
     far_from_edges = data.edge_m > margin_m
     bits = data.energy > value
@@ -266,7 +267,7 @@ def at_threshold(
 
 
 def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
-    """Error rates of the chosen samples; nan without samples of a kind."""
+    """Return the error rates of the chosen samples; nan without samples of a kind."""
     bits = data.energy > threshold
     still, shaking = chosen & ~data.vibrating, chosen & data.vibrating
 
@@ -277,7 +278,8 @@ def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
 
 
 def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
-    """Error rates by distance to the nearest tile of the other kind: from_m, to_m, and the fields of ``Rates``."""
+    """Return the error rates by distance to the nearest tile of the other kind: from_m, to_m, and the fields of
+    ``Rates``."""
     rows = []
     for from_m, to_m in pairwise(EDGES_M):
         errors = rates(data, threshold, (data.edge_m >= from_m) & (data.edge_m < to_m))
@@ -288,7 +290,7 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
 def _decidable(
     data: Labelled, bits: NDArray[np.bool_], threshold: float, recording: Recording
 ) -> Decidability:
-    """Whether the floor can be decided from these bits, with their effective number."""
+    """Return whether the floor can be decided from these bits, with their effective number."""
     seen = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
     visits = count[count > 0] / data.tile.size
@@ -307,7 +309,7 @@ def _decidable(
 
 
 def _weights(data: Labelled) -> list[Floats]:
-    """Bootstrap weights of the samples: robots (of a session) and tiles are resampled independently."""
+    """Return the bootstrap weights of the samples: robots (of a session) and tiles are resampled independently."""
     robot = robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
     tile = np.unique(data.tile, return_inverse=True)[1]
     drawn = (

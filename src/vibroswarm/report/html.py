@@ -239,7 +239,7 @@ class _Drawn(Protocol):
 
 
 def picture_of(drawn: _Drawn, name: str) -> ReportPicture:
-    """What a ``draw_*`` of ``vibroswarm.plots`` gave, for a report; ``name`` is that of its CSV."""
+    """Return what a ``draw_*`` of ``vibroswarm.plots`` gave, for a report; ``name`` is that of its CSV."""
     return ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, name)
 
 
@@ -285,7 +285,7 @@ def write_report(path: Path | str, report: Report) -> None:
 
 
 def report_html(report: Report) -> str:
-    """The report as a whole HTML document that needs nothing else: no server, no network, no other file.
+    """Return the report as a whole HTML document that needs nothing else: no server, no network, no other file.
 
     The same report gives the same text.
 

@@ -150,13 +150,13 @@ HEADING_QUANTUM_RAD = 2 * np.pi / 3600
 
 
 def packed_column(values: NDArray[np.generic]) -> dict[str, str]:
-    """A column: its type (little-endian, as NumPy names it) and its bytes in base64."""
+    """Return a column: its type (little-endian, as NumPy names it) and its bytes in base64."""
     column = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
     return {"type": column.dtype.str.lstrip("<|"), "bytes": b64encode(column.tobytes()).decode("ascii")}
 
 
 def packed_track(track: Track) -> dict[str, int | str]:
-    """A track's knots: rounded differences between them, as variable-length integers in base64.
+    """Return a track's knots: rounded differences between them, as variable-length integers in base64.
 
     Five integers per knot: time, x, y, heading (in quanta), kind (not a difference).
     """
@@ -208,7 +208,7 @@ SAMPLE_TYPES = {
 
 
 def payload(record: RunRecord) -> dict[str, Any]:
-    """The run as plain dicts, lists, text and finite numbers.
+    """Return the run as plain dicts, lists, text and finite numbers.
 
     Samples are packed columns, sorted by robot and sample (``packed_column``); a missing energy is NaN, an unknown
     message ``UNKNOWN``.

@@ -74,7 +74,7 @@ def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[st
 
 
 def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
-    """The pose between two knots: a circular arc in time (see above).
+    """Return the pose between two knots: a circular arc in time (see above).
 
     Args:
         start, end: (..., 4) time, x, y, heading of the knots around each time.
@@ -97,7 +97,7 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
 def _points(
     table: pl.DataFrame, t_end_s: float, names: list[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Points along every segment, close enough to see all that it does: robot, kind, knots."""
+    """Return the points along every segment, close enough to see all that it does: robot, kind, knots."""
     robot = table["robot"].to_numpy().astype(np.int64)
     kind = table["kind"].cast(pl.String).cast(pl.Enum(names)).to_physical().to_numpy().astype(np.int64)
     columns = ["start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s"]
@@ -122,7 +122,7 @@ def _points(
 
 
 def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:
-    """(3, n) x, y, heading after ``elapsed_s`` at constant speed and turn rate."""
+    """Return (3, n) x, y, heading after ``elapsed_s`` at constant speed and turn rate."""
     half = rate * elapsed_s / 2
     chord = speed * elapsed_s * np.sinc(half / np.pi)
     return np.stack(
@@ -131,13 +131,13 @@ def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, 
 
 
 def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Whether the next segment begins elsewhere than this one ends: by 0.1 mm or half a degree."""
+    """Return whether the next segment begins elsewhere than this one ends: by 0.1 mm or half a degree."""
     x, y, heading = np.abs(np.roll(starts, -1, axis=1) - ends)
     return np.asarray((np.hypot(x, y) > 1e-4) | (heading > np.radians(0.5)))
 
 
 def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats:
-    """The headings at segments' starts, less the whole turns that they jump by after the segment before."""
+    """Return the headings at segments' starts, less the whole turns that they jump by after the segment before."""
     jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))
     turns: Floats = np.cumsum(np.where(first, 0.0, jumps))
     since = np.maximum.accumulate(np.where(first, np.arange(len(turns)), 0))
@@ -145,7 +145,7 @@ def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats
 
 
 def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
-    """Which points to keep: where something begins or jumps; then each gap's worst, until none is bad."""
+    """Return which points to keep: where something begins or jumps; then each gap's worst, until none is bad."""
     first = np.diff(robot, prepend=-1) != 0
     jump = np.diff(knots[:, 0], prepend=-1.0) <= 0
     keep: NDArray[np.bool_] = first | jump | (np.diff(kind, prepend=-1) != 0)

@@ -52,7 +52,7 @@ SCRIPTS = (
 
 
 def page_html(record: RunRecord) -> str:
-    """One run as an HTML document that needs no server, network or other file."""
+    """Return one run as an HTML document that needs no server, network or other file."""
     script = "\n".join(_asset(name) for name in SCRIPTS)
     document = _asset("page.html")
     parts = {
@@ -66,7 +66,7 @@ def page_html(record: RunRecord) -> str:
 
 
 def _script_hash(document: str, script: str) -> str:
-    """Hash of the page's script element, so that no other script runs in the page."""
+    """Return the hash of the page's script element, so that no other script runs in the page."""
     (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
     digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
@@ -85,7 +85,7 @@ def write_page(record: RunRecord, path: Path) -> None:
 
 
 def script_json(value: Any) -> str:
-    """JSON for a script element: nothing in it can end the element or open a comment.
+    """Return JSON for a script element: nothing in it can end the element or open a comment.
 
     Raises:
         ValueError: a number is not finite.

@@ -171,7 +171,7 @@ class _SharedMotion:
 def _truths_of(
     scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], fills: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The truth for each scenario and run, (scenarios, runs); equal questions are answered once."""
+    """Return the truth for each scenario and run, (scenarios, runs); equal questions are answered once."""
     known: dict[Any, NDArray[np.float64]] = {}
     for scenario in scenarios:
         question = (scenario.task.model_dump_json(), scenario.decision.decision_boundary)

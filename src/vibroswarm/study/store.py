@@ -353,7 +353,8 @@ NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_run
 
 
 def _fingerprint(text: str) -> str:
-    """Hash the parts of a study's text that determine cells and seed, independent of how a version reads it."""
+    """Hash the parts of a study's text that determine cells and seed, independent of how a version reads
+    it."""
     values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 

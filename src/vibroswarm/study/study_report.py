@@ -268,7 +268,7 @@ def _decidability(outcome: Outcome) -> Section:
 
 
 def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Versions of what made a result, as details of a report."""
+    """Return the versions of what made a result, as details of a report."""
     return {
         "made by" if len(made_by) == 1 else f"made by ({number})": ", ".join(
             f"{name} {version}" for name, version in versions.items()

@@ -95,7 +95,7 @@ class Outcome:
         return warnings
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         study = self.result.study
         return {
             "study_hash": study.hash,

@@ -119,7 +119,7 @@ class World(NamedTuple):
 
 @branching_kernel
 def events(world: World, until: int) -> int:
-    """Go from event to event up to the tick ``until``, or while the buffers suffice; return the tick reached."""
+    """Process events up to the tick ``until``, or while the buffers suffice; return the tick reached."""
     planners, wakes, record, robots = world.planners, world.wakes, world.record, world.planners.size
     last_sample, last_segment, last_move = room_for(record, ROOM_TICKS * robots, robots)
     while True:
@@ -167,13 +167,13 @@ def events(world: World, until: int) -> int:
 
 @inlined
 def awake_robot(world: World, k: int) -> int:
-    """The robot at place ``k`` of those awake; stored unsigned, so that no index can count from the end."""
+    """Return the ``k``-th awake robot. The list is unsigned, so that no index can count from the end."""
     return np.int64(world.awake[k])  # type: ignore[return-value]
 
 
 @inlined
 def stop(world: World, i: int, tick: int) -> None:
-    """Robot ``i`` stops to sample. This was in its plan, so all others have looked ahead on it."""
+    """Stop robot ``i`` to sample. The stop was in its plan, so all others have already looked ahead on it."""
     row, record = world.planners[i], world.record
     begin_stop(row, world.setup, tick)
     if record.segments.size > 0:
@@ -187,10 +187,9 @@ def stop(world: World, i: int, tick: int) -> None:
 
 @inlined
 def wake_neighbours(world: World, count: int, tick: int) -> int:
-    """Bring those awake to ``tick``, and with them all that move so near that a new plan might block them.
+    """Bring the awake robots to ``tick``, and with them all moving robots so close that a new plan might block them.
 
-    Those that stand have sampled at the tick before. Returns how many are awake now, still in index order.
-    """
+    Robots that stand have sampled at the tick before. Returns the number of awake robots, which stay in index order."""
     planners, setup = world.planners, world.setup
     k = 0
     while k < count:
@@ -223,7 +222,7 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
 
 @inlined
 def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Setup, tick: int) -> bool:
-    """Whether a robot is within a distance of a point at ``tick``; its exact position is a second step."""
+    """Return whether a robot is within a distance of a point at ``tick``; its exact position is a second step."""
     if not maybe_within(row, x_m, y_m, distance_m, tick):
         return False
     there_x, there_y = position_at(row, setup, tick)
@@ -233,7 +232,7 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
 
 @inlined
 def look_around(world: World, i: int, tick: int) -> bool:
-    """Whether another body may be so near robot ``i`` that they might touch.
+    """Return whether another body may be close enough to touch robot ``i``.
 
     Fills robot ``i``'s row of ``apart``: the largest error of the distances, m, then their squares, m^2, to all
     robots or to those on its list.
@@ -253,19 +252,20 @@ def look_around(world: World, i: int, tick: int) -> bool:
 
 @inlined
 def candidate_count(planners: Planners, near: NDArray[np.uint32], i: int) -> int:
-    """How many distances robot ``i``'s row of ``apart`` holds."""
+    """Return the number of distances in robot ``i``'s row of ``apart``."""
     return planners.size if planners.size <= SMALL_SWARM else neighbour_count(near, i)
 
 
 @inlined
 def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> int:
-    """The robot that distance ``m`` of robot ``i``'s row of ``apart`` belongs to."""
+    """Return the robot to which distance ``m`` in robot ``i``'s row of ``apart`` belongs."""
     return m if planners.size <= SMALL_SWARM else neighbour(near, i, m)
 
 
 @inlined
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
-    """Bound on the squared distances in robot ``i``'s row of ``apart``: above it no robot is within, m^2."""
+    """Return the upper bound on the squared distances in robot ``i``'s row of ``apart`` for robots within
+    ``distance_m``, m^2."""
     bound_m = distance_m + apart[i, 0]
     return float(bound_m * bound_m)
 
@@ -274,7 +274,7 @@ def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
 def measure_listed(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, tick: int
 ) -> tuple[float, float]:
-    """Squared distances to robot ``i``'s neighbours; returns the least, and the largest error, m."""
+    """Write the squared distances to robot ``i``'s neighbours; return the smallest, m^2, and the largest error, m."""
     row = planners[i]
     nearest2, error = math.inf, 0.0
     for m in range(neighbour_count(near, i)):
@@ -287,7 +287,8 @@ def measure_listed(
 
 @inlined
 def sample(world: World, i: int) -> None:
-    """Robot ``i``'s stop ends with a sample. It wakes at the tick after, which is soon enough to record it."""
+    """Take robot ``i``'s sample at the end of its stop, and wake it at the next tick, which is soon enough to record
+    it."""
     end_stop(world.planners[i])
     tick = world.planners[i].sample_tick
     write_sample(world.record, world.planners, world.run, i, tick)
@@ -296,7 +297,7 @@ def sample(world: World, i: int) -> None:
 
 @inlined
 def step(world: World, count: int, tick: int) -> None:
-    """What the robots that are awake do at ``tick``, phase by phase, in index order."""
+    """Simulate the awake robots at ``tick``, phase by phase, in index order."""
     planners, setup, record, run = world.planners, world.setup, world.record, world.run
     for k in range(count):
         i = awake_robot(world, k)
@@ -325,7 +326,7 @@ def step(world: World, count: int, tick: int) -> None:
 
 @inlined
 def write_move(world: World, i: int, tick: int) -> None:
-    """``note_move`` of a robot at its plan's tick."""
+    """Call ``note_move`` for a robot at its plan's tick."""
     record, row = world.record, world.planners[i]
     note_move(
         record.moves, record.under_way, record.filled, world.planners, i, world.setup, world.run, tick,
@@ -335,7 +336,7 @@ def write_move(world: World, i: int, tick: int) -> None:
 
 @inlined
 def nearest_now_m(world: World, i: int, tick: int) -> float:
-    """The shortest of robot ``i``'s rays at ``tick``, m; infinite if nothing that would matter is in sight."""
+    """Return the shortest of robot ``i``'s rays at ``tick``, m; infinite if nothing is within ``look_m``."""
     planners, setup = world.planners, world.setup
     row = planners[i]
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
@@ -376,7 +377,8 @@ def contact_now(world: World, i: int, tick: int) -> None:
 def move_or_block(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, setup: Setup, tick: int
 ) -> None:
-    """``contact_now`` for a robot with a wall or a body near; as it is a call, it takes only what it needs."""
+    """Do ``contact_now`` for a robot close to a wall or a body. It is a real call, not inlined, so it has few
+    arguments."""
     row = planners[i]
     x, y, _, _, _ = along_arc(row, setup.tick_s)
     r = setup.radius_m
@@ -393,7 +395,8 @@ def move_or_block(
 
 @inlined
 def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m: float, y_m: float) -> bool:
-    """Whether a body at (x, y) would overlap robot ``j``, where it stands when robot ``i`` moves from ``tick``."""
+    """Return whether a body at (x, y) would overlap robot ``j`` at its position when robot ``i`` moves from
+    ``tick``."""
     other = planners[j]
     if j < i and other.tick == tick and other.mode != STOP:
         other_x, other_y = other.from_x_m, other.from_y_m
@@ -405,7 +408,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
 
 @inner
 def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, until: int) -> None:
-    """Write a turn's further segments, one for each tick before ``until`` at which its command changes."""
+    """Write the further segments of a turn, one for each tick before ``until`` at which its command changes."""
     if row.mode == STOP or row.mode == DRIVE:
         return
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
@@ -425,7 +428,7 @@ def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, unt
 
 @inlined
 def plan(world: World, i: int, tick: int) -> int:
-    """Plan robot ``i`` up to what it knows by itself: its own next event, or a wall.
+    """Plan robot ``i`` up to the next event that it can predict alone: its own next event, or a wall.
 
     Returns 1 if its move is blocked, which ``plan_blocked`` then deals with, else 0.
     """
@@ -441,7 +444,7 @@ def plan(world: World, i: int, tick: int) -> int:
 
 @inlined
 def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
-    """Let robot ``i``'s plan reach so many ticks ahead, and to the end of the stop if one is due then."""
+    """Extend robot ``i``'s plan by this number of ticks, and to the end of the stop if one follows."""
     row, setup = world.planners[i], world.setup
     row.self_event_tick = row.plan_end_tick = tick + ahead
     if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
@@ -456,10 +459,9 @@ def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
 
 @inner
 def plan_blocked(world: World, count: int, tick: int) -> None:
-    """Plan those awake whose moves are blocked, once the others have plans and stand where they are.
+    """Plan the awake robots whose moves are blocked, after all others have plans and positions.
 
-    Two that block each other stay as long as both are blocked: the first to go on wakes the other.
-    """
+    Two robots that block each other stay while both are blocked: the first that moves on wakes the other."""
     for k in range(count):
         i = awake_robot(world, k)
         row = world.planners[i]
@@ -492,7 +494,7 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
 
 @inlined
 def schedule_pair(world: World, i: int, j: int, tick: int) -> None:
-    """Look ahead on each two pieces of the plans of robots ``i`` and ``j`` that overlap in time."""
+    """Schedule encounters for every two pieces of the plans of robots ``i`` and ``j`` that overlap in time."""
     a, b = world.planners[i], world.planners[j]
     if may_encounter(a, b, world.setup, tick):
         schedule(world.planners, world.wakes, a, b, i, j, world.setup, tick, i < j)
@@ -504,7 +506,7 @@ def schedule_pair(world: World, i: int, j: int, tick: int) -> None:
 
 @inlined
 def schedule_stop(world: World, i: int, j: int) -> None:
-    """Look ahead on the stop at the end of robot ``i``'s plan, and on robot ``j``, which still moves then."""
+    """Schedule encounters of the stop at the end of robot ``i``'s plan with robot ``j``, which is still moving then."""
     a, b = world.stops[i], world.planners[j]
     if may_encounter(a, b, world.setup, a.tick):
         schedule(world.planners, world.wakes, a, b, i, j, world.setup, a.tick, STANDS_FIRST)
@@ -515,10 +517,8 @@ def schedule(
     planners: Planners, wakes: NDArray[np.int64], a: Planner, b: Planner, i: int, j: int, setup: Setup, tick: int,
     a_first: bool,
 ) -> None:  # fmt: skip
-    """Schedule the first tick after ``tick`` at which piece ``a`` of robot ``i`` and ``b`` of ``j`` may matter.
-
-    Whom it matters to wakes by then, and looks again from there.
-    """
+    """Schedule the first tick after ``tick`` at which piece ``a`` of robot ``i`` and ``b`` of ``j`` may affect each
+    other. The affected robot wakes by then and looks ahead again."""
     encounter, to_i, to_j = encounter_tick(a, b, setup, tick, a_first)
     if to_i:
         wake_no_later_than(planners, wakes, i, encounter)
@@ -528,7 +528,7 @@ def schedule(
 
 @inlined
 def wake_no_later_than(planners: Planners, wakes: NDArray[np.int64], i: int, tick: int) -> None:
-    """Another robot may matter to robot ``i`` at ``tick``."""
+    """Wake robot ``i`` by ``tick``, at which another robot may affect it."""
     row = planners[i]
     if tick < row.lookahead_tick:
         row.lookahead_tick = tick
@@ -537,7 +537,7 @@ def wake_no_later_than(planners: Planners, wakes: NDArray[np.int64], i: int, tic
 
 @kernel
 def new_lists(world: World, grid: NDArray[np.int64], radius_m: float, tick: int) -> None:
-    """Update the lists of neighbours, and let those that are on them now look ahead on each other."""
+    """Update the neighbour lists, and schedule encounters of new neighbours."""
     update_lists(world.planners, world.near, grid, world.setup, radius_m, tick)
     for i in range(world.planners.size):
         for m in range(neighbour_count(world.near, i)):
@@ -548,7 +548,7 @@ def new_lists(world: World, grid: NDArray[np.int64], radius_m: float, tick: int)
 
 @kernel
 def write_ends(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]) -> None:
-    """Write where the robots are at ``tick`` into rows of ``END_ROW``."""
+    """Write the robots' poses at ``tick`` into rows of ``END_ROW``."""
     for i in range(planners.size):
         ends[i].x_m, ends[i].y_m, heading = pose_at(planners[i], setup, tick)
         ends[i].heading_rad = wrapped_rad(heading)
@@ -557,7 +557,7 @@ def write_ends(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.voi
 
 @kernel
 def headings_at(planners: Planners, setup: Setup, tick: int, headings: NDArray[np.float64]) -> None:
-    """The headings at ``tick``, rad, whole turns included, into (robots,)."""
+    """Write the headings at ``tick``, rad, not wrapped, into an array (robots,)."""
     for i in range(planners.size):
         _, _, headings[i] = pose_at(planners[i], setup, tick)
 
@@ -568,7 +568,7 @@ class EventRun(KernelRun):
     fields = PLANNER
 
     def prepare(self) -> None:
-        """Allocate the lists of neighbours and all else that is the same for every run."""
+        """Allocate the neighbour lists and everything else that is the same for all runs."""
         robots = self.swarm.size
         self.all_wake = all_wake(robots, 1)
         self.wakes, self.awake = self.all_wake.copy(), np.zeros(robots, dtype=np.uint32)
@@ -583,7 +583,7 @@ class EventRun(KernelRun):
         self.update: Callable[[World, NDArray[np.int64], float, int], None] | None = None
 
     def start(self, seed: int, run: int) -> None:
-        """Go to time 0 of a run: all stand; their own next event is the step at tick 1."""
+        """Set time 0 of a run: all robots stand, and their first event is the step at tick 1."""
         super().start(seed, run)
         swarm = self.swarm
         swarm["self_event_tick"], swarm["lookahead_tick"] = 1, NEVER
@@ -597,21 +597,21 @@ class EventRun(KernelRun):
             self.places["mid_y_m"][0, : swarm.size] = swarm["y_m"]
 
     def copy(self) -> EventRun:
-        """A branch that does not change with this state."""
+        """Return an independent copy of this state."""
         branch = super().copy()
         branch.wakes, branch.near, branch.places = self.wakes.copy(), self.near.copy(), self.places.copy()
         branch.awake, branch.apart, branch.stops = self.awake.copy(), self.apart.copy(), self.stops.copy()
         return branch
 
     def world(self) -> World:
-        """What the kernels work on."""
+        """Return the arguments of the kernels."""
         return World(
             self.swarm, self.stops, self.wakes, self.near, self.places[0], self.apart, self.awake, self.setup,
             self.speeds, self.record, self.seed, self.run,
         )  # fmt: skip
 
     def move_on(self, until: int) -> int:
-        """Go from event to event up to the tick ``until``, or for as long as the buffers suffice."""
+        """Process events up to the tick ``until``, or while the buffers suffice."""
         world = self.world()
         if self.swarm.size > SMALL_SWARM:
             if self.tick == 1 or self.tick % LIST_TICKS == 0:
@@ -624,18 +624,18 @@ class EventRun(KernelRun):
         return self.go(world, until)
 
     def no_sample_before(self) -> int:
-        """A tick, ``tick`` or later, before which nobody samples."""
+        """Return a tick, ``tick`` or later, before which no robot samples."""
         return no_sample_before_plans(self.swarm, self.setup, self.tick)
 
     def ends(self) -> NDArray[np.void]:
-        """Where the robots are now: ``END_ROW``."""
+        """Return the robots' current poses: ``END_ROW``."""
         ends = zero_rows(self.swarm.size, END_ROW)
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
         write_ends(self.swarm, self.setup, self.tick, ends)
         return ends
 
     def headings(self) -> NDArray[np.float64]:
-        """The robots' headings now, rad, whole turns included."""
+        """Return the robots' current headings, rad, not wrapped."""
         headings = np.empty(self.swarm.size)
         headings_at(self.swarm, self.setup, self.tick, headings)
         return headings

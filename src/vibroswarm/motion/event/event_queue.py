@@ -23,7 +23,7 @@ NOBODY: Final[int] = np.int64(-1)  # type: ignore[assignment]
 
 
 def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
-    """Robots that all wake at ``tick``."""
+    """Return the queue rows of robots that all wake at ``tick``."""
     wakes = np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
     for i in range(robots):
         wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i
@@ -33,7 +33,7 @@ def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
 
 @inlined
 def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
-    """Robot ``i`` is to wake at ``tick``."""
+    """Set the tick at which robot ``i`` wakes."""
     block = wakes[i >> 4]
     key = (tick << KEY_BITS) + i
     block[(i & 15) + 1] = key
@@ -42,14 +42,14 @@ def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 @inlined
 def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
-    """Robot ``i`` is to wake at ``tick`` or before."""
+    """Wake robot ``i`` at ``tick`` or earlier."""
     if (tick << KEY_BITS) + i < wakes[i >> 4, (i & 15) + 1]:
         set_wake(wakes, i, tick)
 
 
 @inner
 def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
-    """The least key, and the one after it if there is only one block (else the least again)."""
+    """Return the least key, and the one after it if there is only one block (else the least again)."""
     if wakes.shape[0] > 1:
         first = next_wake(wakes, robots, NOBODY)
         return first, first
@@ -63,7 +63,7 @@ def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
 
 @inner
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
-    """The least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
+    """Return the least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
 
     The bounds of the blocks are made exact as far as need be. One that is the key of its robot is.
     """
@@ -82,7 +82,7 @@ def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
 
 @inlined
 def least_of(wakes: NDArray[np.int64], block: int, robots: int, beyond: int) -> int:
-    """The least key above ``beyond`` of the robots of a block."""
+    """Return the least key above ``beyond`` among the robots of a block."""
     earliest = NEVER
     for m in range(robots):
         key = wakes[block, m + 1]

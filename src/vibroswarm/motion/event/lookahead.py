@@ -69,21 +69,21 @@ def set_chord(row: Planner, setup: Setup) -> None:
 
 @inlined
 def set_standing(row: Planner) -> None:
-    """Set the chord of a robot that stays where it is."""
+    """Set the chord of a standing robot."""
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     row.chord_x_m = row.chord_y_m = row.position_error_m = 0.0
 
 
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Whether a robot may be within a distance of a point at ``tick``, by its chord."""
+    """Return whether a robot may be within a distance of a point at ``tick``, according to its chord."""
     bound_m = distance_m + row.position_error_m
     return bool(distance2_m2(row, x_m, y_m, tick) < bound_m * bound_m)
 
 
 @inlined
 def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
-    """Squared distance from a point to a robot's approximate position at ``tick``, m^2."""
+    """Return the squared distance from a point to a robot's approximate position at ``tick``, m^2."""
     dx = row.mid_x_m + (tick - row.tick) * row.chord_x_m - x_m
     dy = row.mid_y_m + (tick - row.tick) * row.chord_y_m - y_m
     squared: float = dx * dx + dy * dy
@@ -92,7 +92,8 @@ def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
 
 @inlined
 def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
-    """A robot further away than this at ``tick`` cannot matter before this one looks around again, m."""
+    """Return the distance at ``tick`` beyond which another robot cannot affect this one before its next look around,
+    m."""
     reach_m: float = max(setup.zone_m, setup.sight_m)
     own_m = (row.self_event_tick - tick) * row.max_step_m
     return reach_m + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
@@ -100,13 +101,14 @@ def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
 
 @inlined
 def wall_clearance_m(setup: Setup, x_m: float, y_m: float) -> float:
-    """Distance from a point to the nearest wall, m."""
+    """Return the distance from a point to the nearest wall, m."""
     return min(min(x_m, setup.width_m - x_m), min(y_m, setup.height_m - y_m))
 
 
 @inlined
 def avoidance_tick(row: Planner, setup: Setup) -> int:
-    """The first tick of a driver's plan at which it heeds its rays: after a turn it may be blind for a while."""
+    """Return the first tick of a driver's plan at which it uses its rays; it may ignore them for a while after a
+    turn."""
     if setup.blind_ms <= 0.0:
         return int(row.tick + 1)
     return int(row.tick + 1 + max(0, math.ceil((row.sees_from_ms - row.driven_ms) / setup.tick_ms)))
@@ -114,7 +116,8 @@ def avoidance_tick(row: Planner, setup: Setup) -> int:
 
 @inlined
 def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
-    """Ticks before a gap is used up that shrinks by ``approach`` a tick, and by ``swerve`` more each tick."""
+    """Return a lower bound on the ticks until a gap closes that shrinks by ``approach`` a tick, and by ``swerve``
+    more each tick."""
     if gap <= 0.0:
         return 0.0
     below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
@@ -123,11 +126,10 @@ def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
 
 @inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
-    """Ticks for which a robot whose move has just been blocked stays blocked, at most ``most``.
+    """Return the number of ticks, at most ``most``, for which a robot whose move has just been blocked stays blocked.
 
-    It stands and turns on, while the others follow their plans. When one nearby changes its plan, this robot is woken
-    anyway. So only robots that stand, or that stay near from now on, count as blocking it.
-    """
+    It stands and continues to turn, while the others follow their plans. If a neighbour changes its plan, this robot
+    is woken anyway. So only robots that stand, or that stay close from now on, count as blocking it."""
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
     gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
@@ -165,7 +167,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
 
 @inlined
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
-    """Whether a robot whose plan brings it to touch another is within the zone until then."""
+    """Return whether a robot whose plan leads to contact with another is within the zone until then."""
     bound_m = setup.zone_m - 2.0 * other.position_error_m
     return bool(
         bound_m > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < bound_m * bound_m
@@ -174,7 +176,8 @@ def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
 
 @inlined
 def overlap_ticks(depth: float, shift: float) -> int:
-    """Ticks for which an overlap surely lasts that shrinks by at most ``shift`` a tick; 0: no overlap."""
+    """Return a lower bound on the ticks for which an overlap lasts that shrinks by at most ``shift`` a tick; 0: no
+    overlap."""
     if depth <= 0.0:
         return 0
     return max(1, int(min(depth / (shift + ROUNDING_M), SIDE_TICKS)))
@@ -185,7 +188,8 @@ SAG_ROUNDING_M = 1e-9
 
 @inlined
 def wall_tick(row: Planner, setup: Setup) -> int:
-    """First tick of the plan, after its own, at which a ray may see a wall or the body come to one, or NEVER."""
+    """Return the first later tick of the plan at which a ray may detect a wall or the body may reach one; NEVER if
+    none."""
     if row.mode == STOP:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
@@ -209,7 +213,8 @@ def wall_tick(row: Planner, setup: Setup) -> int:
 
 @inner
 def turn_at_walls(row: Planner, setup: Setup) -> int:
-    """``wall_tick`` for a robot that turns near walls: the tick at which its pivot would swing its body into one."""
+    """Compute ``wall_tick`` for a robot that turns close to walls: the tick at which it would swing its body into
+    one."""
     tick = row.tick + 1
     while tick < row.self_event_tick and row.max_step_m > 0.0:
         x, y = position_in_turn(row, setup, tick)
@@ -224,7 +229,7 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
 
 @inner
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
-    """``wall_tick`` for a driver that comes near walls."""
+    """Compute ``wall_tick`` for a driver close to walls."""
     left, right, low, high = reach_box(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
     own_left, own_right, own_low, own_high = reach_box(
         row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
@@ -260,7 +265,7 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
 def reach_box(
     row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
-    """The box round a robot's body with its inset, and its rays: left, right, low, high, m."""
+    """Return the bounding box of a robot's body (with its inset) and its rays: left, right, low, high, m."""
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
@@ -280,9 +285,10 @@ def reach_box(
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
-    """Ticks that surely pass before a ray's end is beyond a wall or the body nearer than its inset; 0 if one is.
+    """Return a lower bound on the ticks before a ray's end passes a wall or the body is closer than its inset; 0 if so
+    now.
 
-    A ray is shorter than ``look`` just when its end, so far out, lies beyond a wall, or its start does.
+    A ray is shorter than ``look`` exactly if its end at that length, or its start, is beyond a wall.
 
     Args:
         distance_m: from the centre to the wall. toward, aside: cosine and sine of the heading, seen from the

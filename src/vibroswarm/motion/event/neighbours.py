@@ -53,7 +53,8 @@ def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
 
 @inlined
 def minded_m(row: Planner, setup: Setup) -> float:
-    """How near another may come to a robot before either minds, m: in sight of one that drives, else near touching."""
+    """Return the distance within which another robot may affect this one, m: the sight of a driver, else the contact
+    zone."""
     return float(max(setup.zone_m, setup.sight_m) if row.mode == DRIVE else setup.zone_m)
 
 
@@ -84,11 +85,11 @@ def measure_all(
 def measure_meetings(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, row: Planner, setup: Setup, tick: int
 ) -> None:
-    """By how much robot ``i``, awake at ``tick``, and each other stay further apart than matters, by their chords.
+    """Write by how much robot ``i``, awake at ``tick``, and each other robot stay outside the distance at which they
+    affect each other, according to their chords.
 
-    Written as squares, m^2, into its row of ``apart`` from 1 on. Above 0, the two do not matter to each other for as
-    long as both plans last.
-    """
+    The values are differences of squares, m^2, in its row of ``apart`` from 1 on. Above 0, the two do not affect
+    each other while both plans last."""
     own_row = apart[i]
     x_m, y_m, chord_x_m, chord_y_m = row.mid_x_m, row.mid_y_m, row.chord_x_m, row.chord_y_m
     own, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
@@ -113,7 +114,8 @@ def measure_meetings(
 
 @inlined
 def nearest_on_way2(x: float, y: float, dx: float, dy: float, span: float) -> float:
-    """Least squared distance from the origin of a point at (x, y) that moves by (dx, dy) a tick, for so many ticks."""
+    """Return the least squared distance from the origin of a point that starts at (x, y) and moves by (dx, dy) a
+    tick, within these ticks."""
     ticks = min(max(-(x * dx + y * dy) / (dx * dx + dy * dy + AT_REST_M2), 0.0), span)
     x, y = x + ticks * dx, y + ticks * dy
     squared: float = x * x + y * y
@@ -128,16 +130,16 @@ MOST_CELLS: Final = 256
 
 
 def list_radius_m(setup: Setup) -> float:
-    """Robots further apart than this do not matter to each other for LIST_TICKS, m."""
+    """Return the distance beyond which robots cannot affect each other for LIST_TICKS, m."""
     return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
 def most_listed(robots: int, setup: Setup) -> int:
-    """No list needs room for more than so many: of all others in a small swarm, else of what fits within the radius.
+    """Return the largest possible length of a neighbour list: all others in a small swarm, else what fits within the
+    radius.
 
     Bodies do not overlap: those whose centres lie within a circle of radius R, all within one of R + r, cover less
-    than pi / sqrt(12) of it, so that there are fewer than 0.91 (R / r + 1)^2.
-    """
+    than pi / sqrt(12) of it, so that there are fewer than 0.91 (R / r + 1)^2."""
     if robots <= SMALL_SWARM:
         return robots - 1
     discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
@@ -145,7 +147,7 @@ def most_listed(robots: int, setup: Setup) -> int:
 
 
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
-    """Lists with room for ``most_listed``; those of a small swarm name everybody else, for ever."""
+    """Return lists with room for ``most_listed``; those of a small swarm always contain all others."""
     room = most_listed(robots, setup)
     lists = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
@@ -157,25 +159,26 @@ def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
 
 @inlined
 def neighbour_count(near: NDArray[np.uint32], i: int) -> int:
-    """The number of robots on the list of robot ``i``."""
+    """Return the number of robots on robot ``i``'s list."""
     return np.int64(near[i, 0])  # type: ignore[return-value]
 
 
 @inlined
 def neighbour(near: NDArray[np.uint32], i: int, m: int) -> int:
-    """The robot at place ``m`` of the list of robot ``i``."""
+    """Return the ``m``-th robot on robot ``i``'s list."""
     return np.int64(near[i, m + 1])  # type: ignore[return-value]
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
-    """Scratch for ``update_lists``: the first robot of each cell, then the next in the cell of each robot."""
+    """Return scratch memory for ``update_lists``: the first robot of each cell, then the next robot in the same
+    cell."""
     across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
     return np.zeros(across * up + robots, dtype=np.int64)
 
 
 @kernel
 def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, int]:
-    """Columns and rows of cells no smaller than the radius."""
+    """Return the numbers of columns and rows of a grid with cells no smaller than the radius."""
     across = min(max(int(width_m / radius_m), 1), MOST_CELLS)
     up = min(max(int(height_m / radius_m), 1), MOST_CELLS)
     return across, up
@@ -190,7 +193,7 @@ def update_lists(
     radius_m: float,
     tick: int,
 ) -> None:
-    """Update all lists from the positions at ``tick``; ``from_x_m``, ``from_y_m`` are overwritten."""
+    """Update all lists from the positions at ``tick``; overwrites ``from_x_m`` and ``from_y_m``."""
     across, up = grid_size(setup.width_m, setup.height_m, radius_m)
     cells = across * up
     grid[:cells] = -1
@@ -205,7 +208,7 @@ def update_lists(
 
 @inner
 def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
-    """The cell in which robot ``i`` lies."""
+    """Return the cell in which robot ``i`` lies."""
     column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
     row = min(max(int(planners[i].from_y_m / setup.height_m * up), 0), up - 1)
     return row * across + column
@@ -216,7 +219,7 @@ def update_list(
     planners: Planners, near: NDArray[np.uint32], grid: NDArray[np.int64], setup: Setup,
     radius_m: float, across: int, up: int, i: int,
 ) -> None:  # fmt: skip
-    """Robot ``i``'s list: those within the radius, from its own and the eight cells around."""
+    """Update robot ``i``'s list: the robots within the radius, from its own and the eight adjacent cells."""
     cell = cell_of(planners, i, setup, across, up)
     row, column = cell // across, cell % across
     count = 0
@@ -234,7 +237,7 @@ def update_list(
 
 @inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
-    """Put ``j`` among the first ``count`` numbers, which are in order; gives 1, or 0 if it is there."""
+    """Insert ``j`` among the first ``count`` sorted numbers; return 1, or 0 if it is already there."""
     place = count
     while place > 0 and numbers[place - 1] >= j:
         place -= 1

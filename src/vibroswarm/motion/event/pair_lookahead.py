@@ -17,7 +17,8 @@ CONTACT_M = 1e-9
 
 @inlined
 def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
-    """Whether the chords of two pieces come so near after ``tick``, while both last, that a closer look is due.
+    """Return whether the chords of two pieces come so close after ``tick``, while both last, that an exact check is
+    needed. Cheap conservative reject.
 
     Cheap conservative reject.
     """
@@ -44,7 +45,8 @@ def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
 def passes_by(
     row: Planner, setup: Setup, x: float, y: float, end_x: float, end_y: float, slack: float
 ) -> bool:
-    """Whether another robot stays beside, behind or ahead of all that a driver's rays and body reach, as it drives.
+    """Return whether another robot stays beside, behind or ahead of all that a driver's rays and body reach, as it
+    drives.
 
     Seen along the driver's chord the other goes straight; the heading is off it by half of all it turns at most.
 
@@ -71,7 +73,7 @@ def passes_by(
 
 @inlined
 def stops_before(a: Planner, b: Planner) -> bool:
-    """Whether robot ``a`` stops to sample, as its plan says, while robot ``b`` still moves by its own."""
+    """Return whether robot ``a`` stops to sample, according to its plan, while robot ``b`` still moves by its own."""
     return bool(
         (a.plan_end_tick > a.self_event_tick) & (a.self_event_tick < b.self_event_tick) & (b.mode != STOP)
     )
@@ -79,7 +81,8 @@ def stops_before(a: Planner, b: Planner) -> bool:
 
 @inlined
 def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float) -> bool:
-    """Whether a point at (x, y) that moves by (dx, dy) a tick comes so near the origin within so many ticks."""
+    """Return whether a point that starts at (x, y) and moves by (dx, dy) a tick comes within this distance of the
+    origin within these ticks."""
     beyond = x * x + y * y - far * far
     closing = -(x * dx + y * dy)
     # Their least distance, were the chords endless: beyond - closing^2 / speed^2.
@@ -91,7 +94,7 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """First tick after ``tick`` at which one of two robots sees the other or is blocked by it.
+    """Return the first tick after ``tick`` at which one of two robots sees the other or is blocked by it.
 
     Gives it, and to whom of the two the other matters then. NEVER if it does not come to that as long as both plans
     last.
@@ -138,19 +141,20 @@ def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: boo
 
 @inlined
 def is_turning(row: Planner) -> bool:
-    """Whether a robot turns in place."""
+    """Return whether a robot turns in place."""
     return bool(row.mode != DRIVE and row.mode != STOP)
 
 
 @inlined
 def sees_from(row: Planner, setup: Setup) -> int:
-    """The first tick at which a robot may see another: ``avoidance_tick`` of one that drives, NEVER of others."""
+    """Return the first tick at which a robot may detect another: ``avoidance_tick`` of a driver, else NEVER."""
     return avoidance_tick(row, setup) if row.mode == DRIVE else NEVER
 
 
 @inlined
 def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
-    """Ticks that surely pass from ``tick`` before the two are within ``reach``, by their chords."""
+    """Return a lower bound on the ticks from ``tick`` before the two are within ``reach``, according to their
+    chords."""
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
@@ -179,7 +183,8 @@ def pair_clear_ticks(
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Ticks that surely pass before ``a`` sees ``b``, before ``b`` sees ``a``, and before one's move ends in the other.
+    """Return ticks that surely pass before ``a`` sees ``b``, before ``b`` sees ``a``, and before one's move ends in
+    the other.
 
     0 if one sees the other; below 1 if a move from ``tick`` may end so.
 
@@ -242,7 +247,7 @@ def pair_clear_ticks(
 
 @inlined
 def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, float, float, float]:
-    """Where a robot is at a tick of its plan, and the sine and cosine of its heading.
+    """Return where a robot is at a tick of its plan, and the sine and cosine of its heading.
 
     ``roughly``: one that turns is somewhere about its pivot.
     """
@@ -261,7 +266,7 @@ def ticks_until_seen(
     x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
 ) -> float:  # fmt: skip
-    """Ticks that surely pass before a robot's rays, each ``look`` long, see the disc of another; 0 if one does.
+    """Return ticks that surely pass before a robot's rays, each ``look`` long, see the disc of another; 0 if one does.
 
     The distance of a point from a ray is convex: it falls by no more than the point's way along its gradient.
 
@@ -290,7 +295,7 @@ def ticks_until_seen(
 
 @inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
-    """Whether a move from ``tick`` of one of the two would end in the other, by their plans."""
+    """Return whether a move from ``tick`` of one of the two would end in the other, according to their plans."""
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)
     x, y, _, _ = about(first, setup, tick + 1, False)

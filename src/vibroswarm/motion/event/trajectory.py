@@ -87,7 +87,7 @@ STRAIGHT_RAD_S: Final = 1e-8
 
 @inlined
 def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float:
-    """Wheel command of a turn, %: 2.5 e + 0.15 integral, clipped."""
+    """Return the wheel command of a turn, %: 2.5 e + 0.15 integral, clipped."""
     command = setup.gain * error_deg + setup.integral_gain * integral_deg_s
     return min(max(command, -100.0), 100.0)
 
@@ -96,10 +96,8 @@ def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float
 def turn_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
-    """Ticks of a turn up to the one at which it is done, at most ``most``.
-
-    Gives n, and error, integral and gyro as they stand just before the step n ticks ahead.
-    """
+    """Simulate a turn up to the tick at which it ends, at most ``most`` ticks; return n, error, integral and gyro
+    just before the step n ticks ahead."""
     dt_s = setup.tick_s
     command = turn_command(setup, error_deg, integral_deg_s)
     gyro_deg = gain * command
@@ -129,7 +127,8 @@ def turn_ahead(
 
 @inlined
 def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
-    """Whether the rest of a turn stays below full command, and sixteen steps of it cannot swing through 0 and back.
+    """Return whether the rest of a turn stays below full command, and sixteen steps of it cannot swing through 0 and
+    back.
 
     Error and integral of one sign make the error fall to 0. The command falls with it if the integral adds no more
     than the gain takes away. Below 0 the error stays for good if the eigenvalues of a step are real, else for half a
@@ -147,7 +146,7 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
 def tail_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
 ) -> tuple[int, float, float]:
-    """The tail of a turn up to the step before the one that ends it: n, error, integral.
+    """Return the tail of a turn up to the step before the one that ends it: n, error, integral.
 
     A step is linear there, (e, integral) <- M (e, integral). As an error above the tolerance has only fallen, four
     steps are taken at once, by M^4, as long as they do not end the turn, and sixteen by M^16.
@@ -180,7 +179,7 @@ def tail_ahead(
 
 @inlined
 def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
-    """The square of the matrix (a b; c d)."""
+    """Return the square of the matrix (a b; c d)."""
     return a * a + b * c, b * (a + d), c * (a + d), d * d + b * c
 
 
@@ -188,7 +187,7 @@ def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float,
 def saturated_ticks(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
 ) -> int:
-    """Further ticks that surely pass at full command and end no turn; a lower bound."""
+    """Return a lower bound on the further ticks at full command that do not end the turn."""
     if abs(command) < 100.0:
         return 0
     sign = 1.0 if command > 0.0 else -1.0
@@ -208,7 +207,7 @@ def saturated_ticks(
 
 @inlined
 def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
-    """Ticks ahead at which the sample timer interrupts a robot in this mode."""
+    """Return the number of ticks until the sample timer interrupts a robot in this mode."""
     if state_mode == AVOID and not setup.interrupts_avoidance:
         return NEVER
     if timer_ms > setup.sample_interval_ms:
@@ -220,13 +219,15 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
 
 @inlined
 def ticks_to_sample(setup: Setup, stopped_ms: int) -> int:
-    """Ticks after which a robot that has stood for so long samples; it walks again at the tick after."""
+    """Return the number of ticks after which a robot that has stood for this time samples; it moves again at the
+    next tick."""
     return max(1, math.ceil((setup.stop_ms - stopped_ms) / setup.tick_ms))
 
 
 @inlined
 def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
-    """Ticks ahead of the robot's next own event, at most ``horizon``; a turn's end state is cached."""
+    """Return the number of ticks until the robot's own next event, at most ``horizon``; a turn's end state is
+    cached."""
     if row.mode == STOP:
         row.sample_tick = row.tick + ticks_to_sample(setup, row.stopped_ms)
         return row.sample_tick + 1 - row.tick
@@ -244,7 +245,7 @@ def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
 
 @inlined
 def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
-    """Take what ``control`` has just set as the plan from ``tick`` on."""
+    """Use the state set by ``control`` as the plan from ``tick`` on."""
     row.tick, row.written_tick, row.blocked = tick, tick, 0
     row.end_turn_ticks = row.cached_ticks = 0
     if row.mode == DRIVE:
@@ -263,14 +264,14 @@ def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def block(row: Planner) -> None:
-    """The move at the plan's tick does not happen; heading and clocks go on."""
+    """Block the move at the plan's tick; heading and clocks continue."""
     row.intended_speed_m_s = row.speed_m_s
     row.speed_m_s, row.radius_m, row.max_step_m, row.blocked = 0.0, 0.0, 0.0, 1
 
 
 @inlined
 def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
-    """Error, integral and gyro of a turn just before the step ``n`` ticks after its plan's."""
+    """Return the error, integral and gyro of a turn just before the step ``n`` ticks after its plan's."""
     if n == row.end_turn_ticks:
         return row.end_error_deg, row.end_integral_deg_s, row.end_gyro_deg
     ahead = turn_ahead(setup, row.turn_gain, row.error_deg, row.integral_deg_s, n)
@@ -279,14 +280,14 @@ def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
 
 @inner
 def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]:
-    """Position and heading at a tick of the plan, m, m, rad."""
+    """Return the position and heading at a tick of the plan, m, m, rad."""
     x_m, y_m, heading_rad, _, _ = facing_at(row, setup, tick)
     return x_m, y_m, heading_rad
 
 
 @inlined
 def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float, float, float]:
-    """Position and heading at a tick of the plan, m, m, rad, and the heading's sine and cosine."""
+    """Return the position and heading at a tick of the plan, m, m, rad, and the heading's sine and cosine."""
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
@@ -298,7 +299,7 @@ def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, floa
 
 @inner
 def position_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
-    """Position at a tick of the plan, m, m."""
+    """Return the position at a tick of the plan, m, m."""
     if row.mode == STOP:
         return row.x_m, row.y_m
     if row.mode == DRIVE:
@@ -309,7 +310,7 @@ def position_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
 
 @inner
 def position_in_turn(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
-    """Position at a tick of a turn, m, m. It is cached: later ticks are computed from there."""
+    """Return the position at a tick of a turn, m, m. It is cached: later ticks are computed from there."""
     n = tick - row.tick
     if n == 0 or row.blocked:
         return row.x_m, row.y_m
@@ -329,7 +330,7 @@ def position_in_turn(row: Planner, setup: Setup, tick: int) -> tuple[float, floa
 
 @inlined
 def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, float, float]:
-    """``facing_at`` for a robot that turns, so far round from its plan's tick."""
+    """Compute ``facing_at`` for a turning robot, from the angle since its plan's tick."""
     turned = math.radians(angle_deg)
     sine, cosine = sin_cos(turned)
     heading = row.heading_rad + turned
@@ -341,7 +342,7 @@ def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, floa
 
 @inner
 def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, float]:
-    """``facing_at`` for a robot that drives, so long after its plan's tick."""
+    """Compute ``facing_at`` for a driving robot, from the time since its plan's tick."""
     turned = row.rate_rad_s * time_s
     heading = row.heading_rad + turned
     if abs(turned) > SMALL_RAD:
@@ -360,7 +361,7 @@ def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, 
 
 @inlined
 def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
-    """Where the move of a robot that drives and is blocked would end, so long after its plan's tick, m, m."""
+    """Return where the move of a blocked driver would end at this time after its plan's tick, m, m."""
     half = 0.5 * row.rate_rad_s * setup.tick_s
     sine, cosine = sin_cos((2 * ticks + 1) * half)
     chord = row.intended_speed_m_s * setup.tick_s * (1.0 - half * half / 6.0 * (1.0 - half * half / 20.0))
@@ -370,7 +371,7 @@ def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, fl
 
 @inlined
 def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: float) -> tuple[float, float]:
-    """Where the move of a robot that turns and is blocked would end, m, m.
+    """Return where the move of a blocked turning robot would end, m, m.
 
     Args:
         turned_deg: since its plan's tick. gyro_deg: what it turns with this move.
@@ -385,7 +386,7 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
 
 @inlined
 def catch_up(row: Planner, setup: Setup, tick: int) -> None:
-    """Bring a robot that walks to ``tick``, just before its step there: pose, clocks, turn, time account."""
+    """Bring a moving robot to ``tick``, just before its step there: pose, clocks, turn, times in each mode."""
     n = tick - row.tick
     passed_ms = (n - 1) * setup.tick_ms
     if counts(row.mode, setup.timer):
@@ -412,7 +413,7 @@ def catch_up(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
-    """Whether all that a robot does at ``tick``, at which it wakes, is what its plan says: it stops to sample."""
+    """Return whether a robot that wakes at ``tick`` only does what its plan says: it stops to sample."""
     due_ms = row.timer_ms + (tick - row.tick - 1) * setup.tick_ms
     return bool(
         row.plan_end_tick > row.self_event_tick
@@ -423,7 +424,7 @@ def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
 
 @inlined
 def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
-    """A robot that drives stops to sample: what ``catch_up``, ``control_one`` and a new plan would give."""
+    """Stop a driver to sample, with the same result as ``catch_up``, ``control_one`` and a new plan."""
     passed_ms = (tick - row.tick - 1) * setup.tick_ms
     row.timer_ms += passed_ms
     row.driven_ms += passed_ms
@@ -441,14 +442,14 @@ def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def plan_stop(stop: Planner, row: Planner) -> None:
-    """Fill the second piece of a driver's plan: the stop at its end, at which others may already look."""
+    """Write the second piece of a driver's plan: the stop at its end, so that others can look ahead on it."""
     stop.tick, stop.self_event_tick = row.self_event_tick - 1, row.plan_end_tick
     stop.mid_x_m, stop.mid_y_m = row.end_x_m, row.end_y_m
 
 
 @inlined
 def end_stop(row: Planner) -> None:
-    """The stop is over: bring a robot that stands, whose gyro reads 0, to the tick of its sample."""
+    """End a stop: bring a standing robot, whose gyro reads 0, to the tick of its sample."""
     row.stop_ticks += row.sample_tick - row.tick
     row.gyro_deg = 0.0
     row.tick, row.sampled = row.sample_tick, 1
@@ -457,6 +458,6 @@ def end_stop(row: Planner) -> None:
 
 @inlined
 def stand_on(row: Planner, tick: int) -> None:
-    """From the tick of its sample on a robot stands until ``tick``."""
+    """Let a robot stand from the tick of its sample until ``tick``."""
     row.stop_ticks += tick - row.tick
     row.tick = tick

@@ -10,7 +10,7 @@ from vibroswarm.paper.item import Item
 
 @cache
 def all_items() -> tuple[Item, ...]:
-    """All items, in the paper's order."""
+    """Return all items, in the paper's order."""
     from vibroswarm.paper.items import (
         calibration,
         difficulty,
@@ -52,7 +52,7 @@ def all_items() -> tuple[Item, ...]:
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:
-    """The items of these names in the paper's order; all if None.
+    """Return the items of these names in the paper's order; all if None.
 
     Raises:
         InputError: there is no such item.

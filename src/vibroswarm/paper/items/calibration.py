@@ -44,7 +44,7 @@ LABELS: Final = {
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """States and energies, positions, steps: real robots next to each source; then the similarities."""
+    """Yield states and energies, positions, steps: real robots next to each source; then the similarities."""
     yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
     histograms = tables["histograms"]
     for feature in ("avoidance", "vibrating", "still"):
@@ -94,7 +94,7 @@ Sets = dict[str, list[tuple[float, float]]]
 
 
 def similarity_by_set(real: Result, simulated: Result) -> Sets:
-    """Similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
+    """Return the similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
     real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
     by_feature: Sets = {}
     for feature in FEATURES:
@@ -111,12 +111,12 @@ def similarity_by_set(real: Result, simulated: Result) -> Sets:
 
 
 def printed(feature: str) -> float:
-    """Printed similarity of a feature."""
+    """Return the printed similarity of a feature."""
     return float(published(f"calibration.cosine_similarity.{NAMES[feature]}"))
 
 
 def authors_rows(found: Comparison) -> list[Row]:
-    """Rows for the authors' own simulator against the recordings, minus the printed similarity."""
+    """Return the rows for the authors' own simulator against the recordings, minus the printed similarity."""
     return [
         exact(
             "calibration-printed",
@@ -129,7 +129,7 @@ def authors_rows(found: Comparison) -> list[Row]:
 
 
 def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
-    """Rows of all claims about a preset; ``sets`` are those of its simulation."""
+    """Return the rows of all claims about a preset; ``sets`` are those of its simulation."""
     rows = []
     for feature, pairs in sets.items():
         alike, even = np.array(pairs).T
@@ -144,7 +144,8 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
 
 
 def error_rows(settings: Settings, column: str) -> list[Row]:
-    """Rows of the error rates of each run on the real floor, at the column's own threshold; needs no recordings."""
+    """Return the rows of the error rates of each run on the real floor, at the column's own threshold; needs no
+    recordings."""
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
     result = simulate(scenario, settings.seed, min(settings.runs, 100), energies=False)
     kinds = np.array([int(tile) for row in real_floor()["floor.tiles"] for tile in row])
@@ -166,7 +167,7 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
 
 
 def battery_rows(settings: Settings, column: str) -> list[Row]:
-    """Rows of the battery factor at both ends of a run, minus the printed one."""
+    """Return the rows of the battery factor at both ends of a run, minus the printed one."""
     scenario = settings.scenario(column)
     ends = zip((0.0, scenario.run.t_end_s), published("calibration.battery_first_last"), strict=True)
     return [
@@ -223,7 +224,7 @@ def compute(work: Work) -> Tables:
 
 
 def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.DataFrame:
-    """Similarities of each source and feature with their references."""
+    """Return the similarities of each source and feature with their references."""
     rows = []
     for source, comparison in found.items():
         for alike in comparison.similarities:
@@ -246,7 +247,7 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
 
 
 def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
-    """Energy distances and classifier accuracy of each source."""
+    """Return the energy distances and classifier accuracy of each source."""
     rows = []
     for source, comparison in found.items():
         named = [
@@ -270,7 +271,7 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
 
 
 def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
-    """Error rates at the threshold of preset ``paper``, and statistics of driving, by source."""
+    """Return the error rates at the threshold of preset ``paper``, and statistics of driving, by source."""
     threshold = settings.scenario("paper").sensor.rms_threshold
     rows = []
     for source, result in sources.items():
@@ -287,7 +288,7 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
 
 
 def _states(source: str, result: Result) -> pl.DataFrame:
-    """Share of time in each state, one row a session."""
+    """Return the share of time in each state, one row a session."""
     ends = result.ends.group_by("run", maintain_order=True).agg(pl.col("end_s").sum())
     spent = result.motion.group_by("run", maintain_order=True).agg(
         pl.col("avoid_s", "stop_s").cast(pl.Float64).sum()

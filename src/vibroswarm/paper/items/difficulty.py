@@ -24,7 +24,7 @@ FILLS: Final = ("0.48", "0.46")
 
 
 def _table() -> pl.DataFrame:
-    """Printed, reproduced and correct values of each pattern and measure."""
+    """Return the printed, reproduced and correct values of each pattern and measure."""
     published_names = {own_name: name for name, own_name in PATTERNS.items()}
     rows = []
     for entry in paper_table():

@@ -25,7 +25,7 @@ TILE: Final = 1 / 25
 
 
 def cells(settings: Settings) -> Cells:
-    """column, strategy: seven robots."""
+    """Return the cells by (column, strategy), with seven robots."""
     return {
         (column, strategy): settings.cell(
             column, {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS, "strategy.name": strategy}
@@ -47,7 +47,7 @@ def example(settings: Settings) -> Result:
 
 
 def compute(work: Work) -> Tables:
-    """Samples and paths of the run; estimates of many runs; claims."""
+    """Return the samples and paths of the run; estimates of many runs; claims."""
     result = example(work.settings)
     assert result.segments is not None
     samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
@@ -73,7 +73,7 @@ def compute(work: Work) -> Tables:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Paths and samples."""
+    """Yield paths and samples."""
     yield Picture("example-run", "Paths and samples of seven robots", lambda: _draw(tables, settings))
 
 

@@ -54,7 +54,7 @@ GROUPS: Final = 20
 
 
 def cells(settings: Settings) -> Cells:
-    """Those of ``experiment_times`` with loss; "pool", robots."""
+    """Return the cells of ``experiment_times`` with loss, and those of the pool by ("pool", robots)."""
     with_loss = experiment_times.cells(settings)
     cells_of: Cells = {
         key: cell for key, cell in with_loss.items() if isinstance(key, tuple) and key[1] == LOSSES[0]
@@ -70,7 +70,7 @@ def cells(settings: Settings) -> Cells:
 def _key(
     column: str, robots: int, strategy: str = "none", how: tuple[float, str] = AS_TEXT
 ) -> tuple[str | float, ...]:
-    """Key of a cell, by default with the robots as in the text and without feedback."""
+    """Return the key of a cell, by default with the robots as in the text and without feedback."""
     return column, LOSSES[0], *how, robots, strategy
 
 
@@ -94,7 +94,7 @@ def compute(work: Work) -> Tables:
 
 
 def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
-    """Accuracy as in the text and at ``FITTED``, with the published one."""
+    """Return the accuracy as in the text and at ``FITTED``, with the published one."""
     rows = []
     for column, setting, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
         values = work.values(_key(column, robots, strategy, setting), BELIEF)
@@ -116,7 +116,7 @@ def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
 
 
 def _loss() -> pl.DataFrame:
-    """Plotted shares, their least-squares line, and the residuals."""
+    """Return plotted shares, their least-squares line, and the residuals."""
     robots = np.array(sizes(), dtype=np.float64)
     plotted = np.array(published("experiments.packet_loss_percent")) / 100
     line = np.polyval(np.polyfit(robots, plotted, 1), robots)
@@ -124,7 +124,7 @@ def _loss() -> pl.DataFrame:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Rows of the claims about accuracy and distance."""
+    """Yield rows of the claims about accuracy and distance."""
     for strategy in STRATEGIES:
         for robots, published_mean in published_by_size(f"experiments.belief_in_truth.{strategy}").items():
             values = work.values(_key(column, robots, strategy), BELIEF)
@@ -140,7 +140,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def _to_explain(work: Work, robots: int) -> Row:
-    """Row of z, with the errors of our runs (jackknife) and of the published means."""
+    """Return the row of z, with the errors of our runs (jackknife) and of the published means."""
     drawn = work.values(("pool", robots), DISTANCE)
     plain, fewer = (work.values(_key(POOL_COLUMN, n), DISTANCE) for n in (robots, WHOLE))
     printed = published_by_size("experiments.distance_between_samples_m_none")
@@ -163,7 +163,7 @@ def _to_explain(work: Work, robots: int) -> Row:
 
 
 def _without(values: NDArray[np.float64], group: int) -> NDArray[np.float64]:
-    """All runs except those of one group."""
+    """Return all runs except those of one group."""
     return np.delete(values, np.s_[group::GROUPS])
 
 
@@ -174,18 +174,19 @@ def _z(
     robots: int,
     rise: float,
 ) -> float:
-    """Unexplained rise in standard deviations over subsets."""
+    """Return the unexplained rise in standard deviations over subsets."""
     return (rise - float(plain.mean() - fewer.mean())) / _subset_sd(drawn, plain, robots)  # z
 
 
 def _subset_sd(drawn: NDArray[np.float64], plain: NDArray[np.float64], robots: int) -> float:
-    """Standard deviation of the mean distance over subsets of the pool, m; nan if the variances do not show one."""
+    """Return the standard deviation of the mean distance over subsets of the pool, m; nan if the variances do not show
+    one."""
     between = float(drawn.var(ddof=1) - plain.var(ddof=1)) * (POOL - robots) / POOL
     return between**0.5 if between > 0 else float("nan")  # S
 
 
 def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:
-    """Distances between samples, published and ours, with the effect of the subset."""
+    """Return the distances between samples, published and ours, with the effect of the subset."""
     rows = []
     for robots, published_m in published_by_size("experiments.distance_between_samples_m_none").items():
         plain = work.values(_key(POOL_COLUMN, robots), DISTANCE)
@@ -198,7 +199,7 @@ def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Accuracy by swarm size, one picture a strategy."""
+    """Yield accuracy by swarm size, one picture a strategy."""
     for strategy in STRATEGIES:
         part = tables["accuracy"].filter(pl.col("strategy") == strategy)
         if not part.is_empty():

@@ -44,35 +44,35 @@ AS_TEXT: Final = (TEXTS, GATES[1])
 
 
 def columns_of(settings: Settings) -> list[str]:
-    """The requested columns in which the experiments are simulated."""
+    """Return the requested columns in which the experiments are simulated."""
     return [column for column in COLUMNS if column in settings.columns]
 
 
 def published_by_size(path: str) -> dict[int, float]:
-    """The paper's values at ``path`` by swarm size."""
+    """Return the paper's values at ``path`` by swarm size."""
     return dict(zip(sizes(), map(float, published(path)), strict=True))
 
 
 def largest_sd(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
-    """Largest standard deviation over runs of a figure, over ``SETTINGS``."""
+    """Return the largest standard deviation over runs of a figure, over ``SETTINGS``."""
     keys = [(column, LOSSES[0], *setting, robots, strategy) for setting in SETTINGS]
     return max(float(work.values(key, name).std(ddof=1)) for key in keys)
 
 
 def points(frame: pl.DataFrame, series: pl.Expr, estimate: str, low: Any, high: Any) -> pl.DataFrame:
-    """Points of an error-bar plot over the swarm size."""
+    """Return the points of an error-bar plot over the swarm size."""
     return frame.select(
         x=pl.col("robots").cast(pl.Float64), series=series, estimate=estimate, low=low, high=high
     )
 
 
 def loss_of(robots: int) -> float:
-    """Share of messages addressed to a robot that were lost; the plotted share includes its own."""
+    """Return the share of messages addressed to a robot that were lost; the plotted share includes its own."""
     return published_by_size("experiments.packet_loss_percent")[robots] / 100 * robots / (robots - 1)
 
 
 def cells(settings: Settings) -> Cells:
-    """column, packets, threshold, gate, robots, strategy; soft feedback only with loss."""
+    """Return the cells by (column, packets, threshold, gate, robots, strategy); soft feedback only with loss."""
     return {
         (column, packets, threshold, gate, robots, strategy): settings.cell(
             column, _values(packets, threshold, gate, robots, strategy)
@@ -102,7 +102,7 @@ def _values(packets: str, threshold: float, gate: str, robots: int, strategy: st
 
 
 def published_points(values: list[float], name: str = "published") -> pl.DataFrame:
-    """The paper's values by swarm size, as a series without interval."""
+    """Return the paper's values by swarm size, as a series without interval."""
     numbers = [float(value) for value in values]
     columns = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
     return (
@@ -123,7 +123,8 @@ SHOWN_FITS: Final = {
 
 
 def error_of_difference(values: Any, spread: float | None = None) -> float:
-    """Standard error of the difference between the mean of these runs and that of ``REAL_EXPERIMENTS`` experiments.
+    """Return the standard error of the difference between the mean of these runs and that of ``REAL_EXPERIMENTS``
+    experiments.
 
     Args:
         values: (runs,). spread: standard deviation of the experiments; default: that of the runs.
@@ -134,12 +135,12 @@ def error_of_difference(values: Any, spread: float | None = None) -> float:
 
 
 def in_standard_errors(less: float, error: float) -> float | None:
-    """A difference in standard errors; None if the error is 0, as where nobody decides."""
+    """Return a difference in standard errors; None if the error is 0, as where nobody decides."""
     return less / error if error > 0 else None
 
 
 def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
-    """Times at ``FITTED`` with the published means, for each size and strategy."""
+    """Return the times at ``FITTED`` with the published means, for each size and strategy."""
     rows = []
     for column, strategy, robots in product(columns, STRATEGIES, sizes()):
         values = work.values((column, LOSSES[0], *FITTED, robots, strategy), TIME)
@@ -174,7 +175,8 @@ SHOWN_LOSSES: Final = {
 
 
 def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
-    """Difference in time (positive - none), with and without loss, and the effect of loss; paired run by run."""
+    """Return the difference in time (positive - none), with and without loss, and the effect of loss; paired run by
+    run."""
     rows = []
     printed = dict(zip(sizes(), published_gaps(), strict=True))
     for column, (threshold, gate), robots in product(columns, SETTINGS, sizes()):
@@ -191,13 +193,13 @@ def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
 
 
 def published_gaps() -> list[float]:
-    """Published difference in mean time (positive - none), s, by swarm size."""
+    """Return the published difference in mean time (positive - none), s, by swarm size."""
     none, positive = (published(f"experiments.decision_time_s.{name}") for name in ("none", "positive"))
     return [float(p) - float(n) for n, p in zip(none, positive, strict=True)]
 
 
 def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> tuple[Any, Any, Any]:
-    """Difference in time (positive - none) of each run with loss, without, and the difference of both."""
+    """Return the difference in time (positive - none) of each run with loss, without, and the difference of both."""
     gaps_of = [
         work.difference(
             TIME,

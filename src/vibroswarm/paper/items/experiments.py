@@ -71,7 +71,7 @@ def compute(work: Work) -> Tables:
 
 
 def _bands(table: pl.DataFrame) -> pl.DataFrame:
-    """Published means, the smallest and largest of ours, and ours with the robots as in the text."""
+    """Return the published means, the smallest and largest of ours, and ours with the robots as in the text."""
     bands = (
         table.filter(pl.col("packets") == LOSSES[0])
         .group_by("column", "strategy", "robots", maintain_order=True)
@@ -97,14 +97,14 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _widths(bands: pl.DataFrame) -> pl.DataFrame:
-    """Mean width of the bands over the swarm sizes, and the published means to compare."""
+    """Return the mean width of the bands over the swarm sizes, and the published means to compare."""
     return bands.group_by("column", "strategy", maintain_order=True).agg(
         pl.col("published").mean(), pl.col("width").mean(), pl.col("inside").sum()
     )
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Rows of the claims about times, loss and walking."""
+    """Yield rows of the claims about times, loss and walking."""
     for robots in sizes():
         for threshold, gate in SETTINGS:
             yield _soft(work, column, threshold, gate, robots)
@@ -125,7 +125,7 @@ def _less_published(
     work: Work, claim: str, column: str, label: str, robots: int, strategy: str, name: str, path: str,
     cannot: str | None = None,
 ) -> Row:  # fmt: skip
-    """Row of a claim about the difference between ours, as the text has the robots, and a published mean."""
+    """Return the row of a claim about the difference between ours, as the text has the robots, and a published mean."""
     return mean(
         claim, column, label, work.values((column, LOSSES[0], *AS_TEXT, robots, strategy), name),
         less=published_by_size(f"experiments.{path}")[robots], published_runs=REAL_EXPERIMENTS,
@@ -134,7 +134,7 @@ def _less_published(
 
 
 def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> Row:
-    """Row of the difference between soft feedback and the faster of the other strategies."""
+    """Return the row of the difference between soft feedback and the faster of the other strategies."""
     keys = {name: (column, LOSSES[0], threshold, gate, robots, name) for name in STRATEGIES}
     faster = min(STRATEGIES[:2], key=lambda name: float(work.values(keys[name], TIME).mean()))
     words = f"{robots} robots, theta_E {threshold}, gate {gate}"
@@ -142,7 +142,7 @@ def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> 
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Bands and published means; the best fit; the effect of loss; how the swarms walked."""
+    """Yield bands and published means; the best fit; the effect of loss; how the swarms walked."""
     for strategy in STRATEGIES:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
         own = points(part, pl.col("column"), "as the text has it", "least", "most")

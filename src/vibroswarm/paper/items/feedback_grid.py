@@ -24,7 +24,7 @@ def _kappas() -> list[int]:
 
 
 def cells(settings: Settings) -> Cells:
-    """column, strategy, eta, kappa."""
+    """Return the cells by (column, strategy, eta, kappa)."""
     by_key: Cells = {}
     for column in settings.columns:
         for strategy in ("none", "positive"):
@@ -60,7 +60,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """A line for each kappa, with no feedback and positive feedback across, as in the paper."""
+    """Yield a line for each kappa, with no feedback and positive feedback across, as in the paper."""
     table = tables["cells"]
     soft = table.filter(pl.col("strategy") == "soft").with_columns(
         series=pl.format("kappa {}", pl.col("kappa"))

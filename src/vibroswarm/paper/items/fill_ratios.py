@@ -17,7 +17,7 @@ NEAR: Final = ((0.48, 0.44), (0.52, 0.56))
 
 
 def cells(settings: Settings) -> Cells:
-    """column, fill ratio, strategy."""
+    """Return the cells by (column, fill ratio, strategy)."""
     return {
         (column, fill, strategy): settings.cell(
             column, {"floor.source": f"random:{fill}", "strategy.name": strategy}
@@ -29,7 +29,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def compute(work: Work) -> Tables:
-    """Cells and claims."""
+    """Return the cells and claims."""
     stated = published("simulation.claim_speed_up_soft_vs_none")
     printed = pl.DataFrame(
         {

@@ -69,7 +69,7 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
 
 
 def _alike(first: Figures, second: Figures) -> NDArray[np.bool_]:
-    """Runs of the second (which may be fewer) with the same decisions at the same times, (runs,)."""
+    """Return the runs of the second (which may be fewer) with the same decisions at the same times, (runs,)."""
     names = ("decision_time_s", "right_share", "wrong_share", "swarm_time_s")
     pairs = [(first[name][: second[name].size], second[name]) for name in names]
     same = [
@@ -81,7 +81,7 @@ def _alike(first: Figures, second: Figures) -> NDArray[np.bool_]:
 
 
 def _against(work: Work, key: tuple[str, str], which: str) -> Any:
-    """Difference in decision time of another variant from the first, run by run."""
+    """Return the difference in decision time of another variant from the first, run by run."""
     first_s, variant_s = (work.values((*key, name), "decision_time_s") for name in ("first", which))
     return variant_s - first_s[: variant_s.size]
 
@@ -94,7 +94,7 @@ def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Difference on other seeds."""
+    """Yield difference on other seeds."""
     points = tables["headline"].select(
         "runs",
         x=pl.format("{}, {}", "parameters", "strategy"),

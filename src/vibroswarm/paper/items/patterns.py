@@ -22,12 +22,12 @@ KEYS: Final = ("column", "parameters", "fill ratio", "pattern", "strategy")
 
 
 def floor_of(pattern: str, fill: str) -> str:
-    """Floor that the paper used: its alternating "0.46" has 48 vibrating tiles."""
+    """Return the floor that the paper used: its alternating "0.46" has 48 vibrating tiles."""
     return "alternating:paper-0.46" if (pattern, fill) == ("alternating", "0.46") else f"{pattern}:{fill}"
 
 
 def cells(settings: Settings) -> Cells:
-    """column, parameters, fill ratio as named, pattern, strategy."""
+    """Return the cells by (column, parameters, fill ratio as named, pattern, strategy)."""
     return {
         (column, parameters, fill, pattern, strategy): settings.cell(
             column,
@@ -52,7 +52,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
-    """Rows of the claims about beliefs at one fill ratio with one strategy."""
+    """Yield rows of the claims about beliefs at one fill ratio with one strategy."""
     keys = {
         (parameters, pattern): (column, parameters, fill, pattern, strategy)
         for parameters in (OPTIMISED, EMPIRICAL)
@@ -80,7 +80,7 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Pictures as in the paper: by pattern, P0 and P* with each strategy, for each fill ratio."""
+    """Yield pictures as in the paper: by pattern, P0 and P* with each strategy, for each fill ratio."""
     for place, column in enumerate(settings.columns):
         for fill in FILLS:
             chosen = (pl.col("column") == column) & (pl.col("fill ratio") == fill)

@@ -42,7 +42,7 @@ LABELS: Final = "labels of the energies as printed"
 
 
 def cells(settings: Settings) -> Cells:
-    """reading, strategy."""
+    """Return the cells by (reading, strategy)."""
     by_key: Cells = {}
     for reading in (BASE, *READINGS):
         for strategy in STRATEGIES:
@@ -83,7 +83,7 @@ def _measured(work: Work) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Difference in time and belief of each reading from the base, without feedback."""
+    """Yield difference in time and belief of each reading from the base, without feedback."""
     part = tables["changes"].filter((pl.col("strategy") == "none") & (pl.col("reading") != BASE))
     for name, label in (
         ("decision_time_s", "change of decision time (s)"),

@@ -29,7 +29,7 @@ SETTLED_AT: Final = 40
 
 
 def search_of(settings: Settings) -> Search:
-    """The paper's search: 25 particles, 50 iterations, the lowest score wins."""
+    """Return the paper's search: 25 particles, 50 iterations, the lowest score wins."""
     swarm = published("parameters.pso")
     iterations = min(swarm["iterations"], max(2, settings.runs // RUNS_AN_ITERATION))
     fill = swarm["fill_ratio"]
@@ -73,7 +73,7 @@ def compute(work: Work) -> Tables:
 
 
 def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
-    """Validated costs of the winner and the others, with the differences."""
+    """Return the validated costs of the winner and the others, with the differences."""
     rows = []
     for k, scored in enumerate((truth.winner, *truth.others)):
         name = {"start": "P0"}.get(scored.name, scored.name)
@@ -94,7 +94,7 @@ def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
 
 
 def _measured(found: Found, truth: Truth) -> Iterator[Row]:
-    """Rows of the claims about the search."""
+    """Yield rows of the claims about the search."""
     from vibroswarm.optimize.validation import paired_score
 
     objective = found.search.objectives[0]
@@ -122,7 +122,7 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
-    """believed / true - 1."""
+    """Return believed / true - 1."""
     ends = sorted(believed / end - 1.0 for end in (true.low, true.high))
     return true._replace(estimate=believed / true.estimate - 1.0, low=ends[0], high=ends[1])
 

@@ -36,7 +36,7 @@ FIFTH: Final = 0.2
 
 
 def searches_of(settings: Settings) -> list[Search]:
-    """The paper's search with fewer particles and iterations, each with its own seed."""
+    """Return the paper's search with fewer particles and iterations, each with its own seed."""
     full = search_of(settings)
     iterations = min(ITERATIONS, max(2, settings.runs // RUNS_AN_ITERATION))
     pso = replace(full.pso, particles=PARTICLES, iterations=iterations)
@@ -70,7 +70,7 @@ def compute(work: Work) -> Tables:
 
 
 def _summary(found: Found) -> dict[str, float]:
-    """Summary of one search, see the head of this module."""
+    """Return the summary of one search, see the head of this module."""
     best = np.array([iteration.personal for iteration in found.history])
     gaps = best.mean(axis=1) - best.min(axis=1)
     costs = np.array([iteration.mean for iteration in found.history])
@@ -87,7 +87,7 @@ def _summary(found: Found) -> dict[str, float]:
 
 
 def _history(found: Found, place: int) -> pl.DataFrame:
-    """Costs of each iteration of one search."""
+    """Return the costs of each iteration of one search."""
     rows = [
         (place, iteration.number, min(iteration.personal), float(np.mean(iteration.personal)), iteration.mean)
         for iteration in found.history
@@ -103,7 +103,7 @@ def _measured(table: pl.DataFrame) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Mean cost, mean personal best and global best over the iterations."""
+    """Yield mean cost, mean personal best and global best over the iterations."""
     rows = []
     for name, label in LINES.items():
         for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True):

@@ -40,7 +40,7 @@ COLUMN: Final = "paper"
 
 
 def cells(settings: Settings) -> Cells:
-    """column, robots, floor, strategy; case, eta, kappa."""
+    """Return the cells by (column, robots, floor, strategy), and those of the grid by (case, eta, kappa)."""
     by_key: Cells = {}
     for column in settings.columns:
         for robots, floor in _where():
@@ -81,7 +81,7 @@ def compute(work: Work) -> Tables:
 
 
 def _positive(work: Work, column: str) -> Iterator[Row]:
-    """Rows of the claims about positive feedback without loss."""
+    """Yield rows of the claims about positive feedback without loss."""
     gaps = {}
     for robots, floor in _where():
         pair = (column, robots, floor, "positive"), (column, robots, floor, "none")
@@ -102,7 +102,7 @@ def _gaps(measured: list[Row]) -> pl.DataFrame:
 
 
 def _costs(work: Work, case: str) -> NDArray[np.float64]:
-    """Cost of each run with each eta and kappa, (choices, runs)."""
+    """Return the cost of each run with each eta and kappa, (choices, runs)."""
     t_end_s = work.cells[case, *CHOICES[0]].scenario.run.t_end_s
     return np.array(
         [
@@ -114,7 +114,7 @@ def _costs(work: Work, case: str) -> NDArray[np.float64]:
 
 
 def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cost of each run with what was chosen there, minus that with what was chosen here, (runs,).
+    """Return the cost of each run with what was chosen there, minus that with what was chosen here, (runs,).
 
     Args:
         there, here: (choices, runs). Odd runs are evaluated with the choice on even ones, and vice versa.
@@ -127,7 +127,7 @@ def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np
 
 
 def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
-    """Mean cost of each case with each eta and kappa."""
+    """Return the mean cost of each case with each eta and kappa."""
     rows = []
     for case, values in costs.items():
         least = int(values.mean(axis=1).argmin())
@@ -144,7 +144,7 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Gain of positive feedback without loss; costs over kappa."""
+    """Yield gain of positive feedback without loss; costs over kappa."""
     gaps = tables["gaps"].select("low", "high", estimate="gap_s", x="cell", series="column")
     draw = partial(draw_error_bars, gaps, label="difference in time, positive - none (s)")
     yield Picture("sharing-positive", "Difference in time (positive - none) without loss", draw)

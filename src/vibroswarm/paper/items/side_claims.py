@@ -31,7 +31,7 @@ TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
 
 
 def cells(settings: Settings) -> Cells:
-    """column, floor, strategy."""
+    """Return the cells by (column, floor, strategy)."""
     by_key: Cells = {}
     for column in settings.columns:
         for strategy in STRATEGIES:
@@ -72,7 +72,7 @@ def compute(work: Work) -> Tables:
 
 
 def _scenario(work: Work, column: str, timer: str) -> Scenario:
-    """Scenario with P0 and a timer."""
+    """Return the scenario with P0 and a timer."""
     values = {} if timer == TIMERS[0] else {"sample.timer": timer}
     return work.settings.scenario(column, values, parameter_set=EMPIRICAL)
 
@@ -85,7 +85,7 @@ def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
 
 
 def _corners(x: Any, y: Any, run: Any) -> Any:
-    """Density of a run's samples in the four corner tiles relative to a uniform one, (runs,)."""
+    """Return the density of a run's samples in the four corner tiles relative to a uniform one, (runs,)."""
     rim = [(place < 0.2) | (place >= 0.8) for place in (x, y)]
     corner = rim[0] & rim[1]
     return np.bincount(run, corner) / np.bincount(run) * TILES / 4
@@ -119,7 +119,7 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Density of samples, with the timer as it ran and without avoidance."""
+    """Yield density of samples, with the timer as it ran and without avoidance."""
     for column in settings.columns:
         for timer in (TIMERS[0], TIMERS[2]):
             chosen = (pl.col("column") == column) & (pl.col("timer") == timer)

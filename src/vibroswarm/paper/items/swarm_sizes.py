@@ -16,7 +16,7 @@ KEYS: Final = ("column", "robots", "strategy")
 
 
 def cells(settings: Settings) -> Cells:
-    """column, robots, strategy."""
+    """Return the cells by (column, robots, strategy)."""
     return {
         (column, robots, strategy): settings.cell(
             column, {"floor.source": "random:0.48", "swarm.robots": robots, "strategy.name": strategy}

@@ -20,7 +20,7 @@ KEYS: Final = ("timer", "strategy")
 
 
 def cells(settings: Settings) -> Cells:
-    """timer, strategy."""
+    """Return the cells by (timer, strategy)."""
     by_key: Cells = {}
     for timer in TIMERS:
         for strategy in STRATEGIES:
@@ -30,7 +30,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def compute(work: Work) -> Tables:
-    """Cells and claims."""
+    """Return the cells and claims."""
     return {"cells": work.rows(KEYS), CLAIMS: frame(list(_measured(work)))}
 
 
@@ -47,7 +47,7 @@ def _measured(work: Work) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Decision time with each timer."""
+    """Yield decision time with each timer."""
     points = limits(tables["cells"], "decision_time_s").select(
         "estimate", "low", "high", "runs", x="timer", series="strategy"
     )
