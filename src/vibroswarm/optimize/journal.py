@@ -123,7 +123,11 @@ class Journal:
             warn_once(f"{path}: the last line is incomplete; it is dropped, and its runs are repeated")
 
     def add(self, archive: Archive, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
-        """Record a finished step."""
+        """Append a finished step to the journal and flush it to disk.
+
+        Args:
+            found: for each request, its pieces: figures as an array, or (cause, number of runs) of a failure.
+        """
         step = {
             "asks": [list(ask) for ask in asks],
             "origins": [archive[ask.key].origin for ask in asks],

@@ -136,6 +136,7 @@ def _points(axes: Any, style: Style, known: pl.DataFrame) -> None:
 
 
 def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
+    """Join the points of the front by steps."""
     if chosen.height > 1:
         axes.step(
             chosen["time"], chosen["error"], where="post", color=SERIES[0], linewidth=style.line_pt, zorder=1.5,

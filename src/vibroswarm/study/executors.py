@@ -255,12 +255,12 @@ def _processes(count: int) -> Iterator[Workers]:
         pool.shutdown(cancel_futures=True)
 
 
-class _Seen:
-    """Last known state of a cluster."""
+class _ClusterState:
+    """Last known number of threads of a cluster, with the times of the last check and of the last one with workers."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        self.asked_s = self.some_s = time.monotonic()
+        self.checked_s = self.with_workers_s = time.monotonic()
 
 
 @dataclass(frozen=True)
@@ -268,23 +268,24 @@ class _DaskWorkers(Workers):
     """Workers of a cluster, which may join and leave; the study stops if there is none for a while."""
 
     client: Any = None
-    seen: _Seen = field(default_factory=lambda: _Seen(1))
+    seen: _ClusterState = field(default_factory=lambda: _ClusterState(1))
 
     @property
     def width(self) -> int:
-        if time.monotonic() - self.seen.asked_s > ASK_EVERY_S:
+        if time.monotonic() - self.seen.checked_s > ASK_EVERY_S:
             self.check()
         return max(self.seen.threads, 1)
 
     def check(self) -> None:
+        """Raise ``RunError`` if the scheduler is gone or has had no worker for ``WITHOUT_WORKERS_S``."""
         try:
             threads = sum(self.client.nthreads().values())
-        except Exception as error:  # whatever a client says that is closed or cut off
+        except Exception as error:  # a closed or disconnected client may raise anything
             raise RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}") from error
-        self.seen.threads, self.seen.asked_s = threads, time.monotonic()
+        self.seen.threads, self.seen.checked_s = threads, time.monotonic()
         if threads:
-            self.seen.some_s = self.seen.asked_s
-        elif self.seen.asked_s - self.seen.some_s > WITHOUT_WORKERS_S:
+            self.seen.with_workers_s = self.seen.checked_s
+        elif self.seen.checked_s - self.seen.with_workers_s > WITHOUT_WORKERS_S:
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
 
 

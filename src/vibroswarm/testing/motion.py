@@ -29,7 +29,7 @@ def check_motion(name: str) -> list[Finding]:
     source = source_of(name)  # once, as tables are cached by source
     return [
         run_check(words_of(check), lambda check=check: check(source), check in WARNINGS_ONLY)  # type: ignore[misc]
-        for check in _that_apply(source)
+        for check in _applicable(source)
     ]
 
 
@@ -38,7 +38,8 @@ def words_of(check: Check) -> str:
     return (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
 
 
-def _that_apply(source: Source) -> Iterator[Check]:
+def _applicable(source: Source) -> Iterator[Check]:
+    """Yield the checks for the tables that this source can fill."""
     yield from TABLE_CHECKS
     try:
         motion = motion_of(source, SHORT_CASE)

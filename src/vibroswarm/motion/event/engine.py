@@ -578,7 +578,7 @@ class EventRun(KernelRun):
         self.stops = zero_rows(robots, PLANNER)
         self.stops["mode"] = STOP
         self.list_radius_m = list_radius_m(self.setup)
-        # Kernels as compiled for this world: Numba's look at the types of each call takes as long as some events.
+        # Kernels compiled for these arguments; Numba's type dispatch at each call would take as long as a few events.
         self.go: Callable[[World, int], int] | None = None
         self.update: Callable[[World, NDArray[np.int64], float, int], None] | None = None
 

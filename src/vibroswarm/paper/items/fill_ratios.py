@@ -44,6 +44,7 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
+    """Yield the rows of the claims about the fill ratios in one column."""
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     for strategy in STRATEGIES:
         for near, far in NEAR:
