@@ -196,6 +196,7 @@ class Result:
                 _write_table(frame, folder / f"{name}.parquet", metadata)
 
     def _about(self) -> dict[str, Any]:
+        """Return the entries of ``result.json``."""
         return {
             "schema_version": SCHEMA_VERSION,
             "seed": self.seed,
@@ -232,6 +233,7 @@ class Result:
 
 
 def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
+    """Write a table as Parquet."""
     check_threads()
     try:
         frame.write_parquet(path, compression="zstd", metadata=metadata)

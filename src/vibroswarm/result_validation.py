@@ -133,6 +133,7 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
 
 
 def _check_segments(segments: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path) -> None:
+    """Check that segments are sorted, within the run, and start at 0."""
     _check_sorted(segments, "start_s", folder, "segments")
     _check_most(segments, "start_s", last_s, folder, "segments")
     first = segments.group_by("run", "robot").agg(pl.col("start_s").min())
@@ -144,6 +145,7 @@ def _check_segments(segments: pl.DataFrame, ends: pl.DataFrame, last_s: float, f
 
 
 def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> None:
+    """Check that a table is sorted by run, time and robot."""
     if table.height < 2:
         return
     order = [table[column].to_numpy() for column in ("run", time, "robot")]
@@ -158,6 +160,7 @@ def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> No
 
 
 def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, name: str) -> None:
+    """Check that times do not exceed the end of the run."""
     largest: Any = table[column].max()
     if largest is not None and largest > most:
         raise InputError(
@@ -172,6 +175,7 @@ def _ends_s(scenario: Scenario) -> float:
 
 
 def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
+    """Check the floors, and that samples are on their tiles."""
     floors = tables["floors"]
     name = _file(folder, "floors")
     size = floors["rows"].cast(pl.Int64) * floors["columns"].cast(pl.Int64)
@@ -190,6 +194,7 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
 
 
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+    """Check that decisions, times and consensus agree."""
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
     if (decided & ~timed).any() or (~decided & timed).any():

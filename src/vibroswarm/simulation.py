@@ -183,6 +183,7 @@ def steers(scenario: Scenario) -> bool:
 def _to_the_end(
     scenario: Scenario, seed: int, runs: Sequence[int], motion: str, wanted: Wanted, progress: Progress | None
 ) -> Motion:
+    """Simulate the motion of all runs to t_end, with progress."""
     engine = source(motion)
     if progress is None:
         return engine.batch(scenario, seed, runs, *wanted)

@@ -276,7 +276,7 @@ def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found)
 def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
     truth = truth_of(whole, runs=400)
     low = replace(truth, believed=truth.winner.score.estimate * 0.5)
-    assert "50 % too little" in low.words
+    assert "50 % too low" in low.words
     assert "lucky" in low.words
     high = replace(truth, believed=truth.winner.score.estimate * 2.0)
     assert "unlucky" in high.words

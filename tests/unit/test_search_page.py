@@ -180,7 +180,7 @@ def shifted(interval: Interval, middle: float) -> Interval:
     return interval._replace(estimate=middle, low=middle - 1.0, high=middle + 1.0)
 
 
-@pytest.mark.parametrize(("middle", "standing"), [(-5.0, "better"), (0.0, "not told apart"), (5.0, "worse")])
+@pytest.mark.parametrize(("middle", "standing"), [(-5.0, "better"), (0.0, "not significant"), (5.0, "worse")])
 def test_a_start_that_is_not_beaten_is_a_warning(
     found: Found, truth: Truth, middle: float, standing: str
 ) -> None:
@@ -188,7 +188,7 @@ def test_a_start_that_is_not_beaten_is_a_warning(
     (against,) = rows_of(report, "against")
     assert against["standing"] == standing
     assert warned(report, "start") == (standing != "better")
-    assert warned(report, "start", "nothing was found") == (standing == "not told apart")
+    assert warned(report, "start", "nothing was found") == (standing == "not significant")
 
 
 def test_a_start_that_won_is_a_warning(found: Found, truth: Truth) -> None:
@@ -201,7 +201,7 @@ def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> N
     score = truth.winner.score
     wide = truth.winner.score._replace(low=0.1 * score.estimate, high=2.0 * score.estimate)
     cases = {
-        "none to be seen": replace(truth, believed=score.estimate),
+        "not significant": replace(truth, believed=score.estimate),
         "lucky": replace(truth, believed=0.1 * score.estimate),
         "unlucky": replace(truth, believed=9.0 * score.estimate),
         "inconclusive": replace(
@@ -212,7 +212,7 @@ def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> N
     assert set(cases) == set(LUCK)
     for luck, one in cases.items():
         assert one.luck == luck
-        assert (one.words in page_of(found, one).warnings) == (luck != "none to be seen")
+        assert (one.words in page_of(found, one).warnings) == (luck != "not significant")
 
 
 def test_an_interval_that_tells_little_is_a_warning(found: Found, truth: Truth) -> None:
@@ -220,12 +220,12 @@ def test_an_interval_that_tells_little_is_a_warning(found: Found, truth: Truth) 
     for within, said in ((0.2, False), (0.3, True), (np.inf, True)):
         wide = score._replace(low=score.estimate * (1 - within), high=score.estimate * 1.1)
         one = replace(truth, believed=score.estimate, winner=replace(truth.winner, score=wide))
-        assert one.luck == "none to be seen"
+        assert one.luck == "not significant"
         assert warned(page_of(found, one), "Too few validation runs") == said
         assert warned(page_of(found, one), "known to within 30 %") == (within == 0.3)
 
 
-@pytest.mark.parametrize(("believed", "luck"), [(0.0, "none to be seen"), (0.5, "not defined")])
+@pytest.mark.parametrize(("believed", "luck"), [(0.0, "not significant"), (0.5, "not defined")])
 def test_a_score_of_nothing_is_no_division(found: Found, truth: Truth, believed: float, luck: str) -> None:
     """No robot of the winner was ever wrong, say."""
     nothing = truth.winner.score._replace(estimate=0.0, low=0.0, high=0.0)
@@ -353,12 +353,12 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     assert [row["score"] for row in cells] == [node.scored.score.estimate for node in nodes.nodes]
     standing = [row["standing"] for row in cells]
     assert standing.count("the lowest") == 1
-    assert standing.count("not told apart") == sum(node.as_good for node in nodes.nodes) - 1
+    assert standing.count("not significant") == sum(node.as_good for node in nodes.nodes) - 1
     text = report_html(report)
     assert text.count("<figure") == 3
     assert "All cells replay one motion" in text
-    assert (truth.words in report.warnings) == (truth.luck != "none to be seen")
-    others = standing.count("not told apart")
+    assert (truth.words in report.warnings) == (truth.luck != "not significant")
+    others = standing.count("not significant")
     assert warned(report, f"Beside the lowest cell, {others} of 5 are not significantly different") == (
         others > 0
     )

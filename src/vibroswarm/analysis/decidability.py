@@ -214,6 +214,7 @@ def mending_thresholds(
 
 
 def _falls_through(share: Callable[[float], float], level: float) -> float:
+    """Find the threshold at which the decreasing ``share`` falls to ``level``, by bisection."""
     low, high = 0.0, 1.0
     if share(low) <= level:
         return low
@@ -299,6 +300,7 @@ def _margin(share: float, boundary: float, truth: int | None) -> float | None:
 
 
 def _words(verdict: Word, share: float, boundary: float, tested: float, truth: int | None) -> str:
+    """Write the verdict as a sentence."""
     if truth is None:
         return f"The fill ratio is the boundary itself, {boundary:.1%}: neither decision is right."
     kind = "more" if truth == 1 else "less"
@@ -317,6 +319,7 @@ def _words(verdict: Word, share: float, boundary: float, tested: float, truth: i
 
 
 def _mend(verdict: Word, threshold: float, low: float | None, high: float | None) -> str:
+    """Write which thresholds would put the share on the right side; empty if none is needed."""
     if verdict == "decidable" and low is not None and high is not None and low < threshold < high:
         return ""
     if low is None or high is None:

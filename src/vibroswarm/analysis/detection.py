@@ -84,6 +84,7 @@ def detection_curve(
 
 
 def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str, Any]:
+    """Return fill ratio, truth, number of robots and number of runs of a cell."""
     sizes = run_figures(robots, runs, t_end_s)["robots"].unique()
     if sizes.len() != 1:
         raise InputError("a cell is of one scenario, with one number of robots", field="cells")
@@ -106,6 +107,7 @@ def _truth(truths: pl.Series) -> int | None:
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
+    """Return the share of misses with limits: 1 - the share of right decisions."""
     return [
         (1.0 - frame["right"]).alias(name),
         (1.0 - frame["right_high"]).alias(f"{name}_low"),

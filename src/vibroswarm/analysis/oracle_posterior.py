@@ -187,6 +187,7 @@ class _RunPosterior:
 
 
 def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
+    """Return the given times, checked, or an even grid from 0 to t_end, s."""
     if times_s is None:
         return np.linspace(0.0, t_end_s, POINTS)
     times = np.asarray(times_s, dtype=np.float64).ravel()
@@ -205,6 +206,7 @@ def _of_floor(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: f
 def _exactly(
     result: Result, prior: Prior, alpha: float, times: Values, energies: bool
 ) -> list[_RunPosterior]:
+    """Compute the posterior of each run exactly (``tile_posterior``)."""
     scenario, ratios = result.scenario, log_ratios(result, energies)
     at, below = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
     when, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
@@ -229,6 +231,7 @@ def _exactly(
 def _by_chains(
     result: Result, prior: Prior, alpha: float, times: Values, energies: bool
 ) -> list[_RunPosterior]:
+    """Compute the posterior of each run with Markov chains, until it is known."""
     scenario = result.scenario
     at, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
     posteriors = []
@@ -296,6 +299,7 @@ def _sums_over_time(
 def _over_time(
     runs: pl.DataFrame, in_truth: list[Values | None], times: Values, level: float
 ) -> pl.DataFrame:
+    """Tabulate the shares of runs known and wrong, and the mean belief in the truth, at each time."""
     at = runs["known_s"].fill_null(np.inf).to_numpy()
     wrong = (runs["decision"] != runs["truth"]).fill_null(False).to_numpy() & np.isfinite(at)
     number = max(runs.height, 1)

@@ -116,6 +116,7 @@ def compare(
 
 
 def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, seed: int) -> Paired:
+    """Compare one figure over the runs that have it in both cells."""
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
     d = a - b

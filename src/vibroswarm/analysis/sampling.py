@@ -118,6 +118,7 @@ class Walk:
         return {**self.of_motion, "ones": ones, "effective_samples": self._effective_of(tile, tiles)}
 
     def _effective_of(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:
+        """Return n_v of each run; cached, since several sensors share a floor."""
         known = self._effective
         if known is None or known[0] is not tile or known[1] != tiles:
             with np.errstate(invalid="ignore", divide="ignore"):
@@ -126,6 +127,7 @@ class Walk:
         return known[2]
 
     def _steps(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
+        """Compute the figures that depend on motion only, by run."""
         if samples.is_empty():
             return {}
         before, after = _consecutive(samples, self.first, self.count)
@@ -292,6 +294,7 @@ def correlogram(
 
 
 def _values(result: Result, of: Of) -> NDArray[np.float64]:
+    """Return the bit of each sample, or 1 where its tile vibrates."""
     if of == "bits":
         return result.observations["observation"].cast(pl.Float64).to_numpy()
     tile = result.observations["tile"].to_numpy()

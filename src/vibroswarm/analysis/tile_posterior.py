@@ -60,6 +60,7 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
 
 
 def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
+    """Compute the log ratio of the energy densities on vibrating and still tiles for each sample."""
     from scipy import stats
 
     if sensor.model != "gamma":

@@ -115,6 +115,7 @@ def _replayed(
 def _point(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, undecided_counts: float, level: float
 ) -> dict[str, float | int | None]:
+    """Compute error and figures of one point of the curve."""
     table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
     if undecided_counts in (0.0, 1.0):
         count = table["wrong"] + table["undecided"] * int(undecided_counts)

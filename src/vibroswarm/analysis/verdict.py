@@ -124,6 +124,7 @@ def answers_of(scenario: Scenario) -> tuple[str, str]:
 
 
 def _robot(row: dict[str, Any]) -> RobotVerdict:
+    """Summarise one robot, with a credible interval of the share of ones."""
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]

@@ -89,6 +89,7 @@ def effects(
 def _effect(
     name: str, blocks: list[list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]]], t_end_s: float
 ) -> Effect:
+    """Compare the two scenarios under one strategy, in both blocks of seeds."""
     tables = [[run_figures(*cell[name], t_end_s) for cell in cells] for cells in blocks]
     comparisons = [compare(second, first) for first, second in tables]
     figures = [

@@ -201,6 +201,7 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
 
 
 def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
+    """Simulate sessions with parameters drawn from the posterior; return their summaries."""
     u = uniforms(_SEED, 1, 0, Purpose.OPTIMIZER, CHECKS)
     picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
     return np.array(

@@ -146,6 +146,7 @@ USER_ERRORS: Final = (
 
 
 def _failed_with(error: OSError) -> int:
+    """Report an ``OSError`` and return the exit code."""
     cause = error.strerror or str(error)
     if error.filename is not None:
         code = 2 if error.errno in USER_ERRORS else 1
@@ -162,6 +163,7 @@ def shown_name(name: object) -> str:
 
 
 def _command(argv: Sequence[str] | None) -> int:
+    """Parse the arguments and run the command; return the exit code."""
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
     from vibroswarm.cli import scenario_options
@@ -190,6 +192,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
 
 def _failed(message: str, code: int) -> int:
+    """Print an error message on stderr and return the exit code."""
     # One printable line: the message may quote the content of a file.
     plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in message)
     with suppress(OSError):

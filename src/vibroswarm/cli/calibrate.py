@@ -88,6 +88,7 @@ def run_figures(arguments: argparse.Namespace) -> int:
 
 
 def _scaled(one: Interval | None, scale: float) -> str:
+    """Format an estimate in the figure's unit; without an interval if it is from one session."""
     from vibroswarm.cli.output import with_interval
 
     if one is not None and one.n < 2:

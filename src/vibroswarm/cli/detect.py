@@ -171,6 +171,7 @@ def _warnings(study: Study) -> list[str]:
 def _save(
     result: StudyResult, tables: Mapping[str, pl.DataFrame], error: float, arguments: argparse.Namespace
 ) -> None:
+    """Write tables and pictures into the folder."""
     from vibroswarm.cli.detect_output import detection_pictures
     from vibroswarm.study.summary import write_table
 

@@ -87,6 +87,7 @@ def _time(time_s: float | None, t_end_s: float) -> str:
 
 
 def _clear(row: dict[str, float | None]) -> str:
+    """Format the time until which false alarms are rare enough."""
     if row["false_alarm"] is None:
         return "-"
     until_s = row["clear_until_s"]
@@ -121,6 +122,7 @@ def detection_pictures(
 def _draw(
     part: pl.DataFrame, series: pl.Expr, boundary: float, tolerated: float, style: str, title: str
 ) -> Picture:
+    """Draw misses against the fill ratio, one line for each series."""
     frame = part.select(
         "fill_ratio", "missed", "runs", low="missed_low", high="missed_high", series=series
     ).sort("series", "fill_ratio", maintain_order=True)

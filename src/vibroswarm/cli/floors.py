@@ -63,6 +63,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _add_tiles(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the size of a floor."""
     parser.add_argument(
         "--tiles",
         metavar="RxC",
@@ -75,6 +76,7 @@ def _add_seed(parser: argparse.ArgumentParser, help: str) -> None:
 
 
 def _list(args: argparse.Namespace) -> int:
+    """Print the known patterns with their difficulty."""
     if args.paper:
         return _list_paper(args)
     from vibroswarm.floors.difficulty import measure
@@ -90,6 +92,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _list_paper(args: argparse.Namespace) -> int:
+    """Print the paper's table of difficulties with the recomputed and the right values."""
     from dataclasses import asdict
 
     from vibroswarm.floors.difficulty import paper_table
@@ -121,6 +124,7 @@ def _list_paper(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
+    """Draw a floor in the terminal or to a file."""
     import shutil
 
     from vibroswarm.floors.difficulty import measure
@@ -139,6 +143,7 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _measure(args: argparse.Namespace) -> int:
+    """Print the difficulty of floors."""
     from vibroswarm.floors.difficulty import measure
 
     measured = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
@@ -150,6 +155,7 @@ def _measure(args: argparse.Namespace) -> int:
 
 
 def _make(args: argparse.Namespace) -> int:
+    """Design a floor of the given difficulty; return 1 if it does not reach the target."""
     import shutil
 
     from vibroswarm.floors.design import make_floor
@@ -191,6 +197,7 @@ def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], s
 
 
 def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
+    """Print the measures of floors as a table."""
     print_table(
         ["floor", "tiles", "vibrating", "fill", "Moran", "entropy", "clusters"],
         [
@@ -209,6 +216,7 @@ def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
 
 
 def _in_words(d: Difficulty) -> str:
+    """Describe a floor's difficulty in a sentence."""
     clusters = (
         "1 cluster"
         if d.clusters == 1

@@ -36,6 +36,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _add_import(tasks: Any) -> None:
+    """Add the subcommand ``import``."""
     parser = tasks.add_parser(
         "import",
         help="import logs of sessions into a folder that can be read as a result",
@@ -134,6 +135,7 @@ def _logs_beliefs(recording: Recording) -> bool:
 
 
 def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
+    """Print what an import repaired and inferred, and where it is saved."""
     from vibroswarm.recordings.recording import count_lines
 
     print("\n".join(count_lines(recording)))

@@ -102,6 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Read the ``--set`` options, limited to fields that a replay can change."""
     from vibroswarm.recordings.replay import REPLAYABLE
     from vibroswarm.scenario.scenario import field_names, parse_setting
 
@@ -120,6 +121,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _rule(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of the decision rule, for JSON."""
     return {
         "rms_threshold": scenario.sensor.rms_threshold,
         "credible_threshold": scenario.decision.credible_threshold,

@@ -105,6 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print_profile(profile: pl.DataFrame) -> None:
+    """Print the error rates by distance to the nearest edge."""
     from vibroswarm.cli.output import print_table
 
     rows = []
@@ -135,6 +136,7 @@ def _finite(value: Any) -> Any:
 
 
 def _print_threshold(found: Threshold, margin_m: float) -> None:
+    """Print a threshold with its interval and its error rates."""
     from vibroswarm.cli.output import percent
 
     interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"

@@ -150,6 +150,7 @@ def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _search(search: Search, arguments: argparse.Namespace) -> int:
+    """Run a search, validate its winner, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_found
     from vibroswarm.cli.output import print_json
     from vibroswarm.cli.progress import search_progress
@@ -184,6 +185,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
 
 def _print_saved(folder: Path | None, what: str) -> None:
+    """Print where the result is saved and how to open it."""
     from vibroswarm.optimize.search_report import REPORT
 
     if folder is None:
@@ -194,6 +196,7 @@ def _print_saved(folder: Path | None, what: str) -> None:
 
 
 def _grid(arguments: argparse.Namespace) -> int:
+    """Run a grid, score its lowest cell again, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_grid, print_truth
     from vibroswarm.cli.output import print_json
     from vibroswarm.cli.progress import say_compiling, study_progress
@@ -228,6 +231,7 @@ def _grid(arguments: argparse.Namespace) -> int:
 
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
+    """Compute sensitivity indices, and print and save them."""
     from vibroswarm.cli.optimize_output import print_sensitivity
     from vibroswarm.cli.output import print_json
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
@@ -249,6 +253,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    """Compare two scenarios on fresh runs and print the result."""
     from vibroswarm.cli.optimize_output import print_comparison
     from vibroswarm.cli.output import print_json
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named

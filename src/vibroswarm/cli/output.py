@@ -120,6 +120,7 @@ def print_tables(outcome: Outcome) -> None:
 
 
 def _print_cells(outcome: Outcome) -> None:
+    """Print the figures of each cell as a table."""
     print_table(
         [
             "cell",
@@ -153,6 +154,7 @@ def _print_cells(outcome: Outcome) -> None:
 
 
 def _print_comparisons(outcome: Outcome) -> None:
+    """Print decision time and share of right robots for each pair of cells."""
     by_pair: dict[tuple[int, int], dict[str, Compared]] = {}
     for comparison in outcome.comparisons:
         by_pair.setdefault((comparison.cell.number, comparison.reference.number), {})[

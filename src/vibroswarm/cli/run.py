@@ -92,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
+    """Simulate one run with a progress bar."""
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.simulation import simulate
 

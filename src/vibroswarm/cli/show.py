@@ -75,6 +75,7 @@ def state_of(store: Store) -> dict[str, Any]:
 
 
 def _search_lines(about: dict[str, Any]) -> list[str]:
+    """Describe the state of a search folder, line by line."""
     done, requested = about["runs_there"], about["runs_wanted"]
     from vibroswarm.optimize.search_tables import values_said
 
@@ -101,6 +102,7 @@ def _search_lines(about: dict[str, Any]) -> list[str]:
 
 
 def _study_lines(about: dict[str, Any]) -> list[str]:
+    """Describe the state of a study folder, line by line."""
     requested, done = about["runs_wanted"], about["runs_there"]
     each = (
         f"{about['runs_each']:,} each"

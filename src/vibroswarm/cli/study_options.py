@@ -189,6 +189,7 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
 
 
 def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
+    """Write tables, pictures and report of a study, with a progress bar."""
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.baselines import reference_table, references_of
     from vibroswarm.study.study_report import write_pictures_and_report

@@ -91,6 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _picture(curve: pl.DataFrame, style: str) -> Any:
+    """Draw time against error of all points."""
     import polars as pl
 
     from vibroswarm.plots.front import draw_front
@@ -110,6 +111,7 @@ def _picture(curve: pl.DataFrame, style: str) -> Any:
 
 
 def _print_front(curve: pl.DataFrame) -> None:
+    """Print the points on the Pareto front."""
     from vibroswarm.cli.output import print_table
 
     def limits(row: dict[str, float], name: str, scale: float, form: str, unit: str) -> str:

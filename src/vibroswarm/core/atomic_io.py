@@ -142,6 +142,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def _acquire(path: Path) -> int | None:
+    """Open and lock a lock file; None if it cannot be written."""
     while True:
         try:
             stream = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -342,6 +343,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _check_folder(path: Path, replace: bool, marker: str) -> None:
+    """Refuse a folder that must not be replaced."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):

@@ -36,6 +36,7 @@ PLAIN = "1" in (os.environ.get("VIBROSWARM_PLAIN"), os.environ.get("NUMBA_DISABL
 
 
 def _user_cache() -> Path:
+    """Return the user's cache folder on this platform."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", str(Path.home() / "AppData/Local")))
     if sys.platform == "darwin":
@@ -247,6 +248,7 @@ def _compile(
     keeps: bool = True,
     **options: bool,
 ) -> Callable[P, R]:
+    """Compile ``function`` with Numba and these options; return it unchanged in plain mode."""
     if not compiles():
         return function
     import numba

@@ -104,6 +104,7 @@ class _Files(IndexDataCacheFile):
                 Path(self._data_path(before)).unlink()
 
     def _load_index(self) -> dict[Any, str]:
+        """Load the index of cached kernels; empty if it is of other sources or versions."""
         content = self._read(self._index_path)
         if content is None:
             return {}
@@ -168,6 +169,7 @@ class KernelCache(FunctionCache):
             self._say(error)
 
     def _say(self, error: OSError) -> None:
+        """Warn once that the cache cannot be used."""
         folder = Path(self._cache_path).parent
         warn_once(
             f"kernels cannot be read from '{folder}' or saved there ({error.strerror or error}); "

@@ -124,6 +124,7 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
 
 
 def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> None:
+    """Refuse missing, unexpected and wrongly typed columns."""
     has_not = f"does not have the columns of the table '{what}'"
     for column, kind in schema.columns.items():
         if column not in frame.columns:
@@ -142,6 +143,7 @@ def _kind(kind: Any) -> str:
 
 
 def _check_values(values: pl.Series, kind: Any, nullable: bool, name: str) -> None:
+    """Refuse missing values and values outside the range of the column."""
     column = values.name
     if not nullable and values.null_count():
         raise InputError(f"column '{column}' lacks a value in row {_first(values.is_null())}", field=name)

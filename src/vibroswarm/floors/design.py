@@ -164,6 +164,7 @@ def _better(one: _Found | None, other: _Found) -> _Found:
 def _target(
     rows: int, columns: int, fill_ratio: float, moran_index: float, entropy: float | None, seed: int
 ) -> _Target:
+    """Check the requested measures and return them as a target."""
     check_size(rows, columns)
     check_seed(seed)
     check_fill_ratio(fill_ratio)
@@ -221,6 +222,7 @@ def _traded(target: _Target, start: NDArray[np.uint8]) -> list[_Found]:
 def _anneal(
     target: _Target, goal: Goal, start: NDArray[np.uint8], hot: float, moves: int, search: int
 ) -> _Found:
+    """Run simulated annealing from a start floor; return the best floor with its measures."""
     fill = target.ones / (target.rows * target.columns)
     pairs = target.rows * (target.columns - 1) + target.columns * (target.rows - 1)
     step = 1.0 / (pairs * fill * (1.0 - fill))  # change of the Moran index by one pair of neighbours
@@ -238,6 +240,7 @@ def _reached(target: _Target, found: Difficulty) -> str:
 
 
 def _nearest(target: _Target, found: Difficulty, traded: list[_Found]) -> str:
+    """Explain that no floor reaches the target, and describe the closest one."""
     target_text = f"Moran index {target.moran_index:g}"
     has = f"fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
     if target.entropy is not None:

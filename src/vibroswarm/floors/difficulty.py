@@ -119,6 +119,7 @@ def measure(tiles: ArrayLike) -> Difficulty:
 
 
 def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
+    """Compute E_e from cluster sizes; see ``entropy``."""
     if ones is not None and ones < 2:
         raise InputError(f"{ones} is too few; the entropy needs at least 2 vibrating tiles", field="ones")
     total = int(sizes.sum()) if ones is None else ones

@@ -104,6 +104,7 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
 
 
 def _split(number: int, line: str, name: str) -> _Line:
+    """Split a line into cells at its separator."""
     for separator in (",", ";", "\t"):
         if separator in line:
             _check_length(number, line.count(separator), name)
@@ -122,6 +123,7 @@ def _check_length(number: int, cells: int, name: str) -> None:
 
 
 def _bit(cell: str) -> int | None:
+    """Convert a cell to 0 or 1; None if it is neither."""
     if cell in {"0", "1"}:
         return int(cell)
     if _STILL.fullmatch(cell):
@@ -140,6 +142,7 @@ def _coordinates(lines: list[_Line]) -> bool:
 
 
 def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.uint8]:
+    """Read tiles from a grid of cells, one per tile."""
     columns = len(lines[0].cells)
     if len(lines) * columns > TILE_LIMIT:
         raise InputError(
@@ -171,6 +174,7 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
 
 
 def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.uint8]:
+    """Read tiles from a list of coordinates (column, row) of vibrating tiles."""
     rows, columns = size
     tiles = np.zeros(size, dtype=np.uint8)
     for line in lines:

@@ -200,6 +200,7 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
 
 
 def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
+    """Convert a picture to grey levels from 0 to 1."""
     if picture.width * picture.height > PIXEL_LIMIT:
         raise InputError(
             f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",

@@ -182,6 +182,7 @@ def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
 
 
 def _fill_ratio(spec: str) -> float:
+    """Parse the fill ratio of a name such as ``random:0.48``."""
     text = spec.partition(":")[2].strip()
     try:
         return float(text)
@@ -191,6 +192,7 @@ def _fill_ratio(spec: str) -> float:
 
 
 def _unknown(spec: str) -> str:
+    """Write the message for an unknown floor."""
     known = (*NAMES, f"{RANDOM}:0.48")
     return (
         f"'{spec}' is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "

@@ -53,6 +53,7 @@ def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
 
 
 def _is_numbas(error: Exception) -> bool:
+    """Return whether an error comes from Numba's compiler."""
     kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
     return "numba" in kinds or any(
         frame.name in ("_compile_for_args", "compile") and "numba" in frame.filename
@@ -61,6 +62,7 @@ def _is_numbas(error: Exception) -> bool:
 
 
 def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str:
+    """Shorten Numba's message to file, line and cause."""
     text = str(error)
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     noise = (
@@ -84,6 +86,7 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
+    """Return the file and line in user code at which an error was raised; None if it was not in user code."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)

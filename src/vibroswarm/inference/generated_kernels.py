@@ -84,6 +84,7 @@ def _text_of(declared: Strategy | Network) -> str:
 
 
 def _described(function: Callable[..., Any]) -> str:
+    """Describe a function without source text by its bytecode and the constants it reads."""
     code = function.__code__
     plain = {
         name: value
@@ -226,6 +227,7 @@ def _generated_module(name: str, text: str) -> ModuleType:
 
 
 def _register(module: ModuleType) -> None:
+    """Register a generated module and its parent packages in ``sys.modules``."""
     parts = module.__name__.split(".")
     for count in range(1, len(parts)):
         parent = ".".join(parts[:count])

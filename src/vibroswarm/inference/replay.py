@@ -79,6 +79,7 @@ def _replayed(
     messages: NDArray[np.void] | None,
     log: Log | None,
 ) -> Swarm:
+    """Replay after checking that the observations match the motion."""
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table does not have the rows of the motion table")
     return _replay(scenario, seed, timeline, observations["observation"].to_numpy(), messages, log)
@@ -92,6 +93,7 @@ def _replay(
     messages: NDArray[np.void] | None,
     log: Log | None,
 ) -> Swarm:
+    """Replay all runs with the kernels of this strategy and network; return the final swarm."""
     longest = timeline.longest
     replayer = replayer_of(
         scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,

@@ -209,6 +209,7 @@ class MessagesReplayer(Replayer):
         self.buffer = self._message_buffer(longest + 64)
 
     def _message_buffer(self, room: int) -> MessageBuffer:
+        """Allocate a buffer for ``room`` messages."""
         strategy, network = self.strategy, self.network
         return MessageBuffer(
             messages=zero_rows(room, strategy.message_type),

@@ -43,6 +43,7 @@ class Tracks(NamedTuple):
 
 
 def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
+    """Sort moves by robot into arrays with bounds."""
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
     tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
@@ -56,6 +57,7 @@ NO_TRACKS: Final = _tracks(np.empty(0, dtype=np.int64), 0, np.empty(0, dtype=np.
 
 
 def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
+    """Return the moves; refuse motion without them."""
     if moves is None:
         raise InputError(
             "reads positions, but this motion has no moves; choose another network, or motion with moves",

@@ -58,6 +58,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
 
 
 def _scratch(timeline: Timeline, network: Network) -> DeliveryScratch:
+    """Allocate the working memory of a delivery computation."""
     robots = timeline.robots
     return DeliveryScratch(
         arrival=np.empty((timeline.longest, robots), dtype=np.int64),

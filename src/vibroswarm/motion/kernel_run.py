@@ -214,7 +214,7 @@ class KernelRun(ABC):
         return tick_at(until_s, self.tick_ms)
 
     def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
-        """Do ``go_on`` up to a tick."""
+        """Advance to a tick as ``go_on`` does, and empty the buffers whenever they are full."""
         record, segments = self.record, []
         while self.tick < until:
             if self.tick == 0:

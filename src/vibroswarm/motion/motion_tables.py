@@ -223,6 +223,7 @@ def _wrong(
 def _wrong_rows(
     piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
 ) -> Iterator[str]:
+    """Yield the errors in the rows of a piece of motion."""
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
         yield f"the table ends has not one row for each of {robots} robots of run {run}, in their order"

@@ -205,6 +205,7 @@ def source(name: str) -> Source:
 
 
 def _ready(found: Source) -> Source:
+    """Return a source whose output is checked, unless it is part of this package."""
     if found.is_ours:
         return found
     init, batch = partial(checked, found.init), found.batch

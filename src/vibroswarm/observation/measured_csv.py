@@ -49,6 +49,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def _head(row: list[str], name: str) -> list[str]:
+    """Return the column names, lower case; refuse a header without kind and energy."""
     head = [cell.strip().lower() for cell in row]
     if "kind" not in head or "energy" not in head:
         raise InputError(
@@ -58,6 +59,7 @@ def _head(row: list[str], name: str) -> list[str]:
 
 
 def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
+    """Parse a row to (vibrating, energy)."""
     if len(row) != len(head):
         raise InputError(f"{len(row)} columns where the first line has {len(head)}", field=where)
     kind, text = row[head.index("kind")].strip().lower(), row[head.index("energy")].strip()

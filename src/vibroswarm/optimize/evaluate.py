@@ -166,6 +166,7 @@ def _do_each(
     pool: Workers,
     progress: Callable[[int], None],
 ) -> list[Rows | str]:
+    """Run each piece; one that fails twice gives its error as text."""
     results: dict[int, Rows | str] = {}
     failures: Counter[int] = Counter()
 

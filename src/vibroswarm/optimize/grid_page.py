@@ -30,7 +30,7 @@ TITLES: Final = {
     "grid-decision-time-s": "The decision time",
     "grid-belief-in-truth": "The belief in the truth",
 }
-CELL_TONES: Final = {"the lowest": "good", "not told apart": "open"}
+CELL_TONES: Final = {"the lowest": "good", "not significant": "open"}
 ROWS_IN_SIGHT: Final = 12
 """Longer tables are folded if pictures show the same numbers."""
 
@@ -72,6 +72,7 @@ def grid_page(
 
 
 def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
+    """Write the introduction of a grid's page."""
     grid = nodes.grid
     varied = ", ".join(f"`{name}`" for name in grid.study.varied)
     aim = f"for the lowest {grid.objective.words}"
@@ -83,6 +84,7 @@ def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
 
 
 def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> list[str]:
+    """List the warnings that apply to a grid."""
     words = []
     if truth is None:
         words.append(
@@ -95,7 +97,7 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
         words.append(f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are {GRID_LUCK}")
     if edges := _edges(nodes):
         words.append(
-            f"The lowest cell lies at the edge of the grid: {', '.join(edges)}. What is better may lie beyond."
+            f"The lowest cell lies at the edge of the grid: {', '.join(edges)}. Better values may lie beyond."
         )
     if len(made_by) > 1:
         words.append("Different versions made parts of it; as a whole it may not be repeatable.")
@@ -117,9 +119,10 @@ def _edges(nodes: Nodes) -> list[str]:
 
 
 def _cell_table(nodes: Nodes) -> ReportTable:
+    """Tabulate the cells with scores and their standing against the lowest."""
     unit, table = nodes.grid.objective.unit, nodes.table
     standing = [
-        "the lowest" if node is nodes.best else "not told apart" if node.as_good else "higher"
+        "the lowest" if node is nodes.best else "not significant" if node.as_good else "higher"
         for node in nodes.nodes
     ]
     varied = [name for name in nodes.grid.study.varied if name in table.columns]
@@ -161,6 +164,7 @@ def _shared(nodes: Nodes) -> str:
 
 
 def _details(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return hash, seed, engine, versions and commands of a grid."""
     study = nodes.grid.study
     details = {
         "study": study.hash,

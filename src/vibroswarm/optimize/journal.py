@@ -80,6 +80,7 @@ class Journal:
         )
 
     def _is_begun(self, path: Path) -> bool:
+        """Return whether a file is one that a search writes before its journal starts."""
         if path.name == SEARCH:
             return path.read_bytes() == self._text.encode()
         if path.name == JOURNAL:
@@ -150,6 +151,7 @@ class Journal:
             raise RunError(f"could not write '{self.folder / JOURNAL}': {error.strerror or error}") from error
 
     def _check(self, search: Search, mixed: bool) -> None:
+        """Refuse a folder of another search, format or version."""
         path = self.folder / HEAD
         head = read_json(path, "the head of a search")
         version, saved_hash = entry(head, "format", int, path), entry(head, "hash", str, path)

@@ -174,6 +174,7 @@ class _Loop:
         return [*best, *(self.archive.new(point, origin) for point, origin in named)]
 
     def _run_method(self, method: Method, stage: str, wanted: int) -> None:
+        """Run a method until it makes no further requests."""
         while asks := method.ask():
             self._run_step(asks, method, stage, wanted)
             method.tell()
@@ -184,6 +185,7 @@ class _Loop:
             self._report_progress(method, stage, wanted, 0)
 
     def _run_step(self, asks: Sequence[Ask], method: Method, stage: str, wanted: int) -> None:
+        """Run one set of requests, or replay it from the journal."""
         step = next(self.before, None) if self.replaying else None
         if step is not None:
             self._replay_step(step, asks)
@@ -206,6 +208,7 @@ class _Loop:
             self.journal.add(self.archive, asks, [by_ask[ask.key] for ask in asks])
 
     def _replay_step(self, step: Step, asks: Sequence[Ask]) -> None:
+        """Add the runs of a step from the journal; refuse it if the requests differ."""
         if list(asks) != step.asks or [self.archive[a.key].origin for a in asks] != step.origins:
             raise RunError(
                 "the method requests other runs than the journal holds, which another version made; "
@@ -226,6 +229,7 @@ class _Loop:
         self._add_runs(asks, step.found)
 
     def _add_runs(self, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
+        """Add the runs of each request to the archive."""
         first = not self.archive.columns
         for ask, pieces in zip(asks, found, strict=True):
             for piece in pieces:
@@ -235,6 +239,7 @@ class _Loop:
             self._name_columns(asks)
 
     def _name_columns(self, asks: Sequence[Ask]) -> None:
+        """Assign the columns of figures to objectives after the first runs."""
         rows = [self.archive[ask.key].rows[0] for ask in asks if self.archive[ask.key].rows]
         if not rows:
             cause = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
@@ -244,6 +249,7 @@ class _Loop:
         self.archive.columns = [slice(first, end) for first, end in pairwise(bounds)]
 
     def _report_progress(self, method: Method, stage: str, wanted: int, done: int) -> None:
+        """Report the state of the search to the caller."""
         self.progress(
             SearchProgress(
                 method=method.name,

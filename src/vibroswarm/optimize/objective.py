@@ -171,6 +171,7 @@ class Objective:
         return (freed if smooth else self.score(rows)), error
 
     def _quantile(self) -> float | None:
+        """Return the quantile of the statistic; None for a mean or mean + sd."""
         kind, _, share = self.statistic.partition(" ")
         if kind == "quantile":
             try:
@@ -187,6 +188,7 @@ class Objective:
         )
 
     def _of_case(self, rows: Array) -> float:
+        """Compute the score of one case from its figures."""
         if self.name == "expected_time_to_right":
             return float(rows[:, 0].sum() / max(rows[:, 1].sum(), 0.5))
         if self.name == "time_at_error":
@@ -200,6 +202,7 @@ class Objective:
         return mean if self.statistic == "mean" else mean + float(costs_of.std())  # Eq. 22
 
     def _time_at_error(self, rows: Array) -> float:
+        """Compute the mean time plus the penalty for exceeding the limits."""
         time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
         max_error, max_undecided = self.limits.values()
         error, undecided = wrong / max(decided, 1.0), 1.0 - decided / robots

@@ -229,6 +229,7 @@ class OptunaSampler(BatchSampler):
         return front(self.archive, self.keys)[:count]
 
     def _sampler(self, library: Any, number: int) -> Any:
+        """Create Optuna's sampler of this name."""
         samplers = library.samplers
         if self.name == "tpe":
             return samplers.TPESampler(

@@ -153,6 +153,7 @@ class Pso:
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
     def _extra_asks(self) -> list[Ask]:
+        """Request the extra evaluations, according to ``noise``."""
         settings, archive = self.settings, self.archive
         if settings.noise == "fixed":
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
@@ -164,6 +165,7 @@ class Pso:
         return allocate_runs(archive, among, settings.extra_runs)
 
     def _update_bests(self) -> None:
+        """Update the personal bests with the current scores."""
         now = np.array([self._score(key) for key in self.current])
         if not self.personal:
             self.personal, self.kept = list(self.current), now
@@ -183,6 +185,7 @@ class Pso:
         return np.array([self._score(key) for key in self.personal])
 
     def _move(self) -> None:
+        """Move all particles by the velocity update of the paper."""
         settings = self.settings
         share = self.iteration / max(self.iterations - 1, 1)
         inertia = settings.inertia_first + share * (settings.inertia_last - settings.inertia_first)

@@ -60,9 +60,7 @@ def warnings_of(
     elif len(found.search.objectives) > 1:
         words.append("There is no front: no candidate has scores under all objectives.")
     else:
-        words.append(
-            "The winner was not scored on fresh runs: this page shows only what the search believed."
-        )
+        words.append("The winner was not scored on fresh runs: this page shows only believed scores.")
     if len(made_by) > 1:
         words.append("Different versions made parts of it; as a whole it may not be repeatable.")
     return [text for text in words if text]
@@ -79,6 +77,7 @@ def _unfinished(found: Found) -> str:
 
 
 def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[str]:
+    """List the warnings about failed runs."""
     words = []
     if found.archive.failed:
         causes = "; ".join(reasons(found.archive))
@@ -94,7 +93,7 @@ def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[st
 
 def luck_words(truth: Truth) -> str:
     """Explain the difference between believed and true score, or warn of too few fresh runs; else empty."""
-    if truth.luck != "none to be seen":
+    if truth.luck != "not significant":
         return truth.words
     score = truth.winner.score
     if score.estimate == 0:
@@ -104,18 +103,19 @@ def luck_words(truth: Truth) -> str:
         return ""
     known = f"to within {100 * within:.0f} %" if math.isfinite(within) else "without limits"
     return (
-        f"Too few validation runs: the true score is known {known}. Raise `--fresh` to see whether the search believed "
-        "too little."
+        f"Too few validation runs: the true score is known {known}. Raise `--fresh` to see whether the believed score "
+        "is too low."
     )
 
 
 def _nothing_found(search: Search, truth: Truth) -> list[str]:
+    """List the warnings that the winner is not better than the starts."""
     words = []
     for k, name in enumerate(other_names(search, truth)[: len(search.starts)]):
         stands, less = standing(truth, k), interval_said(truth.against[k], sign=True)
         if stands == "the same":
             words.append(f"The winner is the {name} itself: nothing better was found.")
-        elif stands == "not told apart":
+        elif stands == "not significant":
             words.append(
                 f"The winner does not differ significantly from the {name} (winner - {name}: {less}): "
                 "nothing was found."
@@ -133,7 +133,7 @@ def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
             end = d.low if at == "lower" else d.high
             words.append(f"`{short[d.name]}` {value_said(values[d.name])} ({at} bound {end:g})")
     return (
-        f"The winner lies at a bound of the space: {', '.join(words)}. What is better may lie beyond."
+        f"The winner lies at a bound of the space: {', '.join(words)}. Better values may lie beyond."
         if words
         else ""
     )
@@ -146,8 +146,8 @@ def _front_luck(front: Front) -> str:
 
 
 QUOTE: Final = (
-    "Quote what is true on fresh runs, with its interval, and not what the search believed: of many candidates the one "
-    "that looks best was partly lucky, and fresh runs played no part in any choice."
+    "Quote the true score with its interval, not the believed one: the candidate that looks best of many was partly "
+    "lucky, and fresh runs played no part in the choice."
 )
 IN_FOLDER: Final = "It is saved as `best.toml`; run the commands below in its folder."
 TITLES: Final = {
@@ -179,7 +179,7 @@ def search_page(
     sections.append(_runs_section(found, truth, front))
     text = file_text(found.search)
     if text:
-        sections.append(Section("The search's file", (), (ReportCode(text, "search.toml"),), folded=True))
+        sections.append(Section("The search file", (), (ReportCode(text, "search.toml"),), folded=True))
     return Report(
         title=found.search.study.name or f"A search for the lowest {_aims(found.search)}",
         lead=(*_lead(found, truth, front), QUOTE),
@@ -210,11 +210,12 @@ def best_words(values: dict[str, Any], truth: Truth, unit: str) -> str:
     unit, score = f" {unit}".rstrip(), truth.winner.score
     return (
         f"Best: {values_said(values)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; "
-        f"the search believed {truth.believed:.4g}{unit}."
+        f"believed score: {truth.believed:.4g}{unit}."
     )
 
 
 def _lead(found: Found, truth: Truth | None, front: Front | None) -> Iterable[str]:
+    """Write the introduction of a search's page."""
     search, archive = found.search, found.archive
     cases = f", each in {len(search.cases)} cases" if len(search.cases) > 1 else ""
     yield (
@@ -232,6 +233,7 @@ def _aims(search: Search) -> str:
 
 
 def _truth_sections(found: Found, truth: Truth) -> list[Section]:
+    """Lay out believed and true scores, and the comparison with the starts."""
     search = found.search
     cases = [cell.name for cell in search.cases]
     parts = truth_parts(truth, found.archive[found.best].count, cases, search.objectives[0].unit)
@@ -242,6 +244,7 @@ def _truth_sections(found: Found, truth: Truth) -> list[Section]:
 
 
 def _winner_section(found: Found, truth: Truth | None) -> Section:
+    """Lay out the winner's values with commands to run and compare it."""
     search = found.search
     others: dict[str, Mapping[str, Any]] = {}
     if truth is not None:
@@ -263,6 +266,7 @@ def commands(file: str, against: str) -> ReportCode:
 
 
 def _front_section(found: Found, front: Front, drawn: Mapping[str, ReportPicture]) -> Section:
+    """Lay out the Pareto front with believed and true scores."""
     names = [*found.search.space.names]
     frame = front.table.with_columns(
         stays=pl.Series(["stays" if m.stays else "beaten" for m in front.members])
@@ -291,6 +295,7 @@ def _front_section(found: Found, front: Front, drawn: Mapping[str, ReportPicture
 
 
 def _search_section(found: Found, pictures: Sequence[ReportPicture]) -> Section:
+    """Lay out pictures, best candidates and iterations of the search."""
     below = [Section(TITLES[picture.name], parts=(picture,)) for picture in pictures]
     if len(found.search.objectives) == 1:
         title = f"The best {min(tables.BEST, len(found.archive))} candidates"
@@ -300,6 +305,7 @@ def _search_section(found: Found, pictures: Sequence[ReportPicture]) -> Section:
 
 
 def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Section:
+    """Lay out the use of the budget and the failures."""
     fresh = []
     if truth is not None:
         fresh = [(s.name, 1, s.rows.shape[0], s.failed) for s in (truth.winner, *truth.others)]
@@ -330,6 +336,7 @@ def _shown(
 
 
 def _details(search: Search, has_file: bool, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return hash, seed, method, versions and commands of a search."""
     details = {
         "search": search.hash, "seed": str(search.seed), "method": search.settings.method,
         "engine": search.study.motion, **versions_in_words(made_by),

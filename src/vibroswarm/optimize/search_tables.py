@@ -70,9 +70,9 @@ BEST: Final = 20
 EDGE: Final = 0.01
 """A value closer to a bound than this fraction of the range lies at it."""
 LUCK_TONES: Final = {
-    "none to be seen": "good", "lucky": "bad", "unlucky": "fair", "inconclusive": "open", "not defined": "open",
+    "not significant": "good", "lucky": "bad", "unlucky": "fair", "inconclusive": "open", "not defined": "open",
 }  # fmt: skip
-STANDING_TONES: Final = {"better": "good", "worse": "bad", "not told apart": "open", "the same": "open"}
+STANDING_TONES: Final = {"better": "good", "worse": "bad", "not significant": "open", "the same": "open"}
 LIMIT_TONES: Final = {"within": "good", "beyond": "bad", "not significantly": "open"}
 PARTS: Final = {
     "decision_time_s": ("decision time, s", False),
@@ -85,7 +85,7 @@ def believed_and_true(truth: Truth, believed_runs: int, unit: str) -> ReportTabl
     """Tabulate the score that the search believed, the true score, and the difference."""
     score, believed = truth.winner.score, truth.believed
     rows = [
-        {"what": "the search believed", "score": plain(believed), "low": None, "high": None,
+        {"what": "believed by the search", "score": plain(believed), "low": None, "high": None,
          "runs": believed_runs, "luck": None},
         {"what": "true, on fresh runs", **_limits(score), "runs": score.n, "luck": None},
         {"what": "the difference", "score": plain(score.estimate - believed), "low": plain(score.low - believed),
@@ -134,7 +134,7 @@ def standing(truth: Truth, place: int) -> str:
     other, paired = truth.others[place], truth.against[place]
     if other.values == truth.winner.values:
         return "the same"
-    return "better" if paired.high < 0 else "worse" if paired.low > 0 else "not told apart"
+    return "better" if paired.high < 0 else "worse" if paired.low > 0 else "not significant"
 
 
 def other_names(search: Search, truth: Truth) -> list[str]:

@@ -321,6 +321,7 @@ def differences(there: Search, given: Search) -> list[str]:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
+    """Flatten nested tables to (dotted name, value) pairs."""
     items: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{before}{key}"
@@ -329,6 +330,7 @@ def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
 
 
 def _settings(kind: Any, block: Any, name: str) -> Any:
+    """Read a table of settings into a dataclass; refuse unknown names."""
     if not isinstance(block, Mapping):
         raise InputError("is a table", field=name)
     known = [f.name for f in fields(kind)]

@@ -31,7 +31,7 @@ from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
 """Relative difference above which an interval that contains it is too wide to judge luck."""
-LUCK: Final = ("none to be seen", "lucky", "unlucky", "inconclusive", "not defined")
+LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined")
 """Explanations of the difference between believed and true score."""
 
 
@@ -97,7 +97,7 @@ class Truth:
         if not math.isfinite(share):
             return "not defined"
         if score.low <= self.believed <= score.high:
-            return "inconclusive" if abs(share) > TELLING else "none to be seen"
+            return "inconclusive" if abs(share) > TELLING else "not significant"
         return "lucky" if share > 0 else "unlucky"
 
     @property
@@ -105,21 +105,21 @@ class Truth:
         """The explanation in words."""
         share = self.difference
         return {
-            "not defined": "The difference between what the search believed and what is true is not defined.",
+            "not defined": "The difference between the believed and the true score is not defined.",
             "inconclusive": (
-                f"What the search believed is {abs(100 * share):.0f} % too {'little' if share > 0 else 'much'}, but "
-                "the interval of the true score is as wide: too few validation runs; raise --fresh."
+                f"The believed score is {abs(100 * share):.0f} % too {'low' if share > 0 else 'high'}, but the "
+                "interval of the true score is as wide: too few validation runs; raise --fresh."
             ),
-            "none to be seen": (
-                f"What the search believed lies inside the interval of the true score ({100 * share:+.1f} %): "
-                "there is no sign of a lucky choice."
+            "not significant": (
+                f"The believed score lies inside the interval of the true score ({100 * share:+.1f} %): "
+                "no sign of a lucky choice."
             ),
             "lucky": (
-                f"The search believed {100 * share:.0f} % too little: its winner was chosen by its score on few "
-                "runs, and was partly lucky on them."
+                f"The believed score is {100 * share:.0f} % too low: the winner was chosen by its score on few runs, "
+                "and was partly lucky."
             ),
             "unlucky": (
-                f"The search believed {-100 * share:.0f} % too much: its winner was unlucky in the search."
+                f"The believed score is {-100 * share:.0f} % too high: the winner was unlucky in the search."
             ),
         }[self.luck]
 
@@ -227,6 +227,7 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
 
 
 def _beyond(share: Interval, limit: float) -> str:
+    """Write whether a share is within its limit."""
     if share.low > limit:
         return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
     if share.high <= limit:
@@ -294,11 +295,11 @@ class Front:
         """A summary of the front in words."""
         stay, count = sum(m.stays for m in self.members), len(self.members)
         shares = ", ".join(
-            f"{abs(100 * share):.0f} % too {'little' if share >= 0 else 'much'} of {name}"
+            f"{abs(100 * share):.0f} % too {'low' if share >= 0 else 'high'} for {name}"
             for name, share in zip(self.names, self.too_little, strict=True)
         )
         return (
-            f"On {self.runs:,} fresh runs each, {stay} of {count} are still on the front; the search believed "
+            f"On {self.runs:,} fresh runs each, {stay} of {count} are still on the front; the believed scores were "
             f"{shares} (medians)."
         )
 

@@ -219,6 +219,7 @@ class _MissingItems:
         return results
 
     def _run(self, wanted: Sequence[Cell], check: Check) -> CellResults:
+        """Run the requested cells, with progress and cancellation."""
         settings, self.bar.shown = self.settings, CELLS
 
         def report_progress(share: float) -> None:
@@ -230,6 +231,7 @@ class _MissingItems:
         )
 
     def _compute_items(self, items: Sequence[Item], results: CellResults | None, check: Check) -> None:
+        """Compute the tables of several items."""
         for item in items:
             if results is not None:
                 self.bar.shown = item.name
@@ -238,6 +240,8 @@ class _MissingItems:
             )
 
     def _compute_item(self, item: Item, results: CellResults, check: Check) -> None:
+        """Compute and save the tables of one item."""
+
         def report_progress(share: float) -> None:
             check()
             self.bar.update(item.name, share)

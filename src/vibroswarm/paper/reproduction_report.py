@@ -107,6 +107,7 @@ def _value_words(cells: pl.DataFrame) -> str:
 
 
 def _range_words(cells: pl.DataFrame) -> str:
+    """Write the range of several estimates, or one with its interval."""
     values = cells["estimate"].to_list()
     if len(values) > 1:
         return f"{min(values):.3g} to {max(values):.3g}"
@@ -127,6 +128,7 @@ def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
 
 
 def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) -> None:
+    """Write all tables as CSV, with an index."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         rows = []

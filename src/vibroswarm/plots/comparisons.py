@@ -86,6 +86,7 @@ def draw_forest(
 
 
 def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: bool) -> None:
+    """Draw one difference with its interval and counts."""
     axes = rows.axes
     if values["difference"] is None:
         axes.annotate(
@@ -108,6 +109,7 @@ def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: boo
 
 
 def _axis(rows: Rows, frame: pl.DataFrame, better: str | None) -> None:
+    """Set the limits of the axis and mark the better side."""
     axes = rows.axes
     values = [0.0, *pl.concat([frame["low"], frame["difference"], frame["high"]]).drop_nulls()]
     low, high = min(values), max(values)
@@ -186,6 +188,7 @@ def draw_outcomes(
 def _bar(
     rows: Rows, style: Style, row: int, values: dict[str, float | None], seen: list[str], unit: str
 ) -> None:
+    """Draw one stacked bar of outcomes, with the interval of the share of right ones."""
     axes, height = rows.axes, rows.band
     if not values["runs"]:
         axes.text(0.5, row, f"no {unit}s", ha="center", va="center", fontsize=rows.font_pt)
@@ -212,6 +215,7 @@ def _bar(
 
 
 def _legend(rows: Rows, style: Style, seen: list[str], names: list[str]) -> None:
+    """Draw the legend of outcomes."""
     from matplotlib.patches import Patch
 
     handles = [

@@ -115,6 +115,7 @@ def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
 
 
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
+    """Refuse curves that cannot be cumulative shares."""
     for name in ("right", "wrong"):
         if (part[name].diff().drop_nulls() < -1e-9).any():
             raise InputError("falls with time, which a cumulative share cannot", field=name)
@@ -125,6 +126,7 @@ def _checked(part: pl.DataFrame) -> pl.DataFrame:
 
 
 def _curve(axes: Any, style: Style, part: pl.DataFrame, index: int, series: int, end: float) -> None:
+    """Draw the curves of right (upwards) and wrong decisions (downwards) of one series."""
     looks = look(index)
     times = [*part["time_s"], end]
     for kind, sign in (("right", 1.0), ("wrong", -1.0)):
@@ -149,6 +151,7 @@ def _curve(axes: Any, style: Style, part: pl.DataFrame, index: int, series: int,
 
 
 def _finish(axes: Any, style: Style, parts: list[pl.DataFrame], end: float, t_end: float | None) -> None:
+    """Set limits, ticks and labels."""
     up = most(*(part[name] for part in parts for name in ("right", "right_high")))
     down = most(*(part[name] for part in parts for name in ("wrong", "wrong_high")))
     span = up + down or 1.0
@@ -273,6 +276,7 @@ def _panel(
     thresholds: Sequence[float],
     boundary: float | None,
 ) -> None:
+    """Draw the bands and the median of a cell, the thresholds and the boundary."""
     times = part["time_s"].to_numpy()
     for depth, (low, high) in enumerate(pairs):
         axes.fill_between(

@@ -79,6 +79,7 @@ _SCHEMA = {
 
 
 def _row(group: Group, mark: str, **values: float | None) -> dict[str, object]:
+    """Return a row of the picture's numbers."""
     empty: dict[str, object] = dict.fromkeys(_SCHEMA)
     return empty | {
         "cell": group.cell, "series": group.series, "mark": mark, "runs": group.runs,
@@ -87,6 +88,7 @@ def _row(group: Group, mark: str, **values: float | None) -> dict[str, object]:
 
 
 def _box(plane: Plane, style: Style, group: Group) -> dict[str, object]:
+    """Draw the quantiles of a group as a box; return its row."""
     from matplotlib.patches import Rectangle
 
     at = {name: quantile(group, q, censored=plane.end is not None) for name, q in QUANTILES.items()}
@@ -119,6 +121,7 @@ def _box(plane: Plane, style: Style, group: Group) -> dict[str, object]:
 
 
 def _runs(plane: Plane, style: Style, group: Group) -> list[dict[str, object]]:
+    """Draw each run of a group as a mark; return their rows."""
     looks = look(group.series_index)
     values: list[float | None] = [*group.values.tolist()]
     if plane.end is not None:
@@ -207,6 +210,7 @@ def _draw(
     relative: NDArray[np.float64],
     at: dict[str, float | None],
 ) -> None:
+    """Draw the density, the quantiles and the median of a group."""
     axes, y, looks = plane.rows.axes, plane.place(group), look(group.series_index)
     half, line = plane.rows.band * 0.46, plane.rows.line_pt
     if relative.size:
@@ -235,6 +239,7 @@ def _draw(
 def _numbers(
     group: Group, values: NDArray[np.float64], density: NDArray[np.float64], at: dict[str, float | None]
 ) -> pl.DataFrame:
+    """Tabulate the density and the quantiles of a group."""
     places: list[float | None] = values.tolist() or [None]
     heights = density.tolist() or [None] * len(places)
     return pl.DataFrame(

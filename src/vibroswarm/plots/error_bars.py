@@ -152,6 +152,7 @@ def _along(
     percent: bool,
     title: str,
 ) -> Any:
+    """Draw the figure along a numeric axis."""
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(style, *labels, title=title, legend=named)
     few_ticks(axes.xaxis, style)
@@ -178,6 +179,7 @@ def _legend(figure: Any, style: Style, series: Sequence[str]) -> None:
 def _rows(
     style: Style, frame: pl.DataFrame, series: Sequence[str], label: str, percent: bool, title: str
 ) -> Any:
+    """Draw the figure with one row for each name."""
     names = frame["x"].unique(maintain_order=True).to_list()
     row_of = {name: row for row, name in enumerate(names)}
     named = list(series) if len(series) > 1 else []

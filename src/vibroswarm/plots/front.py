@@ -100,6 +100,7 @@ def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[n
 
 
 def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return the frame with the columns ``front`` and ``number``."""
     has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
     front = np.zeros(frame.height, dtype=bool)
@@ -116,6 +117,7 @@ def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _points(axes: Any, style: Style, known: pl.DataFrame) -> None:
+    """Draw the points, those on the front last."""
     many = known.height > VECTORS_UP_TO
     line = style.line_pt
     for front, face, edge, order in ((False, PAPER, FAINT, 2), (True, SERIES[0], SERIES[0], 3)):
@@ -186,6 +188,7 @@ def _cost(
     inside: tuple[float, float, float, float],
     gap: float,
 ) -> float:
+    """Score a place for a label: overlap with labels and marks, and with the border."""
     left, bottom, right, top = spot
     out = left < inside[0] or bottom < inside[1] or right > inside[2] or top > inside[3] + gap
     covered = sum(

@@ -88,6 +88,7 @@ def draw_heat(
 
 
 def _order(column: pl.Series) -> list[Any]:
+    """Return the distinct values of an axis in order."""
     if column.dtype.is_numeric():
         if column.has_nulls() or column.cast(pl.Float64).is_nan().any():
             raise InputError("has a missing number", field=column.name)
@@ -114,6 +115,7 @@ def _draw_heat(
     digits: int,
     title: str,
 ) -> Any:
+    """Draw the map of a grid of values."""
     rows, columns = grid.shape
     row_in = (
         style.row_in if rows <= 12 else style.least_row_in * 1.15
@@ -148,6 +150,7 @@ def _draw_heat(
 
 
 def _hatched_ground(columns: int, rows: int) -> Any:
+    """Return a hatched background, which shows where values are missing."""
     from matplotlib.patches import Rectangle
 
     return Rectangle(
@@ -192,6 +195,7 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
 def _write_numbers(
     figure: Any, axes: Any, style: Style, grid: NDArray[np.float64], limits: tuple[float, float], digits: int
 ) -> None:
+    """Write the value into each cell if it fits."""
     rows, columns = grid.shape
     width, height = axes_size_pt(figure, axes)
     wide, high = width / columns, height / rows
@@ -313,6 +317,7 @@ def _draw_density(
     floor: tuple[NDArray[np.uint8] | None, tuple[float, float] | None, tuple[float, float]],
     title: str,
 ) -> Any:
+    """Draw a map of the density of samples over the floor."""
     width_m, height_m = float(edges[0][-1]), float(edges[1][-1])
     map_in = style.width_in * 0.65
     height = min(style.tallest_in, map_in * height_m / width_m + style.font_pt * (5.5 if title else 3.5) / 72)
@@ -345,6 +350,7 @@ def _tiles(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
+    """Draw the borders of vibrating tiles and a dot in each of them."""
     from matplotlib.collections import LineCollection
 
     rows, columns = tiles.shape

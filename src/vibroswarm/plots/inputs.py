@@ -219,6 +219,7 @@ def plane_of(
 
 
 def _groups(frame: pl.DataFrame, series: Sequence[str]) -> list[Group]:
+    """Split the frame into groups by cell and series."""
     row_of = {cell: row for row, cell in enumerate(frame["cell"].unique(maintain_order=True))}
     groups = []
     for (cell, name), part in frame.group_by("cell", "series", maintain_order=True):
@@ -228,6 +229,7 @@ def _groups(frame: pl.DataFrame, series: Sequence[str]) -> list[Group]:
 
 
 def _limits(plane: Plane, style: Style) -> float:
+    """Set the limits of the axis; return the largest value shown."""
     values = np.concatenate([group.values for group in plane.groups])
     axes = plane.rows.axes
     low = float(values.min()) if values.size else 0.0
@@ -250,6 +252,7 @@ def _limits(plane: Plane, style: Style) -> float:
 
 
 def _write_shares(plane: Plane, missing: str) -> None:
+    """Write the share of undecided runs at each group."""
     if not any(group.undecided for group in plane.groups):
         return
     for group in plane.groups:

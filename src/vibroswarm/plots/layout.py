@@ -37,6 +37,7 @@ def width_pt(text: str, size_pt: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _letter_em(letter: str) -> float:
+    """Return the width of a letter in units of the font size."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
@@ -82,6 +83,7 @@ def _without_middle(text: str, letters: int) -> str:
 
 
 def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
+    """Break text into lines of at most ``room_pt``, at spaces and punctuation."""
     lines = [""]
     for piece in re.findall(r"[^\s/\\_=,;:.+-]*[\s/\\_=,;:.+-]+|[^\s/\\_=,;:.+-]+", text):
         longer = lines[-1] + piece

@@ -151,6 +151,7 @@ def _svg(figure: Figure) -> str:
 
 
 def _svg_with_image(figure: Figure) -> str:
+    """Write a figure as SVG with its many marks as one image."""
     artists: list[Any] = []
     for axes in figure.axes:
         artists += [*axes.collections, *axes.lines, *axes.patches]

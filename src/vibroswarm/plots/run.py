@@ -131,6 +131,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
 
 
 def _draw_floor(axes: Axes, result: Result, run: int) -> None:
+    """Draw the tiles of the floor."""
     from matplotlib import rc_context
     from matplotlib.patches import Rectangle
 
@@ -150,6 +151,7 @@ def _draw_floor(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
+    """Draw the robots' paths."""
     if result.segments is None:
         return
     ends = result.ends.filter(pl.col("run") == run)
@@ -164,6 +166,7 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_samples(axes: Axes, result: Result, run: int) -> None:
+    """Draw the samples, with misread ones marked."""
     samples = result.motion.filter(pl.col("run") == run).join(
         result.observations, on=["run", "robot", "sample"]
     )

@@ -167,6 +167,7 @@ def settings(style: Style | None = None) -> Iterator[None]:
 
 
 def _parameters(style: Style) -> dict[str, Any]:
+    """Return matplotlib's settings of a style."""
     thin = style.line_pt * 0.6
     return {
         "font.family": "sans-serif",

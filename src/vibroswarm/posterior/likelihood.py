@@ -122,6 +122,8 @@ def _gathered(
 
 
 def _table(sensor: Sensor) -> tuple[NDArray[np.float64], float, float]:
+    """Tabulate the shares of ones on still and vibrating tiles over the log factor: shares (2, TABLE), first node,
+    nodes per unit."""
     spreads = (sensor.tile_spread or 0.0, sensor.robot_spread or 0.0)
     half = sum(DEVIATIONS * s + 0.5 * s**2 for s in spreads) or 1.0
     log_factor = np.linspace(-half, half, TABLE)

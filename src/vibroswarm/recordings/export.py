@@ -76,6 +76,7 @@ def _place(time_s: float, robot: int, where: Any) -> str:
 
 
 def _mind(row: dict[str, Any]) -> str:
+    """Write belief, decision and counters of a sample as the study's robots log them."""
     belief = math.floor(row["belief_below"] * 1000 + 1e-9) / 1000
     decision = 2 if row["decision"] == -1 else row["decision"]
     counters = [round(1000 * row[name]) % WRAP_MS for name in ("avoid_total_s", "stop_total_s")]
@@ -135,6 +136,7 @@ def _settings(result: Result) -> list[str]:
 
 
 def _console(row: dict[str, Any], decided_s: float | None) -> str:
+    """Write a sample as a line of the study's console log."""
     counts = row["alpha"] + row["beta"]
     decided = decided_s is not None and row["time_s"] >= decided_s
     walking_s = row["walk_total_s"] or 0.0

@@ -232,6 +232,7 @@ def _deciding_robots(
 
 
 def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
+    """Return the observations that count under a gate, at each sample."""
     sent, received = (
         own["sent"].to_numpy().astype(float),
         own["messages_received"].cast(pl.Float64).to_numpy(),

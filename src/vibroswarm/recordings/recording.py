@@ -381,6 +381,7 @@ def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log:
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
+    """Add tile and bit to the samples."""
     x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario)
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
     return frame.with_columns(
@@ -404,6 +405,7 @@ def _problem_counts(
     frame: pl.DataFrame,
     scenario: Scenario,
 ) -> dict[str, float]:
+    """Count gaps, old positions, inconsistent posteriors and samples outside the floor."""
     old = rows["position_age_s"].drop_nulls()
     prior = scenario.decision.prior_alpha + scenario.decision.prior_beta
     odd = frame.filter(

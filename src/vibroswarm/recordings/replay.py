@@ -274,6 +274,7 @@ def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
 def _session_outcomes(
     recording: Recording, robots: pl.DataFrame, runs: pl.DataFrame, strategy: str
 ) -> list[SessionOutcome]:
+    """Summarise the decisions of each session."""
     last = recording.motion.group_by("run", "robot").agg(pl.col("time_s").max().alias("last_s"))
     timed = robots.join(last, on=["run", "robot"], how="left").with_columns(
         time_s=pl.coalesce("decision_time_s", "last_s")

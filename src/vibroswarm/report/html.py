@@ -75,6 +75,7 @@ def table_html(table: ReportTable, key: str) -> str:
 
 
 def _heading(name: str, column: Column, numeric: bool) -> str:
+    """Write a column's heading with its unit."""
     unit = "%" if column.percent else column.unit
     tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
     title = column.title or name
@@ -98,6 +99,7 @@ def _kind(column: Column, numeric: bool, words: str = "") -> str:
 
 
 def _cell(value: Any, column: Column, numeric: bool) -> str:
+    """Write a cell of a table."""
     missing = value is None or (isinstance(value, float) and math.isnan(value))
     if not numeric:
         words = "–" if missing else "yes" if value is True else "no" if value is False else value
@@ -323,6 +325,7 @@ def _paragraphs(texts: tuple[str, ...], kind: str = "") -> str:
 
 
 def _section(section: Section, key: str, level: int) -> str:
+    """Write a section with its parts and subsections."""
     heading = f'<h{level} id="{key}">{escape(section.title)}</h{level}>'
     body = _paragraphs(section.text)
     for place, part in enumerate(section.parts, start=1):
@@ -342,6 +345,7 @@ def _section(section: Section, key: str, level: int) -> str:
 
 
 def _contents(sections: tuple[Section, ...]) -> str:
+    """Write the table of contents; empty for a short report."""
     count = sum(1 + len(section.sections) for section in sections)
     if count < CONTENTS_FROM:
         return ""
@@ -353,6 +357,7 @@ def _contents(sections: tuple[Section, ...]) -> str:
 
 
 def _entries(sections: tuple[Section, ...], key: str) -> str:
+    """Write the entries of the table of contents."""
     lines = []
     for place, section in enumerate(sections, start=1):
         at = f"{key}{place}"
@@ -362,6 +367,7 @@ def _entries(sections: tuple[Section, ...], key: str) -> str:
 
 
 def _details(details: Mapping[str, str]) -> str:
+    """Write the details of how a report was made."""
     if not details:
         return ""
     rows = "".join(

@@ -239,6 +239,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
+    """Return the floor for the page."""
     floor = record.floor
     rows, columns = floor.tiles.shape
     return {
@@ -254,6 +255,7 @@ def _floor(record: RunRecord) -> dict[str, Any]:
 
 
 def _body(record: RunRecord) -> dict[str, Any]:
+    """Return the robots' geometry for the page."""
     return {
         "radius_m": float(record.body_radius_m),
         "ray_forward_m": float(record.ray_forward_m),
@@ -266,6 +268,7 @@ def _body(record: RunRecord) -> dict[str, Any]:
 
 
 def _rule(record: RunRecord) -> dict[str, Any]:
+    """Return the decision rule for the page."""
     prior = (record.prior_alpha, record.prior_beta)
     tested = record.decision_boundary if record.readings_boundary is None else record.readings_boundary
     return {
@@ -282,6 +285,7 @@ def _rule(record: RunRecord) -> dict[str, Any]:
 
 
 def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
+    """Join motion, observations and inference into columns for the page."""
     table = record.motion
     for more in (record.observations, record.inference):
         new = [name for name in more.columns if name not in table.columns]
@@ -295,6 +299,7 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def _poses(record: RunRecord) -> dict[str, Any]:
+    """Return the robots' thinned trajectories for the page."""
     robots, kinds = tracks(record.segments, record.t_end_s)
     return {
         "time_quantum_s": TIME_QUANTUM_S,

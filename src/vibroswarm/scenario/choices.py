@@ -54,6 +54,7 @@ class Choice(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _check_choice(cls, values: Any) -> Any:
+        """Resolve the selected entry and its code, and validate all tables."""
         if not isinstance(values, Mapping):
             return values
         given = dict(values)

@@ -259,6 +259,7 @@ def load_installed() -> None:
 
 
 def _module(name: str, text: str, file: str) -> ModuleType:
+    """Execute a text as a module; errors name the file and line."""
     module = ModuleType(name)
     module.__file__ = file
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)

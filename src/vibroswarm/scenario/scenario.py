@@ -266,6 +266,7 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
 
 
 def _nearest_field(name: str) -> str:
+    """Suggest the field that an unknown name may mean."""
     known = field_names()
     last = name.rpartition(".")[2]
     same = [k for k in known if k.rpartition(".")[2] == last] or [

@@ -9,6 +9,7 @@ from vibroswarm.scenario.fields import Sections
 
 
 def _check_ranges(s: Sections) -> None:
+    """Refuse lower bounds above upper bounds."""
     pairs = (
         ("robot.misalignment", s.robot.misalignment_min, s.robot.misalignment_max),
         ("robot.speed_factor", s.robot.speed_factor_min, s.robot.speed_factor_max),
@@ -43,6 +44,7 @@ def lattice_sites(s: Sections) -> tuple[int, int]:
 
 
 def _check_each(s: Sections) -> None:
+    """Refuse per-robot lists that contradict other fields."""
     robot = s.robot
     if robot.speed_factors is not None and robot.speed_redraw == "sample":
         raise InputError(
@@ -58,6 +60,7 @@ def _check_each(s: Sections) -> None:
 
 
 def _check_places(s: Sections) -> None:
+    """Refuse a start region without room for the robots."""
     left, right, low, high = start_region(s)
     size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
     if left > right or low > high:
@@ -89,6 +92,8 @@ def longest_step_m(s: Sections) -> float:
 
 
 def _check_time(s: Sections) -> None:
+    """Refuse times that do not fit together: battery life, number of control periods, sampling interval, and control
+    period."""
     if s.run.t_end_s >= s.robot.battery_life_s:
         raise InputError(
             f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
@@ -115,6 +120,7 @@ def _check_time(s: Sections) -> None:
 
 
 def _check_signal(s: Sections) -> None:
+    """Refuse a signal longer than the stop."""
     if s.sample.signal_ms is not None and s.sample.signal_ms > s.sample.stop_ms:
         raise InputError(
             f"{s.sample.signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
@@ -123,6 +129,7 @@ def _check_signal(s: Sections) -> None:
 
 
 def _check_sensor(s: Sections) -> None:
+    """Refuse a sensor without the parameters of its model."""
     if s.sensor.model == "energies":
         for field in ("vibrating_energies", "still_energies"):
             if getattr(s.sensor, field) is None:
@@ -138,6 +145,7 @@ def is_neutral_at_half_only(s: Sections) -> bool:
 
 
 def _check_boundary(s: Sections) -> None:
+    """Refuse a boundary that the strategy cannot test, and assumed error rates without information."""
     decision = s.decision
     positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
     taken_at_word = decision.boundary_of == "readings"
@@ -160,6 +168,7 @@ FACTOR_LIMIT = 10_000_000
 
 
 def _check_factors(s: Sections) -> None:
+    """Refuse too many factors of tiles and robots."""
     robots = s.swarm.robots if s.sensor.robot_spread else 1
     tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
     if robots * tiles > FACTOR_LIMIT:
@@ -170,6 +179,7 @@ def _check_factors(s: Sections) -> None:
 
 
 def _check_floor(s: Sections) -> None:
+    """Refuse tiles under the name of another floor, and a floor outside the arena."""
     tiles = s.floor.tiles_for(0, 0)[0]
     if s.floor.tiles is not None and shadows(s.floor.source, tiles):
         raise InputError(

@@ -65,6 +65,7 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
 
 
 def _check_means(function: Callable[..., Any]) -> None:
+    """Refuse changed globals and foreign random numbers in a function."""
     tree = _tree(function)
     if tree is None:
         return
@@ -83,6 +84,7 @@ def _check_means(function: Callable[..., Any]) -> None:
 
 
 def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> bool:
+    """Return whether an expression calls a random number generator."""
     names: list[str] = []
     root_node: ast.expr = node
     while isinstance(root_node, ast.Attribute):

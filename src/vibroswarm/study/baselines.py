@@ -112,6 +112,7 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
 
 
 def _one(result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None) -> Result:
+    """Return a cell's runs; reuse the motion of ``made`` if it is the same."""
     # Cells of a group may differ in their end, and in how many runs they have.
     if made is None or made.scenario.run != cell.scenario.run or made.runs["run"].to_list() != runs:
         return result.result(cell.number, runs)
@@ -121,6 +122,7 @@ def _one(result: StudyResult, group: Group, cell: Cell, runs: list[int], made: R
 
 
 def _references(cell: Cell, made: Result) -> References:
+    """Compute the references of one cell."""
     pooled = None
     if not made.runs["stopped_early"].any() and made.runs["truth"].null_count() == 0:
         pooled = pooled_counting(made)

@@ -95,13 +95,13 @@ def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutc
     names = {scenario_of(text).network.name for inferences in observed for text, _ in inferences}
     moves = any(network(name).reads_positions for name in names)
     full = source(request.motion).batch(first, request.seed, request.runs, False, moves)
-    moved, end_s = _SharedMotion(first, full, request), first.run.t_end_s
+    motion, end_s = _SharedMotion(first, full, request), first.run.t_end_s
     for inferences in observed:
-        seen = scenario_of(inferences[0][0])
-        if seen.run.t_end_s != end_s:
-            moved, end_s = _SharedMotion(seen, beginning(full, seen), request), seen.run.t_end_s
+        scenario = scenario_of(inferences[0][0])
+        if scenario.run.t_end_s != end_s:
+            motion, end_s = _SharedMotion(scenario, beginning(full, scenario), request), scenario.run.t_end_s
         request.check()
-        yield moved.outcomes(
+        yield motion.outcomes(
             [scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences]
         )
 
@@ -159,6 +159,7 @@ class _SharedMotion:
     def _samples(
         self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], read: Readings
     ) -> list[pl.DataFrame]:
+        """Return the samples tables of these scenarios."""
         motion = self.motion.samples
         observations = observation_frame(scenarios[0], motion, read, energies=True)
         tables = []
@@ -359,6 +360,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
 
 
 def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
+    """Check that decisions, times and beliefs of a shard agree."""
     timed = frame["decision_time_s"].is_not_null()
     if (frame["decision"].is_in([0, 1]) != timed).any():
         raise InputError(

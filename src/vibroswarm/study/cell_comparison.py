@@ -102,6 +102,7 @@ def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
 
 
 def _compared_fields(study: Study) -> list[str]:
+    """List the fields whose values are compared pairwise."""
     if LABEL in study.varied:
         fields = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
         return [LABEL, *fields]
@@ -190,6 +191,7 @@ def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
 def _compared(
     cell: Cell, reference: Cell, name: str, paired: Paired, replicate: Paired | None, p: float
 ) -> Compared:
+    """Return a comparison with its corrected p-value and its replicate."""
     paired = replace(paired, p_holm=p)
     return Compared(
         cell, reference, name, paired, None if replicate is None else confirmed(paired, replicate)

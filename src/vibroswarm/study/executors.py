@@ -167,6 +167,7 @@ def _width(executor: Executor) -> int:
 
 
 def _threads(count: int) -> Iterator[Workers]:
+    """Yield workers that are threads."""
     pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
     try:
         yield Workers(pool, count, f"{count} thread{'s' * (count > 1)}", cancel)
@@ -199,6 +200,7 @@ class SingleProcessPools(Executor):
                 pool.shutdown(wait=wait, cancel_futures=True)
 
     def _in_process(self, function: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+        """Run a function in this thread's own worker process. Raises ``WorkerDied`` if the process dies."""
         _hold_off_ctrl_c()
         pool = getattr(self._own, "pool", None)
         if pool is None:
@@ -248,6 +250,7 @@ class _ProcessWorkers(Workers):
 
 
 def _processes(count: int) -> Iterator[Workers]:
+    """Yield workers that are processes."""
     pool = SingleProcessPools(count)
     try:
         yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
@@ -306,7 +309,9 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
             )
         _check_dask_versions(client, mixed)
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
-        yield _DaskWorkers(pool, count, f"{len(threads)} Dask workers", client=client, seen=_Seen(count))
+        yield _DaskWorkers(
+            pool, count, f"{len(threads)} Dask workers", client=client, seen=_ClusterState(count)
+        )
     finally:
         client.close(timeout=CLOSE_S)
 

@@ -82,6 +82,7 @@ def _grid(block: Any, name: str) -> list[Point]:
 
 
 def _zip(block: Any, name: str) -> list[Point]:
+    """Combine the first values, the second values, and so on."""
     values = _lists_in(block, name)
     if len({len(choices) for choices in values.values()}) > 1:
         lengths = ", ".join(f"{field} has {len(choices)}" for field, choices in values.items())
@@ -100,6 +101,8 @@ def _random(block: Any, name: str) -> list[Point]:
 
 
 def _sobol(block: Any, name: str) -> list[Point]:
+    """Draw points of a scrambled Sobol sequence."""
+
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
         from scipy.stats import qmc
 

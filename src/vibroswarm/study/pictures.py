@@ -75,6 +75,7 @@ _FIGURES: Final = (
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
+    """Draw the outcomes of swarms by cell."""
     kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
     rows = []
     for cell_outcome in cells:
@@ -88,6 +89,7 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
 def _bars(
     cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
 ) -> Callable[..., Picture]:
+    """Draw a figure by cell, or along a numeric field."""
     rows = []
     for cell_outcome in cells:
         estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
@@ -114,6 +116,7 @@ def _bars(
 
 
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
+    """Yield maps over two numeric fields, one for each combination of the others."""
     plane = plane_of([cell_outcome.cell for cell_outcome in cells])
     if plane is None:
         return
@@ -136,6 +139,7 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 def _heat(
     cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
 ) -> Callable[..., Picture]:
+    """Draw a figure as a map over two fields."""
     rows = [
         {
             "x": number_of(cell_outcome.cell, plane[0]),
@@ -175,6 +179,7 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
 def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
 ) -> Callable[..., Picture]:
+    """Draw decisions over time, one series for each cell."""
     frames = []
     for cell_outcome in cells:
         robots, runs = outcome.result.tables(cell_outcome.cell.number)
@@ -200,6 +205,7 @@ def _incidence(
 
 
 def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
+    """Draw the distribution of consensus times by cell."""
     frames = [
         outcome.result.tables(cell_outcome.cell.number)[1].select(
             cell=pl.lit(cell_outcome.cell.name), value="consensus_time_s"
@@ -225,6 +231,7 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
+    """Draw time against error of the cells."""
     rows = []
     for cell_outcome in cells:
         time, right = cell_outcome.summary.decision_time_s, cell_outcome.summary.swarm_right
@@ -244,6 +251,7 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
 
 
 def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
+    """Yield the paired differences of each figure."""
     for figure, title, label, better in (
         ("decision_time_s", "Decision time, run by run", "difference of decision time (s)", "low"),
         ("right_share", "Robots right, run by run", "difference of the share of robots right", "high"),
@@ -268,6 +276,7 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
 
 
 def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
+    """Draw misses and false alarms against the fill ratio."""
     assert layout.x is not None
     rows = []
     for cell_outcome in cells:
@@ -303,6 +312,7 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
+    """Draw where the robots of a cell sampled."""
     chosen = outcome.result.runs_there(one.cell.number, SIMULATED_RUNS)
     result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
     arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
@@ -320,6 +330,7 @@ def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
 
 
 def _belief(outcome: Outcome, style: str) -> Picture:
+    """Draw the beliefs of each cell over time."""
     frames, runs = [], SIMULATED_RUNS
     for cell_outcome in outcome.cells:
         runs = min(cell_outcome.summary.runs, SIMULATED_RUNS)

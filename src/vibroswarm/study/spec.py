@@ -190,6 +190,7 @@ class Study:
 
     @classmethod
     def _from_values(cls, values: Mapping[str, Any], name: str, folder: str | Path | None) -> Study:
+        """Build a study from the values of its file."""
         plugins.remember_code_names(values)
         blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
         for key in values:
@@ -246,6 +247,7 @@ class Study:
 
     @cached_property
     def _toml(self) -> str:
+        """Write the study as TOML."""
         values: dict[str, Any] = {"format": FORMAT, "seed": self.seed}
         values |= {"name": self.name} if self.name else {}
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
@@ -343,6 +345,7 @@ class Study:
         return points_of(self.vary)
 
     def _scenario(self, point: Point) -> Scenario:
+        """Build the scenario of a point."""
         base = copy_of(self._sections)
         if PRESET in point:
             base[PRESET] = point[PRESET]
@@ -399,6 +402,7 @@ def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _floors(values: Any) -> dict[str, tuple[str, ...]]:
+    """Check the table of named floors."""
     if not isinstance(values, Mapping):
         raise InputError("is a table of floors by name", field="floors")
     for name, rows in values.items():

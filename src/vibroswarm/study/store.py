@@ -406,6 +406,7 @@ def _differences(there: Study, given: Study) -> str:
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:
+    """Describe the differences of the first cell that differs between two studies with equally many cells."""
     for old, new in zip(there.cells, given.cells, strict=True):
         if old.scenario != new.scenario:
             a, b = old.scenario.model_dump(), new.scenario.model_dump()

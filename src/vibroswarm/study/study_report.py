@@ -117,6 +117,7 @@ def count_range(counts: Iterable[int]) -> str:
 
 
 def _lead(outcome: Outcome) -> tuple[str, ...]:
+    """Write the introduction of a study's report."""
     study, cells = outcome.result.study, outcome.cells
     varied = ", ".join(f"`{name}`" for name in study.varied) or "nothing"
     runs = count_range(cell_outcome.summary.runs for cell_outcome in cells)
@@ -157,6 +158,7 @@ def _reference_notes(references: Sequence[References]) -> tuple[str, ...]:
 
 
 def _outcome_table(outcome: Outcome) -> ReportTable:
+    """Tabulate the outcomes by cell."""
     columns = {name: Column(name.replace("_", " "), percent=True) for name in _SHARES}
     columns |= {
         "decision_time_s": Column("decision time", "s"),
@@ -200,6 +202,7 @@ _COMPARED: Final = (
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
+    """Tabulate the references by cell."""
     table = reference_table(list(references))
     limits = [name for name in table.columns if name.endswith(("_low", "_high"))]
     shares = ("strategy_error", "pooled_error", "known", "known_wrong", "known_claimed")
@@ -224,6 +227,7 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
 
 
 def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTable:
+    """Tabulate how the robots sampled, by cell."""
     by_cell = {cell_outcome.cell.number: cell_outcome for cell_outcome in references}
     rows = []
     for cell_outcome in outcome.cells:
@@ -245,6 +249,7 @@ def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTab
 
 
 def _decidability(outcome: Outcome) -> Section:
+    """Lay out whether each cell can be decided."""
     rows = [
         {
             "name": cell_outcome.cell.name,
@@ -278,6 +283,7 @@ def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def _details(outcome: Outcome) -> dict[str, str]:
+    """Return hash, seed, engine, versions and commands of a study."""
     study, folder = outcome.result.study, outcome.result.store.folder
     details = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
     if outcome.replicate is not None:

@@ -261,6 +261,7 @@ class StudyResult:
         return wanted - sum(last - first for first, last in missing((0, wanted), self.store.ranges(group)))
 
     def _field(self, name: str) -> str:
+        """Return the full name of a varied field; refuse unknown and ambiguous ones."""
         varied = self.study.varied
         if name in varied:
             return name
@@ -279,6 +280,7 @@ class StudyResult:
         return pl.DataFrame([_column(name, values) for name, values in columns.items()])
 
     def _with_varied(self, frame: pl.DataFrame) -> pl.DataFrame:
+        """Add the varied fields to a table with the column ``cell``."""
         varied = self._varied_columns()
         if not varied.width:
             return frame
@@ -288,6 +290,7 @@ class StudyResult:
 
 
 def _column(name: str, values: list[Any]) -> pl.Series:
+    """Return values of any types as a column; mixed types become text."""
     kinds = {type(value) for value in values if value is not None}
     if kinds == {int, float}:
         return pl.Series(name, [None if v is None else float(v) for v in values])

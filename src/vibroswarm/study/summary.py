@@ -184,6 +184,7 @@ def _at_the_level(
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:
+    """Average the sampling figures over runs, with limits."""
     columns: dict[str, Any] = {}
     for name in WALK:
         values = runs[name].drop_nulls().to_numpy()

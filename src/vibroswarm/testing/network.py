@@ -45,6 +45,7 @@ def _runs(name: str) -> Iterator[str]:
 
 
 def _received_was_sent(name: str) -> Iterator[str]:
+    """Check that no robot receives more messages than the others sent."""
     for words, scenario in _scenarios(name):
         robots = simulate(scenario, SEED, 2).robots
         of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")
@@ -57,6 +58,7 @@ def _received_was_sent(name: str) -> Iterator[str]:
 
 
 def _none_too_early(name: str) -> Iterator[str]:
+    """Check that no message is read before the tick after it was sent."""
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 1, moves=True)
         yield from (f"{words}: {problem}" for problem in _heard_before(result))

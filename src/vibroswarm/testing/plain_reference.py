@@ -136,6 +136,7 @@ class _Plain:
         return round(time_s * 1000.0 / self.tick_ms)
 
     def _robot(self, i: int, world: World) -> PlainRobot:
+        """Create robot ``i`` and call the strategy's ``begin``."""
         sizes = sizes_of(self.scenario)
         declared = arrays_of(self.strategy.arrays)
         values = {name: np.zeros(array.size(sizes), array.kind) for name, array in declared.items()}
@@ -150,6 +151,7 @@ class _Plain:
         return np.zeros(1, kind).view(np.recarray)[0]
 
     def run(self) -> PlainRun:
+        """Step through all control periods; return the result."""
         for tick in range(1, self.end):
             self.settle(tick)
             sent: list[PlainMessage] = []
@@ -205,6 +207,7 @@ class _Plain:
         return positions[0], positions[1]
 
     def is_lost(self, robot: PlainRobot, message: PlainMessage) -> bool:
+        """Return whether a message is lost at this robot."""
         if self.network.lost is None:
             return False
         sender, number = message.sender, message.number
@@ -212,6 +215,7 @@ class _Plain:
         return bool(self.network.lost(sender, robot.number, draws, self.of_network, robot.world))
 
     def read(self, robot: PlainRobot, tick: int) -> None:
+        """Pass the messages that have arrived by ``tick`` to the robot's strategy."""
         due = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
         robot.unread = [m for m in robot.unread if m.arrival_tick > tick]
         for message in due:
@@ -231,6 +235,7 @@ class _Plain:
             robot.messages_received += 1
 
     def timer(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
+        """Call the strategy's ``on_timer`` if it is due; return the messages that it sends."""
         if self.strategy.on_timer is None or not robot.state.next_s * 1000.0 / self.tick_ms - 1e-9 <= tick:
             return []
         out = self._row(self.strategy.message_type)
@@ -244,6 +249,7 @@ class _Plain:
         return self.post(robot, tick, out) if sends else []
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
+        """Call the strategy's ``on_sample``; return the messages that it sends."""
         k = self.at[robot.number, tick]
         row, number = self.samples.row(k, named=True), robot.samples
         out = self._row(self.strategy.message_type)
@@ -276,6 +282,7 @@ class _Plain:
         return [PlainMessage(content, robot.number, tick, robot.sent - 1)]
 
     def ask(self, robot: PlainRobot, tick: int, time_s: float) -> None:
+        """Update the robot's belief and decision from its strategy."""
         arguments = (robot.state, robot.arrays, self.params, robot.world)
         robot.belief = math.nan if self.strategy.belief is None else float(self.strategy.belief(*arguments))
         new = int(self.strategy.decision(*arguments))

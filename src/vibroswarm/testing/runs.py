@@ -131,6 +131,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
 
 
 def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
+    """Yield the columns in which the final states of robots differ."""
     robots = result.robots
     for name in ("decision", "sent", "samples", "messages_received"):
         if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:

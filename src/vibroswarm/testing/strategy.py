@@ -37,6 +37,7 @@ def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
 
 
 def _runs(name: str) -> Iterator[str]:
+    """Check that runs end with valid decisions and beliefs."""
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 2)
         if (result.inference["decision"].is_in([-1, 0, 1])).all() and _beliefs_are_shares(result):
@@ -50,6 +51,7 @@ def _beliefs_are_shares(result: Result) -> bool:
 
 
 def _counts_equal_messages(name: str) -> Iterator[str]:
+    """Check that counted messages give the same result as single ones."""
     if strategy_of(name).on_counts is None:
         return
     faster = replayer.counts_only

@@ -51,6 +51,7 @@ def _scenario(name: str) -> Scenario:
 
 
 def _answers(name: str) -> Iterator[str]:
+    """Check that the task answers 0, 1 or None on all floors."""
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         answer = truth_on(scenario, floor)
@@ -59,6 +60,7 @@ def _answers(name: str) -> Iterator[str]:
 
 
 def _same_again(name: str) -> Iterator[str]:
+    """Check that the task gives the same answer again."""
     scenario = _scenario(name)
     first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
     floors_by_name = floors(scenario)
@@ -71,6 +73,7 @@ def _same_again(name: str) -> Iterator[str]:
 
 
 def _leaves_floors(name: str) -> Iterator[str]:
+    """Check that the task does not change the floors."""
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         before, geometry = floor.tiles.copy(), floor.geometry

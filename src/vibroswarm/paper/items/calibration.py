@@ -66,6 +66,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw_states(states: pl.DataFrame) -> Drawn:
+    """Draw the share of time in each state, with intervals over sessions."""
     rows = [
         (state, source[0], *mean_interval(part[state].to_numpy())[:3], part.height)
         for state in ("walking", "sensing", "avoiding")

@@ -78,6 +78,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw(tables: Tables, settings: Settings) -> Drawn:
+    """Draw the example run."""
     result = example(settings)
     with drawn_with():
         figure = run_figure(result)

@@ -86,6 +86,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _values(packets: str, threshold: float, gate: str, robots: int, strategy: str) -> dict[str, Any]:
+    """Return the fields of a cell on the real floor."""
     counted = published("parameters.P_star")[4]
     return real_floor() | {
         "run.t_end_s": T_END_S,

@@ -39,6 +39,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
+    """Yield the rows of the claims about eta and kappa."""
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     none = (column, "none", None, None)
     most = (column, "soft", max(_etas()), max(_kappas()))

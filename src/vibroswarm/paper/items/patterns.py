@@ -43,6 +43,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
+    """Yield the rows of the claims about patterns in one column."""
     for fill in FILLS:
         for strategy in STRATEGIES:
             yield from _of_beliefs(work, column, fill, strategy)
@@ -52,7 +53,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
-    """Yield rows of the claims about beliefs at one fill ratio with one strategy."""
+    """Yield the rows of the claims about beliefs at one fill ratio with one strategy."""
     keys = {
         (parameters, pattern): (column, parameters, fill, pattern, strategy)
         for parameters in (OPTIMISED, EMPIRICAL)
@@ -93,6 +94,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
+    """Draw a figure by pattern, in the paper's form or with intervals."""
     intervals = bars(part, figure) if form == "papers" else limits(part, figure)
     series = pl.format("{}, {}", "parameters", "strategy")
     intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)

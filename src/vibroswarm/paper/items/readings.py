@@ -74,6 +74,7 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work) -> Iterator[Row]:
+    """Yield the rows of the claims about interpretations of the text."""
     for strategy in STRATEGIES:
         values = work.values((LABELS, strategy), "belief_in_truth")
         yield mean("labels-printed", COLUMN, strategy, values, less=0.5, bounded=True)

@@ -92,6 +92,7 @@ def _corners(x: Any, y: Any, run: Any) -> Any:
 
 
 def _counts(column: str, timer: str, x: Any, y: Any) -> pl.DataFrame:
+    """Count samples on a grid over the arena."""
     counts, _, _ = np.histogram2d(x, y, BINS, ((0.0, 1.0), (0.0, 1.0)))
     middle = (np.arange(BINS) + 0.5) / BINS
     across, up = np.meshgrid(middle, middle, indexing="ij")
@@ -101,6 +102,7 @@ def _counts(column: str, timer: str, x: Any, y: Any) -> pl.DataFrame:
 
 
 def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> Iterator[Row]:
+    """Yield the rows of the claims about corners, floors and strategies."""
     time = "decision_time_s"
     ran, frozen = corners[column, TIMERS[0]], corners[column, TIMERS[2]]
     yield mean("corners", column, "P0", ran, less=1.0)

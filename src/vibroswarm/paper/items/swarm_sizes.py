@@ -28,6 +28,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
+    """Yield the rows of the claims about the swarm's size."""
     few, many = min(sizes()), max(sizes())
     words = f"{many} less {few} robots"
     for strategy in STRATEGIES:

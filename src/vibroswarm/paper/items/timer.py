@@ -35,6 +35,7 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work) -> Iterator[Row]:
+    """Yield the rows of the claims about the sample timer."""
     pair = (ALWAYS, "none"), (FROZEN, "none")
     yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
     for strategy in STRATEGIES:
