@@ -95,13 +95,13 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
-    at = {
+    wraps_at = {
         run: session.get("wraps_at", {}).get("avoid_total_s") for run, session in enumerate(result.sessions)
     }
     key = ["run", "robot", "sample"]
     totals = frame.join(result.rows.select(*key, "avoid_total_s"), on=key, how="left", maintain_order="left")
-    turns = totals.select(
-        (pl.col("avoid_total_s") / pl.col("run").replace_strict(at, return_dtype=pl.Float64) + 1e-9)
+    wraps = totals.select(
+        (pl.col("avoid_total_s") / pl.col("run").replace_strict(wraps_at, return_dtype=pl.Float64) + 1e-9)
         .floor()
         .diff()
         .over("run", "robot")
@@ -109,7 +109,7 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
         .cast(pl.Int64)
         .alias("wraps")
     )
-    return turns.to_series()
+    return wraps.to_series()
 
 
 def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

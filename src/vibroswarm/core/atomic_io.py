@@ -287,9 +287,8 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
     try:
         yield part
-        for left in reversed(
-            range(MAX_TRIES)
-        ):  # another process may write there at the same time; the last wins
+        # Another process may write there at the same time; the last one wins.
+        for left in reversed(range(MAX_TRIES)):
             try:
                 check_folder(path, replace=replace, marker=marker)
                 _swap_in(part, path)

@@ -39,9 +39,8 @@ def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uin
     yield _filled(ones, np.maximum(r, c), r)  # square in a corner
     yield _filled(ones, np.maximum(r * columns, c * rows), r)  # rectangle in a corner
     yield _filled(ones, r + c, r)  # triangle in a corner
-    yield _filled(
-        ones, np.maximum(abs(2 * r - rows + 1), abs(2 * c - columns + 1)), r
-    )  # square in the middle
+    # square in the middle
+    yield _filled(ones, np.maximum(abs(2 * r - rows + 1), abs(2 * c - columns + 1)), r)
     for side in range(1, max(2, max(rows, columns) // 2 + 1)):
         for first, second in ((r, c), (c, r)):
             yield _filled(ones, (r // side + c // side) % 2, first // side, second)  # checkerboard of squares

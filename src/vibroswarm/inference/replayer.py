@@ -132,9 +132,8 @@ class Replayer(ABC):
             with translate_errors(self.strategy, self.network):
                 status: int = self.module.replay(*arguments)
             self.calls += 1
-            if (
-                self.calls == 2 and not self.strategy.code
-            ):  # entry points lose the line of an error, needed for users' code
+            # Entry points lose the line of an error, which is needed for users' code.
+            if self.calls == 2 and not self.strategy.code:
                 self.entry = entry_for(self.module.replay, *arguments)
             return status
         try:

@@ -117,9 +117,8 @@ def _draw_heat(
 ) -> Any:
     """Draw the map of a grid of values."""
     rows, columns = grid.shape
-    row_in = (
-        style.row_in if rows <= 12 else style.least_row_in * 1.15
-    )  # with more rows, numbers would not fit anyway
+    # With more than 12 rows, numbers would not fit anyway.
+    row_in = style.row_in if rows <= 12 else style.least_row_in * 1.15
     height = max(style.height_in, min(style.tallest_in, style.height_in * 0.45 + rows * row_in))
     figure = new_figure(style, height_in=height, title=title)
     axes = figure.add_subplot()

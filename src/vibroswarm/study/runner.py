@@ -71,11 +71,11 @@ def run_study(
     progress: Progress | None = None,
     allow_failures: bool = False,
 ) -> Store:
-    """Run what is missing of a study and save it in ``folder``; may be interrupted and called again at any time.
+    """Run the missing runs of a study and save them in ``folder``; may be interrupted and called again at any time.
 
     Args:
         executor, workers: see ``executors.workers_for``.
-        job: only this part of the blocks. mixed: continue even if other versions began.
+        job: only this part of the batches. mixed: continue even if other versions started the study.
         progress: called as batches finish. allow_failures: return the store even if runs failed; it lists them.
     Raises:
         InputError: the folder holds another study, no scheduler answers, or a worker has other versions.
@@ -87,25 +87,22 @@ def run_study(
             "needs a number of runs, not a precision: jobs do not see each other's runs",
             field="--shard",
         )
-    plan, existing = plan_of(study), Store.existing(folder, study)
-    if existing is None or not _all_there(existing, plan, job):
-        if existing is not None and not mixed:
-            existing.check_versions()
-        with workers_for(
-            executor, workers, mixed
-        ) as crew:  # before the folder is made: they may not be there
-            existing = Store.open_or_create(folder, study)
+    plan, store = plan_of(study), Store.existing(folder, study)
+    if store is None or not _all_there(store, plan, job):
+        if store is not None and not mixed:
+            store.check_versions()
+        # Connect to the workers before creating the folder: they may be unavailable.
+        with workers_for(executor, workers, mixed) as crew:
+            store = Store.open_or_create(folder, study)
             if not isinstance(executor, str) or executor != "threads":
                 _compile_first(study, plan)
-            runner = _Runner(existing, crew, mixed, progress or (lambda done: None))
+            runner = _Runner(store, crew, mixed, progress or (lambda done: None))
             if study.until is None:
                 runner.do([(group, study.runs or 0) for group in plan.groups], job)
             else:
                 _until_settled(runner, plan, study.until)
-    store = Store.open_or_create(folder, study) if existing is None else existing
-    with suppress(
-        InputError, RunError
-    ):  # a number of runs that is there already, in a folder that is only read
+    # A complete study may lie in a read-only folder.
+    with suppress(InputError, RunError):
         store.write_head()
     if store.failures and not allow_failures:
         raise RunError(failures_in_words(store))

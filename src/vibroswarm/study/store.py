@@ -258,10 +258,8 @@ class Store:
             high = min(shard.last, runs)
             if high > low:
                 frame = pl.scan_parquet(shard.files[table], glob=False)
-                if (shard.first, shard.last) != (
-                    max(low, shard.first),
-                    high,
-                ):  # several writers ran some of them
+                # Several writers may have run some of them.
+                if (shard.first, shard.last) != (max(low, shard.first), high):
                     frame = frame.filter(pl.col("run").is_between(max(low, shard.first), high, closed="left"))
                 frames.append(frame)
                 low = high

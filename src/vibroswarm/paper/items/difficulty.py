@@ -31,10 +31,8 @@ def _table() -> pl.DataFrame:
         kind, _, fill = entry.pattern.partition(":")
         key = "moran" if entry.measure == "Moran index" else "entropy"
         printed = float(published("patterns_10x10")[f"{key}_{fill}"][published_names[kind]])
-        as_paper, right = (
-            round(entry.as_the_paper, 12),
-            round(entry.right, 12),
-        )  # rounding errors of logarithms
+        # Remove the rounding errors of logarithms.
+        as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)
         rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))
     names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
     return pl.DataFrame(rows, schema=names, orient="row")

@@ -156,9 +156,8 @@ def _to_explain(work: Work, robots: int) -> Row:
     published_error = np.sqrt(2 * float(plain.var(ddof=1)) / REAL_EXPERIMENTS) / _subset_sd(
         drawn, plain, robots
     )
-    error = float(
-        np.hypot(own_error, published_error)
-    )  # nan, so inconclusive, if speeds have no visible effect on distances
+    # nan, and so inconclusive, if speeds have no visible effect on distances
+    error = float(np.hypot(own_error, published_error))
     return row("robots-subset", POOL_COLUMN, f"{robots} of {POOL} robots", estimate, error, REAL_EXPERIMENTS)
 
 

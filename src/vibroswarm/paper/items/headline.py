@@ -87,6 +87,7 @@ def _against(work: Work, key: tuple[str, str], which: str) -> Any:
 
 
 def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
+    """Yield the rows of the claims about other seeds and the other engine."""
     words = f"{key[0]}, {key[1]}"
     yield mean("headline-seeds", COLUMN, words, _against(work, key, "other seeds"))
     apart = float(np.abs(_against(work, key, "fixed-step")).max())

@@ -116,9 +116,8 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     )
     for k, name in enumerate(found.search.space.names):
         moved = shares[last][k] - shares[at][k]
-        yield exact(
-            "search-settles", COLUMN, name.rpartition(".")[2], moved, short
-        )  # a property of this one search
+        # A property of this search only.
+        yield exact("search-settles", COLUMN, name.rpartition(".")[2], moved, short)
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
