@@ -78,7 +78,7 @@ def test_a_study_keeps_cells_apart_and_is_shown_without_the_code(
     forget("voter")
     mine.write_text(mine.read_text(encoding="utf-8").replace("0.05", "0.06"), encoding="utf-8")
     capsys.readouterr()
-    assert "was another file then" in said(capsys, main([*study, "--runs", "16"]), 2)
+    assert "has changed: its SHA-256 began with" in said(capsys, main([*study, "--runs", "16"]), 2)
 
 
 @pytest.mark.slow

@@ -157,7 +157,7 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
     threshold = scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)
     recorded = readings_of(held_out, threshold)
-    each = [readings_of(rates, threshold) for rates in simulated.by_session]
+    each = [readings_of(samples, threshold) for samples in simulated.by_session]
     readings = tuple(
         Reading(name, value, float(np.nanmean(own)), float(np.nanstd(own, ddof=1)))
         for name, value in recorded.items()
@@ -187,7 +187,7 @@ def _score(
     own = values_of(held, feature)
     sources = [simulated, rest, *([] if other is None else [other])]
     pooled = [
-        np.concatenate([values_of(values, feature) for values in source.by_session]) for source in sources
+        np.concatenate([values_of(samples, feature) for samples in source.by_session]) for source in sources
     ]
     count = min(len(own), *(len(values) for values in pooled))
     alike = [at_equal_counts(feature, own, values, count) for values in pooled]

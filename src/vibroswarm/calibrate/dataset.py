@@ -111,7 +111,7 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
         floors += [result.floor(run) for run in runs]
     return Dataset(
-        **{name: pl.concat([result[name] for result in tables]) for name in tables[0]},
+        **{name: pl.concat([table_set[name] for table_set in tables]) for name in tables[0]},
         floors=tuple(floors),
         arena_m=next(iter(sizes)),
         results=tuple(results),

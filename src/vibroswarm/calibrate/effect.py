@@ -76,8 +76,8 @@ def effects(
             cells.append(
                 {
                     name: (
-                        pl.concat([replayed[0] for replayed in parts]),
-                        pl.concat([replayed[1] for replayed in parts]),
+                        pl.concat([part[0] for part in parts]),
+                        pl.concat([part[1] for part in parts]),
                     )
                     for name, parts in pieces.items()
                 }

@@ -70,10 +70,10 @@ class Fit:
         """Return plain values for JSON."""
         return {
             "fields": self.changed,
-            "figures": [asdict(item) for item in self.figures],
+            "figures": [asdict(figure) for figure in self.figures],
             "predictive_check": {
-                name: dict(zip(("recorded", "low", "high"), item, strict=True))
-                for name, item in self.predicted.items()
+                name: dict(zip(("recorded", "low", "high"), limits, strict=True))
+                for name, limits in self.predicted.items()
             },
             "camera": asdict(self.camera),
             "motion_runs": self.motion_runs,

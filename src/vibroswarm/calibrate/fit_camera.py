@@ -88,8 +88,7 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     cluster, start = robot_clusters(samples), np.r_[at[:3], theta[6:]]
     rows = [_camera(best(theta, start, cluster_weights(_SEED, draw, 0, cluster))) for draw in range(draws)]
     by_name = {
-        name: np.array([getattr(other_floor, name) for other_floor in rows])
-        for name in Camera.__dataclass_fields__
+        name: np.array([getattr(camera, name) for camera in rows]) for name in Camera.__dataclass_fields__
     }
     return CameraFit(_camera(at), by_name, gain)
 

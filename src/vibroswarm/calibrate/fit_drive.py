@@ -91,7 +91,7 @@ class DriveFit:
         if len(self.bodies) == 0:
             return {}
         speeds, veers = self.bodies.T
-        factors = [_round(self.distance_ratio * value / base.robot.full_speed_m_s) for value in speeds]
+        factors = [_round(self.distance_ratio * speed / base.robot.full_speed_m_s) for speed in speeds]
         fields: dict[str, object] = {
             "robot.speed_factors": factors,
             "robot.speed_factor_min": min(low, *factors),
@@ -99,7 +99,9 @@ class DriveFit:
         }
         if np.isfinite(veers).all():
             bent = veers * base.robot.drive_track_m / (2.0 * speeds)
-            fields["robot.misalignments"] = [_round(value) for value in np.clip(bent, -0.5, 0.5)]
+            fields["robot.misalignments"] = [
+                _round(misalignment) for misalignment in np.clip(bent, -0.5, 0.5)
+            ]
         return fields
 
 

@@ -67,7 +67,7 @@ class RaysFit:
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     """Fit the rays; robots are identified by number, as are their sensors in all sessions."""
     values: dict[str, float] = {}
-    kept: dict[str, Floats] = {}
+    bootstrap: dict[str, Floats] = {}
     forward: tuple[float, ...] = ()
     approaches = found.approaches.filter(
         (pl.col("nearest_robot_m") > ALONE_M)
@@ -83,19 +83,24 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
             _fit(distance[k], incidence[k], robot[k], base)
             for k in (_resampled(robot, n) for n in range(draws))
         ]
-        each = np.array([row[1] for row in rows])
-        forward = tuple(float(ranks) for ranks in ahead)
+        forward_draws_m = np.array([row[1] for row in rows])
+        forward = tuple(float(forward_m) for forward_m in ahead)
         values |= {"ray_deg": angle, "forward_m": float(ahead.mean())}
-        kept |= {"ray_deg": np.array([row[0] for row in rows]), "forward_m": each.mean(axis=1)}
+        bootstrap |= {
+            "ray_deg": np.array([row[0] for row in rows]),
+            "forward_m": forward_draws_m.mean(axis=1),
+        }
         if robots > 1:
             values["forward_between_m"] = float(ahead.std(ddof=1))
-            kept["forward_between_m"] = each.std(axis=1, ddof=1)
+            bootstrap["forward_between_m"] = forward_draws_m.std(axis=1, ddof=1)
     turned = np.abs(found.turns["turned_rad"].to_numpy())
     if turned.size >= LEAST_TURNS:
         values["turn_max_deg"] = _most(turned)
         u = uniforms(_SEED, 0, 1, Purpose.BOOTSTRAP, draws * turned.size).reshape(draws, -1)
-        kept["turn_max_deg"] = np.array([_most(turned[(ranks * turned.size).astype(int)]) for ranks in u])
-    return RaysFit(values, kept, forward)
+        bootstrap["turn_max_deg"] = np.array(
+            [_most(turned[(ranks * turned.size).astype(int)]) for ranks in u]
+        )
+    return RaysFit(values, bootstrap, forward)
 
 
 def _most(turned: Floats) -> float:

@@ -78,7 +78,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         return _Data(
             energy,
             edge,
-            *(np.exp(of_tile[values_of] + of_robot[cluster]) for values_of in (vib_tile, still_tile)),
+            *(np.exp(of_tile[tile_of] + of_robot[cluster]) for tile_of in (vib_tile, still_tile)),
         )
 
     for _ in range(ROUNDS):
@@ -90,13 +90,15 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     data = with_factors()
     theta = _fit(data, np.ones(energy.size), theta)
     values = _values(theta) | dict(zip(SPREADS, spreads, strict=True))
-    kept: dict[str, list[float]] = {name: [] for name in FIELDS}
+    bootstrap: dict[str, list[float]] = {name: [] for name in FIELDS}
     for draw in range(draws):
         weight = cluster_weights(_SEED, draw, 0, cluster)
         for name, value in _values(_fit(data, weight, theta, quick=True)).items():
-            kept[name].append(value)
+            bootstrap[name].append(value)
     spread_draws = _spread_draws(of_tile, of_robot, draws)
-    return SensorFit(values, {name: np.array(values_of) for name, values_of in kept.items()} | spread_draws)
+    return SensorFit(
+        values, {name: np.array(draws_of) for name, draws_of in bootstrap.items()} | spread_draws
+    )
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:

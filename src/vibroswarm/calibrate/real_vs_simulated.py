@@ -115,7 +115,7 @@ def comparison_figure(
     figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
     axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
     for row, feature in enumerate(shown):
-        alike = next(sessions for sessions in found.similarities if sessions.feature == feature)
+        alike = next(similarity for similarity in found.similarities if similarity.feature == feature)
         values = [
             np.concatenate(sessions.values(feature)) for sessions in (real_sessions, simulated_sessions)
         ]

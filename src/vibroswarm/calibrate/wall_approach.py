@@ -77,7 +77,7 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
             others = [other for name, other in paths.items() if name != robot and other is not None]
             own = of_run.filter(pl.col("robot") == robot).select("time_s", "avoid_s").to_numpy()
             approaches += [(int(run), robot, *approach) for approach in _approaches(path, own, others, size)]
-            turns += [(int(run), robot, approach) for approach in _leg_turns(path, own, size)]
+            turns += [(int(run), robot, turn_rad) for turn_rad in _leg_turns(path, own, size)]
     return (
         pl.DataFrame(approaches, schema=APPROACHES, orient="row"),
         pl.DataFrame(turns, schema=TURNS, orient="row"),

@@ -132,24 +132,28 @@ def print_comparison(found: Comparison) -> None:
         ["", "published", "null", "here", "ceiling", "session, real-sim", "session, real-real", ""],
         [
             [
-                WORDS[row.feature],
-                f"{row.as_published:.3f}",
-                f"{row.null:.3f}",
-                f"{row.at_equal_counts:.3f}",
-                f"{row.ceiling:.3f}",
-                _spread(row.by_session),
-                "-" if row.real_by_session is None else _spread(row.real_by_session),
-                "" if row.at_equal_counts > row.null else "below its null",
+                WORDS[similarity.feature],
+                f"{similarity.as_published:.3f}",
+                f"{similarity.null:.3f}",
+                f"{similarity.at_equal_counts:.3f}",
+                f"{similarity.ceiling:.3f}",
+                _spread(similarity.by_session),
+                "-" if similarity.real_by_session is None else _spread(similarity.real_by_session),
+                "" if similarity.at_equal_counts > similarity.null else "below its null",
             ]
-            for row in found.similarities
+            for similarity in found.similarities
         ],
     )
     print("\nEnergy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
     print_table(
         ["", "real - simulated", "real - real"],
         [
-            [WORDS[row.feature], with_interval(row.effect, ".4f"), with_interval(row.real, ".4f")]
-            for row in found.distances
+            [
+                WORDS[distance.feature],
+                with_interval(distance.effect, ".4f"),
+                with_interval(distance.real, ".4f"),
+            ]
+            for distance in found.distances
         ],
         texts=3,
     )
@@ -164,7 +168,7 @@ def print_comparison(found: Comparison) -> None:
     if classifier.real is not None:
         print(f"  which real session, robots not trained on: {with_interval(classifier.real, '.3f')}")
     if found.missing:
-        print(f"Too few values to compare: {', '.join(WORDS[row] for row in found.missing)}")
+        print(f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}")
 
 
 def _spread(one: Any) -> str:

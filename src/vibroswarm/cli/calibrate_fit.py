@@ -170,17 +170,17 @@ def print_folds(judged: list[Fold]) -> None:
         ["", *(f"similarity, {kind}" for kind in names), *(f"distance, {kind}" for kind in distances)],
         [
             [
-                WORDS[row.feature],
+                WORDS[score.feature],
                 *(
                     f"{np.mean([getattr(fold.scores[place], name) for fold in judged]):.4f}"
                     for name in (*names.values(), *distances.values())
                 ),
             ]
-            for place, row in enumerate(judged[0].scores)
+            for place, score in enumerate(judged[0].scores)
         ],
     )
-    accuracy = np.mean([row.accuracy_fitted for row in judged])
-    other = np.mean([row.accuracy_simulator for row in judged])
+    accuracy = np.mean([fold.accuracy_fitted for fold in judged])
+    other = np.mean([fold.accuracy_simulator for fold in judged])
     versus = f"; from the other simulator's {other:.3f}" if np.isfinite(other) else ""
     print(
         f"\nShare of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{versus}\n"
@@ -191,9 +191,9 @@ def print_folds(judged: list[Fold]) -> None:
         rows.append(
             [
                 reading.name,
-                f"{np.mean([row.recorded for row in same]):.3f}",
-                f"{np.mean([row.simulated for row in same]):.3f}",
-                ", ".join(f"{row.deviation:+.1f}" for row in same),
+                f"{np.mean([reading.recorded for reading in same]):.3f}",
+                f"{np.mean([reading.simulated for reading in same]):.3f}",
+                ", ".join(f"{reading.deviation:+.1f}" for reading in same),
             ]
         )
     print_table(["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"], rows)

@@ -68,19 +68,19 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
 
     if plugins.is_code(text):
         return str(plugins.kind_of(plugins.load_file(kind, text))), plugins.name_in(text)
-    known = {candidate: plugins.KINDS[candidate].known() for candidate in ([kind] if kind else KINDS)}
+    known = {kind_name: plugins.KINDS[kind_name].known() for kind_name in ([kind] if kind else KINDS)}
     if not any(text in names for names in known.values()):
         plugins.load_installed()
-    kinds = [candidate for candidate, names in known.items() if text in names]
+    kinds = [kind_name for kind_name, names in known.items() if text in names]
     if not kinds:
-        names_of = {candidate: list(names) for candidate, names in known.items()}
+        names_of = {kind_name: list(names) for kind_name, names in known.items()}
         every = [name for names in names_of.values() for name in names]
         expected = KINDS[kind] if kind else f"{', '.join(list(KINDS.values())[:-1])} or {KINDS['motion']}"
-        listed = "; ".join(f"{KINDS[candidate]}: {', '.join(names)}" for candidate, names in names_of.items())
+        listed = "; ".join(f"{KINDS[kind_name]}: {', '.join(names)}" for kind_name, names in names_of.items())
         raise InputError(
             f"unknown {expected} '{text}'{nearest(text, every)} ({listed}; or FILE.py:NAME)", field="NAME"
         )
     if len(kinds) > 1:
-        both = " and a ".join(KINDS[candidate] for candidate in kinds)
+        both = " and a ".join(KINDS[kind_name] for kind_name in kinds)
         raise InputError(f"'{text}' is a {both}; add --kind", field="NAME")
     return kinds[0], text

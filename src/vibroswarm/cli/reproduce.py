@@ -172,7 +172,9 @@ def _print_verdicts(made: Reproduction) -> None:
     for column in columns:
         for kind, words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
             counted = Counter(
-                entry.verdict for entry in made.decided if entry.column == column and entry.claim.kind == kind
+                verdict.verdict
+                for verdict in made.decided
+                if verdict.column == column and verdict.claim.kind == kind
             )
             counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:

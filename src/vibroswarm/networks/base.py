@@ -66,7 +66,7 @@ class Network(Plugin):
         if self.send is None:
             return False
         parameters = list(inspect.signature(self.send).parameters)
-        places = {parameters[PARAMETERS["send"].index(instruction)] for instruction in ("x_m", "y_m")}
+        places = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
         return any(
             instruction.opname.startswith("LOAD_FAST") and instruction.argval in places
             for instruction in dis.get_instructions(self.send)

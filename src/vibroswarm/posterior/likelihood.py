@@ -190,7 +190,13 @@ def _fill_near(
     if_still: NDArray[np.float64],
     if_vibrating: NDArray[np.float64],
 ) -> None:
-    """Fill in the tiles within reach of each sample, nearest first, ties by number."""
+    """List the tiles within reach of each sample, nearest first, ties by number, with sensing probabilities.
+
+    Args:
+        at: tile below each sample. first: index of each sample's first entry, (samples + 1,).
+        near, if_still, if_vibrating: entries to write: the tile, and the probability that vibration crosses its edge
+            if the tile below is still, and if it vibrates.
+    """
     for s in range(x_m.size):
         if first[s + 1] == first[s]:
             continue
@@ -203,7 +209,9 @@ def _fill_near(
                 if tile == at[s] or distance > within_m:
                     continue
                 k = end
-                while k > first[s] and if_still[k - 1] > distance:  # holds distances for now
+                while (
+                    k > first[s] and if_still[k - 1] > distance
+                ):  # if_still holds distances until they are sorted
                     near[k], if_still[k] = near[k - 1], if_still[k - 1]
                     k -= 1
                 near[k], if_still[k] = tile, distance

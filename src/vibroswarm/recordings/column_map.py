@@ -280,9 +280,9 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})
     samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
     wraps_at = {
-        use: values.wraps_at * values.times
-        for use, values in by.columns.items()
-        if values.wraps_at is not None
+        use: column.wraps_at * column.times
+        for use, column in by.columns.items()
+        if column.wraps_at is not None
     }
     return Log(
         name=path.name,

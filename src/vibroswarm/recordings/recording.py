@@ -237,7 +237,7 @@ def recording_of(
             for log, parts in zip(ordered, tables, strict=True)
         ),
         stated=tuple(stated),
-        inferred=tuple(asdict(parts) for parts in inferred),
+        inferred=tuple(asdict(setting) for setting in inferred),
         floor_words=floor_words,
     )
 

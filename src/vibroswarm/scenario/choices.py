@@ -64,14 +64,14 @@ class Choice(FrozenModel):
             if name in (spec, plugins.name_in(spec)):
                 given["code"] = spec = plugins.resolve_code(cls.kind, spec)
                 given["name"] = name = plugins.name_in(spec)
-            else:  # another entry has been selected since
+            else:  # the code belongs to an entry that is no longer selected
                 spec = None
         entries = plugins.known_for(cls.kind, name if spec is None else None)
         if isinstance(name, str) and name in entries:
             registered = entries[name].code or None
             if isinstance(spec, str) and plugins.HASH in spec and spec != registered:
                 raise InputError(
-                    f"{spec.partition(plugins.HASH)[0]} was another file then: its SHA-256 began with "
+                    f"{spec.partition(plugins.HASH)[0]} has changed: its SHA-256 began with "
                     f"{spec.partition(plugins.HASH)[2][:12]}, that of the one now loaded with "
                     f"{(registered or '').partition(plugins.HASH)[2][:12] or 'nothing'}",
                     field=f"{cls.kind}.code",
@@ -86,11 +86,11 @@ class Choice(FrozenModel):
             )
         for key in sorted(set(given) - {"name", "code"}):
             table = cls._table(key, given[key], is_chosen=key == name)
-            empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
-            usual = (
+            is_empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
+            is_default = (
                 key != name and key in entries and not entries[key].code and table == entries[key].params()
             )
-            if empty or usual:
+            if is_empty or is_default:
                 del given[key]  # equal scenarios are written alike
             else:
                 given[key] = table

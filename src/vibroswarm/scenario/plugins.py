@@ -201,7 +201,7 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
             if kind is None
             else KINDS[kind].declared
         )
-        names = [kind_info for kind_info, value in vars(module).items() if isinstance(value, classes)]
+        names = [defined for defined, value in vars(module).items() if isinstance(value, classes)]
         problem = (
             f"is not a {kind or ', '.join(KINDS)}"
             if name in vars(module)

@@ -102,7 +102,7 @@ class Group:
 
     @cached_property
     def block(self) -> int:
-        """Runs in the first blocks."""
+        """Number of runs in the first batches, so that one takes a suitable time and memory."""
         size, many = 10, len(self.cells) > MANY_CELLS
         while 2 * size * self.run_s <= (CELL_S * len(self.cells) if many else FIRST_BLOCK_S):
             size *= 2

@@ -102,7 +102,7 @@ def report_of(
         lead=_lead(outcome),
         warnings=tuple(outcome.warnings),
         sections=(
-            *(named_picture for named_picture in sections if named_picture.parts or named_picture.sections),
+            *(section for section in sections if section.parts or section.sections),
             _decidability(outcome),
         ),
         details=_details(outcome),
@@ -228,7 +228,7 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
 
 def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTable:
     """Tabulate how the robots sampled, by cell."""
-    by_cell = {cell_outcome.cell.number: cell_outcome for cell_outcome in references}
+    by_cell = {reference.cell.number: reference for reference in references}
     rows = []
     for cell_outcome in outcome.cells:
         means = {k: v for k, v in cell_outcome.walk.items() if not k.endswith(("_low", "_high"))}

@@ -231,14 +231,14 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
     """Compute ``wall_tick`` for a driver close to walls."""
     left, right, low, high = reach_box(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
-    own_left, own_right, own_low, own_high = reach_box(
+    end_left, end_right, end_low, end_high = reach_box(
         row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
     )
     # Between both ends a distance is above the straight line by no more than an eighth of how it bends.
     ticks, bend = row.self_event_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
     sag = 0.125 * ticks * ticks * bend * (row.max_step_m + bend * setup.ray_reach_m) + SAG_ROUNDING_M
-    near_left, near_right = min(left, own_left) < sag, max(right, own_right) > setup.width_m - sag
-    near_low, near_high = min(low, own_low) < sag, max(high, own_high) > setup.height_m - sag
+    near_left, near_right = min(left, end_left) < sag, max(right, end_right) > setup.width_m - sag
+    near_low, near_high = min(low, end_low) < sag, max(high, end_high) > setup.height_m - sag
     if not (near_left or near_right or near_low or near_high):
         return NEVER
     tick, heeds = row.tick + 1, avoidance_tick(row, setup)

@@ -98,12 +98,12 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     from vibroswarm.optimize.validation import paired_score
 
     objective = found.search.objectives[0]
-    scored = {item.name: item for item in truth.others}
+    scored = {scored_set.name: scored_set for scored_set in truth.others}
     start, star, other = scored["start"], scored["P*"], scored[ELSEWHERE]
     yield of_interval("search-beats-start", COLUMN, "P0 less P*", paired_score(objective, start, star))
     yield of_interval("search-is-best", COLUMN, f"{ELSEWHERE} less P*", paired_score(objective, other, star))
     yield of_interval("search-score-holds", COLUMN, "this search", _ratio(truth.believed, truth.winner.score))
-    shares = {item.number: item.mean_point for item in found.history}
+    shares = {iteration.number: iteration.mean_point for iteration in found.history}
     last = max(shares)
     at = min(
         shares, key=lambda number: abs(number - SETTLED_AT * last / published("parameters.pso.iterations"))
