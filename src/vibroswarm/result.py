@@ -113,9 +113,9 @@ class Result:
 
     Args:
         scenario, seed, source: what was simulated, from which seed, by which source of motion.
-        motion, ends: a row a sample, a row a robot. segments: the arcs of the paths, moves: drives, turns
+        motion, ends: one row per sample, one row per robot. segments: the arcs of the paths, moves: drives, turns
             and stops, where they were kept.
-        observations, inference: a row a sample. robots: a row a robot. runs, floors: a row a run.
+        observations, inference: one row per sample. robots: one row per robot. runs, floors: one row per run.
         versions: of the software that made it.
     """
 

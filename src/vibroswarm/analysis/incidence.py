@@ -37,7 +37,7 @@ def robot_incidence(
     Args:
         robots, runs: tables of a result. t_end_s: end of the runs, s. times_s: when, s; without, a grid up to the end.
         level: of the limits. seed: of the bootstrap.
-    Returns: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``; a row a time. Right
+    Returns: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``; one row per time. Right
     and wrong are of the runs whose truth is known, null where there are none.
     """
     table = run_figures(robots, runs, t_end_s)
@@ -65,11 +65,10 @@ Counted = list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]
 
 
 def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]) -> Counted:
-    """Count for each time in how many runs how many robots had decided so.
+    """Count, for each time, in how many runs how many robots had decided.
 
-    At least k robots of a run decided by t if its k-th time is at most t: one search for each k, without a table of
-    runs by times.
-    """
+    At least k robots of a run decided by t if its k-th decision time is at most t: one search for each k, without a
+    table of runs by times."""
     ranked = (
         decided.lazy()
         .join(of.lazy().select("run", size="robots"), on="run")

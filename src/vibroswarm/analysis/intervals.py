@@ -59,7 +59,7 @@ class Interval(NamedTuple):
         return {name: plain(value) for name, value in self._asdict().items()}
 
     def excludes(self, value: float) -> bool:
-        """Tell whether the value lies outside; False if there are no limits."""
+        """Return whether the value is outside; False without limits."""
         return self.high < value or self.low > value
 
 
@@ -132,7 +132,7 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
 
 def _mean(values: Values) -> float:
-    """Compute the mean, kept within the values against rounding."""
+    """Compute the mean, clipped to the range of the values against rounding."""
     return float(np.clip(values.mean(), values.min(), values.max()))
 
 

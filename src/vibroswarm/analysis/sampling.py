@@ -261,12 +261,13 @@ def correlogram(
 ) -> pl.DataFrame:
     """Correlate the values of samples as a function of the distance between them.
 
-    All pairs of a run are taken: about 20 ms a run of 1200 samples, so give some tens of runs.
+    All pairs of a run are taken: about 20 ms per run of 1200 samples, so give some tens of runs.
 
     Args:
         edges_m: edges of the bins of distance, increasing, m; without it, a tenth of the shorter side of the arena.
         of: the bits that were read, or what lies below (1 where the tile vibrates): the floor without the sensor.
-    Returns: from_m, to_m, pairs (mean a run), correlation, low, high (over runs); a row a bin, null where no pair is.
+    Returns: from_m, to_m, pairs (mean per run), correlation, low, high (over runs); one row per bin, null without
+        pairs.
     Raises:
         InputError: edges that do not increase, a wrong ``of``.
     """

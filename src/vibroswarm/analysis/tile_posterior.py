@@ -108,9 +108,8 @@ def log_prior(prior: Prior, tiles: int) -> Values:
 def mirrored(vibrating: int, tiles: int, boundary: float) -> Values:
     """Weight a number of vibrating tiles and its mirror across the boundary, shape (tiles + 1,).
 
-    The mirror, 2xN - k, is rounded to a whole number of tiles on the other side of the boundary that there is. A number
-    that lies on the boundary has none.
-    """
+    The mirror, 2xN - k, is rounded to a possible whole number on the other side of the boundary. A number on the
+    boundary has no mirror."""
     weights, on = np.zeros(tiles + 1), boundary * tiles
     weights[vibrating] = 1.0
     if vibrating > on + 1e-9:

@@ -52,7 +52,7 @@ def time_error_curve(
         scenario: all else; it is run to t_end, whatever its ``run.stop``. seed, runs: as ``simulate`` has them.
         undecided_counts: u of the module's head, in [0, 1]. batch: runs at a time. workers: threads.
     Returns: credible_threshold, min_observations, error, error_low, error_high, all of ``swarm.summary`` as
-        columns, and pareto. Tables of all robots are kept meanwhile, some 100 bytes a robot and point.
+        columns, and pareto. Tables of all robots are kept meanwhile, some 100 bytes per robot and point.
     Raises:
         InputError: no settings, u outside [0, 1], or a setting that the scenario refuses.
     """

@@ -52,7 +52,7 @@ LEAST_DRIVES: Final = 10
 
 
 def drive_table(result: Result) -> pl.DataFrame:
-    """Return one row a drive (``DRIVES``); veer is null where there is no track or too short a course."""
+    """Return one row per drive (``DRIVES``); veer is null where there is no track or too short a course."""
     table = sample_table(result).join(
         result.motion.select("run", "robot", "sample", "stop_start_s"), on=["run", "robot", "sample"]
     )

@@ -53,7 +53,7 @@ def effects(
     strategies: Sequence[str] = STRATEGIES,
     progress: Callable[[float], None] | None = None,
 ) -> list[Effect]:
-    """Return the effect of changing from the first scenario to the second, for each strategy in place of theirs.
+    """Estimate the effect of changing from the first scenario to the second, under each strategy.
 
     Args:
         runs: of each scenario, and as many again on other seeds.

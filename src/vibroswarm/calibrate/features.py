@@ -54,7 +54,7 @@ AUTHORS_SHORT_S: Final = 0.536
 
 
 def sample_table(result: Result) -> pl.DataFrame:
-    """Return one row a sample, by run, robot and time.
+    """Return one row per sample, by run, robot and time.
 
     Columns: run, robot, sample, time_s, x_m, y_m, energy, vibrating; since the robot's sample before dx_m, dy_m,
     distance_m, spacing_s, avoid_s (null at its first); wraps, of the counter of avoidance.

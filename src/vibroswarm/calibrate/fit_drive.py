@@ -139,7 +139,8 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
 
 
 def _bodies(table: Floats, runs: NDArray[np.int64]) -> Floats:
-    """Return the mean speed and veer of each robot over sessions, in the order of the first session."""
+    """Return the mean speed and veer of each robot over sessions, in the order of the first session; empty if robots
+    cannot be matched between sessions by speed and veer."""
     sessions = [table[runs == run][:, [1, 4]] for run in np.unique(runs)]
     if len({len(session) for session in sessions}) > 1:
         return np.zeros((0, 2))

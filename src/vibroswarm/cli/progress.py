@@ -97,7 +97,7 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
 
 @contextmanager
 def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
-    """Yield a function that shows how far a search is, and the best score so far."""
+    """Yield a function that shows the progress of a search and its best score."""
 
     def best(now: SearchProgress) -> str:
         return f"best so far {now.best:.4g}{f', {now.failed} failed' if now.failed else ''}"

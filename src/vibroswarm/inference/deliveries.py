@@ -156,7 +156,7 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     """Return the timeline of a motion; a timeline is returned as it is.
 
     Raises:
-        ValueError: the ends are not one row a run and robot, or there are samples of other robots.
+        ValueError: the ends are not one row per run and robot, or there are samples of other robots.
     """
     if isinstance(motion, Timeline):
         return motion

@@ -198,7 +198,7 @@ def outcome_tables(
 
 
 def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
-    """Return the table of robots, one row a run and robot, also for robots that never sampled.
+    """Return the table of robots, one row per run and robot, also for robots that never sampled.
 
     A robot's decision is its last one, and its time that of the sample at which it was made.
 

@@ -12,7 +12,7 @@ Turns in place are stable if the closed loop of the turn controller is:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| turn gain | G | deg a tick and % | degrees turned in a control period by a command of 1 %, of the fastest robot |
+| turn gain | G | deg per tick and % | degrees turned in a control period by a command of 1 %, of the fastest robot |
 | gains | Kp, Ki | %/deg, %/(deg s) | `walk.turn_gain_percent_per_deg`, `walk.turn_integral_gain_percent_per_deg_s` |
 | loop | e, I | deg, deg s | e' = e - G (Kp e + Ki I), I' = I + dt e' below full command, as in `robot.walk` |
 | bound | - | - | its eigenvalues lie within the unit circle just when G (2 Kp + dt Ki) < 4 (Jury's criterion) |

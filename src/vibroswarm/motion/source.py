@@ -2,15 +2,15 @@
 
 A source of Motion (an engine, a recording, a camera track) gives these tables:
 
-* ``samples``: one row a sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the
+* ``samples``: one row per sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the
   sample is taken; ``stop_start_s`` when the robot stood still for it; ``drive_s``, ``turn_s``, ``avoid_s``,
   ``stop_s`` account for all the time since the robot's last sample (or the start).
-* ``ends``: one row a run and robot: until when motion is known, where the robot is then, and when the stop
+* ``ends``: one row per run and robot: until when motion is known, where the robot is then, and when the stop
   under way began (null when it walks): a stop in which it hears nothing.
 * ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;
   sorted by run, time, robot. ``pose`` answers from it where anyone was at any time.
-* ``moves`` (on request): one row a drive, turn, avoidance or stop, from ``start_s`` to the robot's next row; sorted by
-  run, time, robot. A move that a stop interrupts continues as another move after it; a stretch in which the robot is
+* ``moves`` (on request): one row per drive, turn, avoidance or stop, from ``start_s`` to the robot's next row; sorted
+  by run, time, robot. A move that a stop interrupts continues as another move after it; a stretch in which the robot is
   blocked, its wheels slipping, is a separate move with speed 0.
 
   - ``x_m``, ``y_m``, ``heading_rad``: the pose at the start. ``turned_rad``: the heading at the end of the move, or at

@@ -88,7 +88,7 @@ COSTS: Final[dict[str, Figures]] = {
     "decision_time": decision_time,
     "errors": errors,
 }
-"""Costs with one figure a run, to which a statistic is applied."""
+"""Costs with one figure per run, to which a statistic is applied."""
 
 
 def check_truth(outcomes: Outcomes) -> None:

@@ -142,7 +142,7 @@ class Nodes:
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row a cell: varied values, the score with its limits, times and shares."""
+        """One row per cell: varied values, the score with its limits, times and shares."""
         rows = []
         for node in self.nodes:
             score, above = node.scored.score, node.above_best

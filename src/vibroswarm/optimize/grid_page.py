@@ -105,7 +105,7 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
 
 
 def _edges(nodes: Nodes) -> list[str]:
-    """List numeric fields with three or more values of which the lowest cell has the first or the last."""
+    """List the numeric fields in which the lowest cell is at the edge of the grid."""
     edges = []
     best = nodes.best.cell.point
     short = short_names(list(best))
@@ -157,7 +157,7 @@ def _shown(name: str, picture: Picture, nodes: Nodes) -> ReportPicture:
 
 
 def _shared(nodes: Nodes) -> str:
-    """Say that cells share motion, if they do."""
+    """Write that cells share motion, if they do."""
     if len(plan_of(nodes.grid.study).groups) > 1:
         return ""
     return "All cells replay one motion, so that they are compared run by run."

@@ -49,10 +49,10 @@ class Objective:
 
     Args:
         name: one of ``NAMES``; with a function any other.
-        statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure a run.
+        statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure per run.
         over: the ``worst`` case, or the ``mean`` over cases.
         parameters: of the cost, see ``costs`` and above.
-        function: a user's cost, from ``Outcomes`` to one number a run. Never read from a file.
+        function: a user's cost, from ``Outcomes`` to one number per run. Never read from a file.
     Raises:
         InputError: unknown name, statistic or parameter.
     """

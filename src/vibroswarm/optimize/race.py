@@ -72,7 +72,7 @@ def allocate_runs(archive: Archive, keys: Sequence[int], more: int) -> list[Ask]
 
 
 def _share_out(weight: NDArray[np.float64], present: NDArray[np.float64], more: int) -> NDArray[np.int64]:
-    """Divide ``more`` runs so that the totals come as close as possible to the shares of the weights."""
+    """Divide ``more`` runs so that the totals approach the proportions of the weights."""
     active = np.ones(weight.size, dtype=np.bool_)
     while True:  # those above their share get none; the others share the rest
         total = present[active].sum() + more

@@ -284,7 +284,7 @@ def account(found: Found, fresh: Sequence[tuple[str, int, int, int]]) -> ReportT
 
 
 def failure_table(archive: Archive) -> ReportTable | None:
-    """Tabulate why runs failed; None if none did."""
+    """Tabulate the causes of failed runs; None if none failed."""
     by_cause: dict[str, list[Candidate]] = {}
     for c in archive.candidates:
         if c.failed:

@@ -55,7 +55,7 @@ class SearchSettings:
 
     Args:
         method: one of ``METHODS``.
-        evaluations: runs a candidate, for methods other than pso, which has its own.
+        evaluations: runs per candidate, for methods other than pso, which has its own.
         budget: total runs of the search; pso makes as many iterations as fit. Default: 15,000, those of the paper's
             50 iterations.
         final: runs of the race of the finalists, part of the budget (0: no race); by default 40 %.

@@ -305,7 +305,7 @@ class Front:
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row a candidate: its values, its believed scores, and its true scores with limits."""
+        """One row per candidate: its values, its believed scores, and its true scores with limits."""
         rows = []
         for member in self.members:
             row: dict[str, Any] = {"key": member.key, **member.values, "stays": member.stays}

@@ -4,7 +4,7 @@
 |---|---|
 | archive.json | format, settings, versions, items, the SHA-256 of each other entry |
 | scenarios/HASH.toml | all scenarios |
-| cells.csv | one row a cell: scenario, seed, engine, runs, digest of its table of robots, its figures, its command |
+| cells.csv | one row per cell: scenario, seed, engine, runs, digest of its table of robots, its figures, its command |
 | robots.csv | the table of robots of the first runs of each cell |
 | measured.csv, claims.csv | the values that decided the claims, and the verdicts |
 | tables/NAME.csv | the tables of all items |

@@ -194,20 +194,21 @@ def summarise(
 
     Args:
         rows: of a study, the columns ``READ``. numbers: of the cells there, ascending. runs: of each cell.
-        map_: by which cells are gone through.
+        map_: function that maps over the cells, such as that of a pool.
     """
     of_robots, of_runs = arrays_of(rows.select(READ), numbers, runs, robots)
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
     figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
 
-    def one(k: int) -> CellResult:
+    def cell_result(k: int) -> CellResult:
         own_columns = {name: column[k] for name, column in of_robots.items()}
-        each = {name: column[k].copy() for name, column in figures.items()}
-        first = {name: column[:FIRST_RUNS].ravel() for name, column in own_columns.items()}
-        table = pl.DataFrame([as_series(name, first[name], kind) for name, kind in ROBOTS.items()])
-        return CellResult(row_of(own_columns, each, float(t_end_s[k])), each, digest_of(own_columns), table)
+        own_figures = {name: column[k].copy() for name, column in figures.items()}
+        first_runs = {name: column[:FIRST_RUNS].ravel() for name, column in own_columns.items()}
+        table = pl.DataFrame([as_series(name, first_runs[name], kind) for name, kind in ROBOTS.items()])
+        row = row_of(own_columns, own_figures, float(t_end_s[k]))
+        return CellResult(row, own_figures, digest_of(own_columns), table)
 
-    return list(map_(one, range(len(cells))))
+    return list(map_(cell_result, range(len(cells))))
 
 
 def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:

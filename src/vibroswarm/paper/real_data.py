@@ -109,7 +109,7 @@ def draw_shares(frame: pl.DataFrame, *, x_label: str = "", title: str = "", styl
     """Draw histograms of one variable, a step line for each series.
 
     Args:
-        frame: one row a bin: ``x`` (its middle), ``share``, ``series``. x_label: of x. title: above the picture.
+        frame: one row per bin: ``x`` (its middle), ``share``, ``series``. x_label: of x. title: above the picture.
         style: "column", "page" or "slide".
     Returns:
         Picture; its numbers are ``series, x, share``.
@@ -135,7 +135,7 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
     """Draw histograms of two variables side by side, on one grey scale.
 
     Args:
-        frame: one row a bin: ``panel``, ``x``, ``y`` (its middle), ``share``. feature: of ``AXES``.
+        frame: one row per bin: ``panel``, ``x``, ``y`` (its middle), ``share``. feature: of ``AXES``.
         title: above the picture. style: "column", "page" or "slide".
     Returns:
         Picture; its numbers are ``panel, x, y, share``.

@@ -60,7 +60,7 @@ def command_of(settings: Settings, item: str | None = None) -> str:
 def claims_table(
     decided: Sequence[Decided], items: Iterable[str] | None = None, kind: str | None = None
 ) -> pl.DataFrame:
-    """Return one row a claim, one verdict a column; null where it is not asked or was not measured.
+    """Return one row per claim, one verdict per column; null where it is not asked or was not measured.
 
     Args:
         items: only claims of these items. kind: only claims or only checks.

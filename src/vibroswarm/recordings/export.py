@@ -2,7 +2,7 @@
 
 | format | holds | does not hold |
 |---|---|---|
-| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when within 0.22 s a sample was taken, driving apart from turning |
+| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when within 0.22 s per sample was taken, driving apart from turning |
 | webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; whole-numbered settings | paths, headings, sessions without bits sent |
 | csv | every table of the result, a file each | - |
 """  # noqa: E501

@@ -162,5 +162,5 @@ def _known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
 
 
 def reference_table(references: list[References]) -> pl.DataFrame:
-    """Tabulate references, one row a cell."""
+    """Tabulate references, one row per cell."""
     return pl.DataFrame([reference.as_row() for reference in references], infer_schema_length=None)

@@ -44,7 +44,7 @@ SAMPLES: Final[dict[str, Any]] = {
     **{k: v for k, v in OBSERVATIONS.items() if k not in MOTION},
     **{k: v for k, v in INFERENCE.items() if k not in MOTION},
 }
-"""One row a cell and sample; saved on request."""
+"""One row per cell and sample; saved on request."""
 
 
 class Cancelled(Exception):  # noqa: N818  (nothing went wrong)

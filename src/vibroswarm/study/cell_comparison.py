@@ -184,7 +184,7 @@ def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] 
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
-    """Tabulate comparisons, one row a pair of cells and figure."""
+    """Tabulate comparisons, one row per pair of cells and figure."""
     return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
 
 

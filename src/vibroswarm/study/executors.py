@@ -117,7 +117,7 @@ def do_all(
     progress: Callable[[], None],
     rescue: Callable[[Future[R]], None] = lambda future: None,
 ) -> None:
-    """Submit tasks, the last of the list first, and take each result as it comes.
+    """Submit tasks, starting with the last of the list, and process results in the order in which they finish.
 
     Args:
         take: handles a finished future; returns the tasks to submit again. ahead: how many tasks to have submitted.

@@ -99,7 +99,7 @@ def _bars(
         rows.append({"x": x, **series, **interval, "runs": cell_outcome.summary.runs})
     frame = _frame(rows)
     many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
-    if many:  # too many lines: one row a cell
+    if many:  # too many lines: one row per cell
         frame = frame.select(
             pl.Series("x", [cell_outcome.cell.name for cell_outcome in cells]),
             pl.all().exclude("x", "series"),

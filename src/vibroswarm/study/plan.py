@@ -60,7 +60,7 @@ OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
 MANY_CELLS: Final = 20
 CELL_S: Final = 0.02
-"""Duration of the first blocks of a larger group, s a cell: a block costs about 0.1 ms a cell besides its runs."""
+"""Duration of the first blocks of a larger group, s per cell: a block costs about 0.1 ms per cell besides its runs."""
 LARGEST_BLOCK_S: Final = 10.0
 MOST_ROWS: Final = 100_000
 """Most rows of a block; a worker needs about 1 kB a row."""

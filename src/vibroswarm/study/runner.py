@@ -213,7 +213,7 @@ class _Runner:
 
 
 def failures_in_words(store: Store, kept: bool = True) -> str:
-    """Say how many runs of a store failed, why the first one did, and what to do."""
+    """Write how many runs of a store failed, with the first cause and what to do."""
     failures = store.failures
     first, runs = failures[0], sum(failure["last"] - failure["first"] for failure in failures)
     batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"

@@ -98,7 +98,7 @@ class Study:
     Args:
         base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
         vary: blocks of varied fields, see ``factors``; empty: one cell.
-        runs: runs a cell; ``None`` with ``until``.
+        runs: runs per cell; ``None`` with ``until``.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
         seed: of all cells. motion: source of motion, by name.
         keep: "samples": the store also saves a table of samples.

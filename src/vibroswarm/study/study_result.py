@@ -68,7 +68,7 @@ class StudyResult:
 
     @property
     def cells(self) -> pl.DataFrame:
-        """One row a cell: number, varied values, name, scenario hash, group, runs wanted and stored (``there``)."""
+        """One row per cell: number, varied values, name, scenario hash, group, runs wanted and stored (``there``)."""
         rows = []
         for cell in self._cells():
             group = self._group_of[cell.number]
@@ -273,7 +273,7 @@ class StudyResult:
         return same[0]
 
     def _varied_columns(self) -> pl.DataFrame:
-        """Tabulate the varied values, one row a selected cell; values of different types become text."""
+        """Tabulate the varied values, one row per selected cell; values of different types become text."""
         columns: Mapping[str, list[Any]] = {
             name: [cell.point.get(name) for cell in self._cells()] for name in self.study.varied
         }

@@ -55,7 +55,7 @@ class Outcome:
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """One row a cell: its varied values, then all figures with their limits."""
+        """One row per cell: its varied values, then all figures with their limits."""
         varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
         figures = pl.DataFrame([cell.as_row() for cell in self.cells], infer_schema_length=None)
         return varied.hstack(figures)
@@ -150,7 +150,7 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
 
 
 def _failed_words(result: StudyResult) -> str:
-    """Say how many runs of which cells failed, and why the first one did."""
+    """Write how many runs of which cells failed, with the first cause."""
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
     names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
     runs = sum(failure["last"] - failure["first"] for failure in failures)

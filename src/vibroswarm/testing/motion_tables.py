@@ -138,7 +138,7 @@ def check_pieces(source: Source) -> None:
 
 
 def check_copies(source: Source) -> None:
-    """A branch goes on in the same way, whichever goes first, and neither changes the other."""
+    """Copies continue in the same way, in any order, and do not affect each other."""
     case = SHORT_CASE
     s, run = case.scenario, case.runs[0]
     uninterrupted = part_of(motion_of(source, case), run)

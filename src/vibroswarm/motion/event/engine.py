@@ -107,7 +107,7 @@ class World(NamedTuple):
     places: Places
     """Approximate positions of a small swarm, in columns (``neighbours.Places``)."""
     apart: NDArray[np.float64]
-    """A row a robot: the largest error of its distances, m, then their squares, m^2 (``look_around``)."""
+    """One row per robot: the largest error of its distances, m, then their squares, m^2 (``look_around``)."""
     awake: NDArray[np.uint32]
     """The robots awake at this tick, in index order."""
     setup: Setup

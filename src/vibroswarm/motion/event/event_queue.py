@@ -49,7 +49,7 @@ def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 @inner
 def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
-    """Return the least key, and the one after it if there is only one block (else the least again)."""
+    """Return the smallest key, and the next one if there is only one block (else the smallest again)."""
     if wakes.shape[0] > 1:
         first = next_wake(wakes, robots, NOBODY)
         return first, first
@@ -63,10 +63,11 @@ def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
 
 @inner
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
-    """Return the least key above ``beyond``, that of the latest who woke: they are told their next only when all have.
+    """Return the smallest key above ``beyond``, the key of the last robot that woke; robots that wake together get
+    their next keys only after all of them have woken.
 
-    The bounds of the blocks are made exact as far as need be. One that is the key of its robot is.
-    """
+    The bounds of the blocks are lower bounds. Only as many as necessary are updated: a bound is exact if it equals
+    the key of its robot."""
     if wakes.shape[0] == 1:
         return least_of(wakes, 0, robots, beyond)
     while True:

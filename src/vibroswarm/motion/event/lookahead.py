@@ -10,11 +10,11 @@ functions as in the fixed-step engine. ``tests/exact/test_lookahead_bounds.py`` 
 | look | m | rays matter up to the shorter of range and theta_c |
 | zone | m | below this distance (two radii and two longest steps) a move may bring two robots into contact |
 | sight | m | rays see no robot beyond this distance, centre to centre |
-| mid, chord | m, m a tick | approximate position: mid + chord n after n ticks; in a turn, mid is its pivot |
+| mid, chord | m, m per tick | approximate position: mid + chord n after n ticks; in a turn, mid is its pivot |
 | position error | m | bound on the distance from there |
 | gap | m | a distance that must not be used up |
-| approach | m a tick | how fast a gap shrinks now |
-| swerve | m a tick^2 | how much faster it may shrink with each tick |
+| approach | m per tick | how fast a gap shrinks now |
+| swerve | m per tick^2 | how much faster it may shrink with each tick |
 """
 
 from __future__ import annotations

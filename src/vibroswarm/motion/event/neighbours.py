@@ -3,8 +3,8 @@
 In a small swarm the list is all others, always. In a large one lists are updated every LIST_TICKS from a grid of
 cells: a robot further away than ``radius`` can be neither seen nor touched before that, whatever both do.
 
-``near`` has a row a robot: how many, then which, in index order. The numbers are unsigned, so that compiled code need
-not check whether an index counts from the end.
+``near`` has one row per robot: the number of neighbours, then their indices in order. The numbers are unsigned, so that
+compiled code need not check whether an index counts from the end.
 
 ``Places`` is one row of columns with LANES numbers each, one a robot, so that distances from one robot of a small swarm
 to all others are computed several at a time: ``mid``, ``chord``, ``tick``, ``position_error_m``, ``self_event_tick``

@@ -94,10 +94,8 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """Return the first tick after ``tick`` at which one of two robots sees the other or is blocked by it.
-
-    Gives it, and to whom of the two the other matters then. NEVER if it does not come to that as long as both plans
-    last.
+    """Return the first tick after ``tick`` at which one of two robots detects the other or is blocked by it, and which
+    of them is affected; NEVER if neither happens while both plans last.
 
     Args:
         a_first: whether ``a`` moves before ``b``.
@@ -129,7 +127,7 @@ def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: boo
                 and blocks_at(a if a_first else b, b if a_first else a, setup, now)
             ):
                 return int(now), a.mode != STOP, b.mode != STOP
-            # Who surely sees nothing for so long need not be asked before.
+            # A robot that cannot detect the other until then need not be checked before.
             if a_looks:
                 a_from = now + max(1, int(a_sight))
             if b_looks:
@@ -183,8 +181,8 @@ def pair_clear_ticks(
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Return ticks that surely pass before ``a`` sees ``b``, before ``b`` sees ``a``, and before one's move ends in
-    the other.
+    """Return lower bounds on the ticks before ``a`` detects ``b``, before ``b`` detects ``a``, and before a move of one
+    ends in the other.
 
     0 if one sees the other; below 1 if a move from ``tick`` may end so.
 
@@ -271,9 +269,9 @@ def ticks_until_seen(
     The distance of a point from a ray is convex: it falls by no more than the point's way along its gradient.
 
     Args:
-        bend: rad a tick. x_m, y_m: of the other, seen from the robot. dx, dy: of its motion, m a tick.
-        slack: how far the other may be from there. creep: by how much that may grow, m a tick. swerve: how much
-            its motion may change, seen from the robot as it turns, m a tick^2.
+        bend: rad a tick. x_m, y_m: of the other, seen from the robot. dx, dy: of its motion, m per tick.
+        slack: how far the other may be from there. creep: by how much that may grow, m per tick. swerve: how much
+            its motion may change, seen from the robot as it turns, m per tick^2.
     """
     ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
     d_ahead = dx * cos_h + dy * sin_h + bend * left

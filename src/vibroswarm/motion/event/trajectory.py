@@ -8,7 +8,7 @@ fixed-step engine would. A plan has one piece, or two if a robot drives up to a 
 |---|---|---|---|
 | radius | R = v / w | m | the arc's; a robot that turns goes round R = m_d track / 2 |
 | pose | x, y, h | m, m, rad | x + R (sin h' - sin h), y - R (cos h' - cos h), h' = h + w t |
-| turn gain | G | deg a tick and % | degrees turned in a tick by a command of 1 % |
+| turn gain | G | deg per tick and % | degrees turned in a tick by a command of 1 % |
 | turn | e, integral | deg, deg s | e <- e - G c; integral <- integral + e dt; c = clip(2.5 e + 0.15 integral) |
 """
 

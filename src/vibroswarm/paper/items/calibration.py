@@ -202,14 +202,15 @@ def compute(work: Work) -> Tables:
     assert settings.recordings is not None
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
     work.progress(0.2)
-    many = {column: _simulated(settings, column) for column in settings.columns}
-    sources: dict[str, Result] = {SIMULATOR: authors} | {c: _first_set(source) for c, source in many.items()}
+    simulated = {column: _simulated(settings, column) for column in settings.columns}
+    sources: dict[str, Result] = {SIMULATOR: authors}
+    sources |= {column: _first_set(source) for column, source in simulated.items()}
     comparisons: dict[str, Comparison] = {}
     known: RealCache = {}
     for place, (name, source) in enumerate(sources.items()):
         comparisons[name] = compare(real, source, known)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))
-    sets = {column: similarity_by_set(real, source) for column, source in many.items()}
+    sets = {column: similarity_by_set(real, source) for column, source in simulated.items()}
     measured = authors_rows(comparisons[SIMULATOR])
     for column in settings.columns:
         measured += column_rows(settings, column, sets[column])
@@ -289,7 +290,7 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
 
 
 def _states(source: str, result: Result) -> pl.DataFrame:
-    """Return the share of time in each state, one row a session."""
+    """Return the share of time in each state, one row per session."""
     ends = result.ends.group_by("run", maintain_order=True).agg(pl.col("end_s").sum())
     spent = result.motion.group_by("run", maintain_order=True).agg(
         pl.col("avoid_s", "stop_s").cast(pl.Float64).sum()

@@ -198,7 +198,7 @@ def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield accuracy by swarm size, one picture a strategy."""
+    """Yield accuracy by swarm size, one picture per strategy."""
     for strategy in STRATEGIES:
         part = tables["accuracy"].filter(pl.col("strategy") == strategy)
         if not part.is_empty():
