@@ -167,7 +167,7 @@ def test_a_measured_share_near_the_boundary_cannot_be_told_from_it() -> None:
     assert decidability_of_share(0.5, 0.5, 0).verdict == "on the boundary"
     for share in (0.482, 0.506, 0.499):
         d = decidability_of_share(share, 0.5, 0, effective_samples=1500)
-        assert d.verdict == "cannot be told from the boundary"
+        assert d.verdict == "indistinguishable from the boundary"
         assert d.share_low < 0.5 < d.share_high
     assert decidability_of_share(0.44, 0.5, 0, effective_samples=1500).verdict == "decidable"
     with pytest.raises(InputError, match="share"):

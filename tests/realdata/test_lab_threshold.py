@@ -34,7 +34,7 @@ def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:
     found = at_threshold(real, 1.33)
     assert found.all_samples.false_positive == pytest.approx(0.163, abs=0.001)
     assert found.all_samples.false_negative == pytest.approx(0.147, abs=0.001)
-    assert found.decidable.verdict == "cannot be told from the boundary"
+    assert found.decidable.verdict == "indistinguishable from the boundary"
     assert at_threshold(real, 1.55).share_by_session.high < 0.5
 
 

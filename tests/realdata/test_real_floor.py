@@ -1,4 +1,4 @@
-"""At theta_E 1.33 the floor of the real robots cannot be told from the boundary, however long they sample.
+"""At theta_E 1.33 the floor of the real robots is indistinguishable from the boundary, however long they sample.
 
 The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 """
@@ -56,7 +56,7 @@ def test_no_session_can_be_told_from_the_boundary(session: str, share: float) ->
     worth = float(effective_with_sensor(tile.size, effective_samples(visits @ visits, 25), 0.48, *RATES))
     assert 0.3 * tile.size < worth < tile.size < seen.effective_samples
     told = decidability_of_share(seen.share, 0.5, 0, worth)
-    assert told.verdict == "cannot be told from the boundary", told.says
+    assert told.verdict == "indistinguishable from the boundary", told.says
 
 
 def test_nor_all_three_together_but_at_a_higher_threshold() -> None:
@@ -70,7 +70,7 @@ def test_nor_all_three_together_but_at_a_higher_threshold() -> None:
         over_sessions[threshold] = mean_interval(
             [observed_share(t, e > threshold).share for t, e in by_session]
         )
-    assert verdicts[1.33].verdict == "cannot be told from the boundary", verdicts[1.33].says
+    assert verdicts[1.33].verdict == "indistinguishable from the boundary", verdicts[1.33].says
     assert not over_sessions[1.33].excludes(0.5)
     assert verdicts[1.55].verdict == "decidable", verdicts[1.55].says
     assert over_sessions[1.55].high < 0.5

@@ -46,7 +46,7 @@ from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 
 Word = Literal[
-    "decidable", "wrong side", "on the boundary", "cannot be told from the boundary", "not assessed"
+    "decidable", "wrong side", "on the boundary", "indistinguishable from the boundary", "not assessed"
 ]
 
 ON = 1e-9
@@ -160,10 +160,10 @@ def decidability_of_share(
         limits = wilson_limits(share * effective_samples, effective_samples, level)
         low, high = (float(limit) for limit in limits)
         if truth is not None and low <= boundary <= high:
-            verdict = "cannot be told from the boundary"
+            verdict = "indistinguishable from the boundary"
             says = (
                 f"{share:.1%} of the samples read as vibrating, {low:.1%} to {high:.1%} as the samples go: "
-                f"this cannot be told from the boundary of {boundary:.1%}."
+                f"this is indistinguishable from the boundary of {boundary:.1%}."
             )
     return Decidability(
         verdict=verdict,

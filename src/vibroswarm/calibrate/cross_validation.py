@@ -163,18 +163,18 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
         for name, value in recorded.items()
         if np.isfinite(own := np.array([rates[name] for rates in each])).sum() > 1 and np.isfinite(value)
     )
-    accuracy_simulator = np.nan if other is None else _told(held_out, other.by_session)
+    accuracy_simulator = np.nan if other is None else _recognised(held_out, other.by_session)
     return Fold(
         session,
         fitted,
         scores,
         readings,
-        _told(held_out, simulated.by_session[:CLASSIFIED]),
+        _recognised(held_out, simulated.by_session[:CLASSIFIED]),
         accuracy_simulator,
     )
 
 
-def _told(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
+def _recognised(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
     return float(
         np.mean([classifier_accuracy([held], [other]).simulated_by_robot.estimate for other in others])
     )

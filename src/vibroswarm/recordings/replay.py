@@ -96,7 +96,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     for draw in range(draws):
         finals = []
         for run, rows in zip(runs, parts, strict=True):
-            final, missing, _ = _one(recording, scenario, rows, run, seed + draw)
+            final, missing, _ = _replay_once(recording, scenario, rows, run, seed + draw)
             finals.append(final)
             unsent += missing
         tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
@@ -105,7 +105,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     return Replayed(scenario, draws, robots, of_runs, unsent / draws, lost)
 
 
-def _one(
+def _replay_once(
     recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
 ) -> tuple[pl.DataFrame, int, list[pl.Series]]:
     """Return the final state of each robot of a run in one draw, messages that nobody can have sent, and the inference

@@ -107,11 +107,13 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
             if len(chosen) < MIN_RUNS or cell.scenario.task.name != "fill_ratio":
                 yield cell, None
                 continue
-            simulated = _one(result, group, cell, chosen, simulated)
+            simulated = _runs_of_cell(result, group, cell, chosen, simulated)
             yield cell, simulated
 
 
-def _one(result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None) -> Result:
+def _runs_of_cell(
+    result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None
+) -> Result:
     """Return a cell's runs; reuse the motion of ``made`` if it is the same."""
     # Cells of a group may differ in their end, and in how many runs they have.
     if made is None or made.scenario.run != cell.scenario.run or made.runs["run"].to_list() != runs:
@@ -126,12 +128,12 @@ def _references(cell: Cell, made: Result) -> References:
     pooled = None
     if not made.runs["stopped_early"].any() and made.runs["truth"].null_count() == 0:
         pooled = pooled_counting(made)
-    known, says = _known(made)
+    known, says = _could_be_known(made)
     loss = mean_interval(packet_loss(made)["packet_loss"].drop_nulls().to_numpy())
     return References(cell, made.runs.height, pooled, known, says, lag_one(made), loss)
 
 
-def _known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
+def _could_be_known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
     """Compute what could be known, with notes on what is missing or limited."""
     if made.runs["truth"].null_count():
         return None, ("What could be known is not computed: the fill ratio is on the boundary.",)

@@ -33,21 +33,19 @@ def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
     for look, runs in enumerate(precision.looks()):
         if runs > available:
             return None
-        if _known(store, group, precision, look, runs):
+        if _is_precise(store, group, precision, look, runs):
             return Settled(look, runs, precision.level_at(look), True)
     return Settled(look, runs, precision.level_at(look), False)
 
 
-def _known(store: Store, group: Group, precision: Precision, look: int, runs: int) -> bool:
-    """Tell whether the interval is narrow enough in each cell of the group."""
+def _is_precise(store: Store, group: Group, precision: Precision, look: int, runs: int) -> bool:
+    """Return whether the interval is narrow enough in each cell of the group."""
     rows, level = store.scan(group.number, runs), precision.level_at(look)
     assert rows is not None
-    for same in (same for observed in group.observed for same in observed):
+    # Equal cells have equal rows: the first of each is enough.
+    for cell in (equal_cells[0] for observed in group.observed for equal_cells in observed):
         interval = figure_of(
-            rows.filter(pl.col("cell") == same[0].number),
-            precision.figure,
-            same[0].scenario.run.t_end_s,
-            level,
+            rows.filter(pl.col("cell") == cell.number), precision.figure, cell.scenario.run.t_end_s, level
         )
         if not precision.reached(interval.estimate, interval.low, interval.high):
             return False
