@@ -53,7 +53,7 @@ def table(found: Mapping[str | None, Mapping[str, str]], runs: int) -> tuple[str
         words = ["holds" if verdict == HOLDS else f"**{verdict}**" for verdict in mine.values()]
         lines.append(f"| `{claim.id}` | " + " | ".join(words) + f" | {last} |")
     claims = sum(claim.kind == "claim" and claim.id in found[None] for claim in all_claims())
-    head = f"Of {claims} claims, {len(reproduced)} are reproduced with {runs} runs a cell:"
+    head = f"Of {claims} claims, {len(reproduced)} are reproduced with {runs} runs per cell:"
     return "\n".join([head, "", *lines]), without
 
 

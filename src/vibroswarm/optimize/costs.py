@@ -36,6 +36,7 @@ Figures = Callable[..., Array]
 
 def intended(outcomes: Outcomes) -> Array:
     """Compute the paper's cost as its text defines it, with the error of the estimate in tiles."""
+    # Eq. 23a as the text explains it: divided by one tile, 1 / N_tiles
     return _paper(outcomes, 1.0 + _error(outcomes, "intended") * outcomes.tiles, UNDECIDED)
 
 
@@ -46,6 +47,7 @@ def printed(outcomes: Outcomes) -> Array:
 
 def authors_code(outcomes: Outcomes) -> Array:
     """Compute the cost that the paper's program minimised: zero, however late, if the estimate is exact."""
+    # the authors' program
     return _paper(outcomes, _error(outcomes, "authors_code") / TILE_IN_CODE, UNDECIDED_IN_CODE)
 
 
