@@ -136,16 +136,17 @@ class Search:
         """Read a search from TOML text.
 
         Args:
-            text: TOML. name: what errors call it. folder: where files of floors that it names lie.
+            text: TOML. name: its name in errors. folder: that of the floor files it names.
             method: overrides that of the text; the default for several objectives is nsga2.
         Raises:
-            InputError: not TOML, or naming what is wrong in it.
+            InputError: not TOML, or an unknown or invalid entry, which is named.
         """
         values = parsed_toml(text, name)
         own = {key: values.pop(key) for key in KEYS if key in values}
-        known = [f.name for f in fields(Study)]
+        # The other keys are those of a study, which names an unknown one; a misspelt key of a search is named here.
+        study_keys = [f.name for f in fields(Study)]
         for key in values:
-            if nearest(key, KEYS) and not nearest(key, [*known, "scenario", "grid", "list"]):
+            if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         study = Study.from_values(values, name=name, folder=folder)
         block = own.get("space")

@@ -367,7 +367,7 @@ def legend_lines(style: Style, names: Sequence[str]) -> int:
 
 
 def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Sequence[str]) -> None:
-    """A legend below the axes in as many columns as fit; long names are shortened."""
+    """Draw a legend below the axes in as many columns as fit; long names are shortened."""
     if not names:
         return
     room = style.width_in * 72 - style.small_pt * 5
