@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
-from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -130,6 +129,7 @@ def _refuse(arguments: argparse.Namespace, names: tuple[str, ...], why: str) -> 
 def _start(search: Search) -> None:
     """Print warnings and whether kernels must be compiled."""
     from vibroswarm.cli.progress import say_compiling
+    from vibroswarm.cli.scenario_options import warn_of
 
     warn_of(cell.scenario for cell in search.cases)
     say_compiling(search.study.motion)
@@ -256,6 +256,7 @@ def _check(arguments: argparse.Namespace) -> int:
     """Compare two scenarios on fresh runs and print the result."""
     from vibroswarm.cli.optimize_output import print_comparison
     from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
     _refuse(arguments, ("method", "noise", "budget", "fresh"), "applies to a search, not to --check")

@@ -77,7 +77,7 @@ def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
     varied = ", ".join(f"`{name}`" for name in grid.study.varied)
     aim = f"for the lowest {grid.objective.words}"
     runs = count_range(node.scored.score.n for node in nodes.nodes)
-    first = f"{len(nodes.nodes)} cells over {varied}, {runs} runs a cell, {aim}."
+    first = f"{len(nodes.nodes)} cells over {varied}, {runs} runs per cell, {aim}."
     if truth is None:
         return first, QUOTE
     return first, best_words(nodes.best.cell.point, truth, grid.objective.unit), QUOTE

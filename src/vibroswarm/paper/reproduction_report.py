@@ -190,7 +190,7 @@ def report_of(
     return Report(
         title="The paper, reproduced",
         lead=(
-            f"{settings.runs:,} runs a cell, seed {settings.seed}. " + _counts(decided),
+            f"{settings.runs:,} runs per cell, seed {settings.seed}. " + _counts(decided),
             "Every number here was computed, except those called printed or published, which are the paper's. "
             "The caption of each table has the command that makes it; rows of cells have their own command "
             "in the CSV.",

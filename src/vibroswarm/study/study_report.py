@@ -210,7 +210,7 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
     figures = table.drop("cell", "lag_one", "packet_loss", *limits)
     runs = max(reference.runs for reference in references)
     caption = (
-        f"From {runs} runs a cell, simulated again from the seed; half of them tuned the pooled threshold."
+        f"From {runs} runs per cell, simulated again from the seed; half of them tuned the pooled threshold."
     )
     chains = [
         reference.known for reference in references if reference.known and reference.known.how == "chains"
@@ -288,6 +288,6 @@ def _details(outcome: Outcome) -> dict[str, str]:
     details = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
     if outcome.replicate is not None:
         second = outcome.replicate.study
-        details["second block"] = f"seed {second.seed}, {second.runs} runs a cell"
+        details["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
     details |= versions_in_words(outcome.result.store.made_by)
     return details | {"again": f"vibroswarm sweep '{folder}/study.toml' --out '{folder}'"}

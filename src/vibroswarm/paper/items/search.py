@@ -163,7 +163,7 @@ ITEM: Final = Item(
     about=(
         "The paper's particle swarm as its program ran it: 25 particles, 50 iterations, 10 runs a particle "
         "and 10 more for the best fifth, cost of the authors' program, mean and standard deviation over runs; the "
-        "lowest score wins and is never recomputed. It starts from P0 with preset `paper`. With fewer runs a cell it "
+        "lowest score wins and is never recomputed. It starts from P0 with preset `paper`. With fewer runs per cell it "
         "takes fewer iterations.",
         "Then, beyond the paper, the winner, P0, P* and parameters from another search "
         "(preset `optimised-cost`) are evaluated on the same fresh runs.",

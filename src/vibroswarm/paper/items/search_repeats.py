@@ -130,7 +130,7 @@ ITEM: Final = Item(
     about=(
         f"A search gives one value, whatever its particles: the error is over searches. One of the paper's "
         f"size takes 15,000 runs, so short ones replace it, with {PARTICLES} particles and {ITERATIONS} "
-        f"iterations (fewer with fewer runs a cell), one for each {RUNS_A_SEARCH} runs a cell. So few are rarely "
+        f"iterations (fewer with fewer runs per cell), one for each {RUNS_A_SEARCH} runs per cell. So few are rarely "
         "conclusive; `--only search-repeats --runs 10000` has 40. The whole search is item 3.",
         "Personal bests can only fall, and each is the lowest of its noisy scores: that they approach each other "
         "is partly due to this rule, not to the particles.",
