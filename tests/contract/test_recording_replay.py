@@ -14,7 +14,13 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.readers import read_log
 from vibroswarm.recordings.recording import Recording, recording_of
-from vibroswarm.recordings.replay import _one, _rows_of, logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.recordings.replay import (
+    _replay_once,
+    _rows_of,
+    logged_outcomes,
+    replay_recording,
+    session_outcomes,
+)
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
@@ -34,7 +40,7 @@ def replayed_table(
 ) -> tuple[pl.DataFrame, int]:
     """Inference table of one draw with run, robot and sample, lost samples restored; and messages that nobody sent."""
     rows = _rows_of(recording, run)
-    _, missing, columns = _one(recording, scenario, rows, run, seed)
+    _, missing, columns = _replay_once(recording, scenario, rows, run, seed)
     frame = pl.DataFrame(
         {
             "run": np.full(rows.energy.size, run, dtype=np.uint32),
