@@ -271,7 +271,7 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
         fields = fields_of(declared)
     except (NameError, TypeError) as error:
         raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
-    for name in found:
+    for name in fields:
         if hasattr(np.record, name):  # plain Python would find the row's method in place of the field
             raise InputError(f"'{name}' is a word of NumPy's rows; choose another name", field=what)
     # NumPy rows need a field: one that is not used if the class declares none.
