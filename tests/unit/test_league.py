@@ -229,6 +229,8 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         ("--strategy none,nonne", "nonne"),
         ("--patterns strip", "stripe"),
         ("--fills 0.3", "0.3"),
+        ("--fills 0.5", "between 0 and 0.5"),
+        ("--fills nan", "nan"),
         ("--reference sofd", "--reference"),
         ("--vary sofd:decision.credible_threshold=0.8", "soft"),
         ("--vary decision.credible=0.8", "decision.credible"),

@@ -138,12 +138,14 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
     """Return the floors of a league: each pattern at each fill ratio and at its mirror above 1/2.
 
     Raises:
-        InputError: no such pattern, or it does not exist at this fill ratio.
+        InputError: no such pattern, it does not exist at this fill ratio, or that is not below 1/2.
     """
     found: list[LeagueFloor] = []
     for name in patterns:
         check_choice(name, "patterns", PATTERNS)
         for fill in fills:
+            if not 0.0 < fill < 0.5:
+                raise InputError(f"{fill:g} is not between 0 and 0.5; its mirror is added", field="fills")
             source = f"{name}:{fill:g}"
             if is_random(source):
                 above = f"{name}:{1.0 - fill:g}"
