@@ -52,6 +52,7 @@ LAYERS_ABOVE: Final = (
     "run_page",
     "study",
     "optimize",
+    "league",
     "recordings",
     "calibrate",
     "paper",
