@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -78,16 +79,9 @@ def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFr
                 "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
                 "No significant difference is not evidence of no difference.",
             ),
-            (ReportTable(differences, {"name": Column("entry")}, name="differences"),),
+            (ReportTable(_side_by_side(differences), {"name": Column("entry")}, name="differences"),),
         ),
-        Section(
-            "At equal error, and at equal time",
-            (
-                "Along the front of each strategy's own entries: the time at which it reaches the reference's forced "
-                "error, and its forced error at the reference's decision time. A dash: its front does not reach there.",
-            ),
-            (ReportTable(fronts, {"error_at_equal_time": PERCENT}, name="fronts"),),
-        ),
+        *_fronts_section(fronts),
         Section("Floor by floor", (), (picture_of(heat, "floors"),)),
         Section(
             "All figures, floor by floor",
@@ -172,6 +166,55 @@ def _share(row: Mapping[str, float], name: str) -> str:
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     limits = "" if low is None or high is None else f" [{100 * low:.1f}, {100 * high:.1f}]"
     return f"{100 * row[name]:.1f} %{limits}"
+
+
+def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section of fronts, if a strategy has more than one entry."""
+    if not (fronts["points"] > 1).any():
+        return ()
+    rows = [
+        {
+            "strategy": row["strategy"],
+            "entries on its front": row["points"],
+            "time at equal error (s)": row["time_at_equal_error_s"],
+            "time, 95 %": _limits(row, "time_at_equal_error_s", 1, ".0f"),
+            "error at equal time (%)": _times_100(row["error_at_equal_time"]),
+            "error, 95 %": _limits(row, "error_at_equal_time", 100, ".1f"),
+        }
+        for row in fronts.iter_rows(named=True)
+    ]
+    reference, time_s, error = fronts.select("reference", "reference_time_s", "reference_error").row(0)
+    text = (
+        f"Along the front of each strategy's own entries: the time at which it reaches the forced error of {reference} "
+        f"({100 * error:.1f} %), and its forced error at the decision time of {reference} ({time_s:.0f} s). A dash: "
+        "its front does not reach there."
+    )
+    table = ReportTable(pl.DataFrame(rows, infer_schema_length=None), name="fronts")
+    return (Section("At equal error, and at equal time", (text,), (table,)),)
+
+
+def _side_by_side(differences: pl.DataFrame) -> pl.DataFrame:
+    """Return one row an entry: both figures with limits as text and p-values."""
+    rows: dict[str, dict[str, Any]] = {}
+    for row in differences.iter_rows(named=True):
+        scale, title, form = (
+            (100, "forced error (points)", "+.1f")
+            if row["figure"] == "forced_error"
+            else (1, "decision time (s)", "+.0f")
+        )
+        what = title.partition(" (")[0]
+        rows.setdefault(row["name"], {"name": row["name"], "reference": row["reference"]}).update(
+            {
+                title: scale * row["difference"],
+                f"{what}, 95 %": _limits(row, "difference", scale, form),
+                f"{what}, p": row["p_holm"],
+            }
+        )
+    return pl.DataFrame(list(rows.values()), infer_schema_length=None)
+
+
+def _times_100(value: float | None) -> float | None:
+    return None if value is None else 100.0 * value
 
 
 def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
