@@ -15,6 +15,7 @@ import re
 import secrets
 import shutil
 import socket
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -296,6 +297,8 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
             except OSError:
                 if not (left and replace):
                     raise
+                # Longer at each try, and not as long as others: without, a process may lose every time.
+                time.sleep(0.0005 * (MAX_TRIES - left) * (1 + os.getpid() % 7))
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
