@@ -26,7 +26,7 @@ ROBOT_STEPS = 2_000_000
 """About so many control periods of a robot are simulated, so that no scenario takes much longer than another."""
 
 RAY_COUNTS = (1, 2, 3, 3, 5, 9)
-"""Numbers of rays; engines are compiled for each anew."""
+"""Numbers of rays; engines are compiled for each of them."""
 
 
 class Choice(Protocol):

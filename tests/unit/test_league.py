@@ -15,7 +15,16 @@ from hypothesis import strategies as st
 from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import FILLS, PATTERNS, Entry, entries_of, floors_of, frozen_settings, varied
+from vibroswarm.league.entries import (
+    FILLS,
+    PATTERNS,
+    Entry,
+    entries_of,
+    floors_of,
+    frozen_settings,
+    read_settings,
+    varied,
+)
 from vibroswarm.league.fronts import front_of, front_table, on_line
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.scenario import plugins
@@ -257,6 +266,29 @@ def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
     file.write_text("none = 3\n", encoding="utf-8")
     assert main(["league", *SMALL, *QUICK[:-1], "--settings", str(file)]) == 2
     assert "none" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_strategy_of_the_users_own_plays_and_is_tuned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = tmp_path / "guesses.py"
+    code.write_text(GUESSES, encoding="utf-8")
+    line = [*SMALL[:-1], f"none,{code}:guess"]
+    vary = ["--vary", "guess:strategy.guess.answer=0,1"]
+    assert main(["league", *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "2"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
+    assert set(rows) == {"none", "guess (answer 0)", "guess (answer 1)"}
+    assert rows["guess (answer 1)"]["forced_error"] == 0.5
+    spaces, found = tmp_path / "spaces.toml", tmp_path / "found.toml"
+    own = [*SMALL[:-1], f"{code}:guess", *QUICK[:-1], "--points", "4"]
+    assert main(["tune", *own, "--out", str(found)]) == 2
+    assert "no space to search for 'guess'" in capsys.readouterr().err
+    assert not found.exists()
+    spaces.write_text('[guess]\n"strategy.guess.answer" = { from = 0.0, to = 1.0 }\n', encoding="utf-8")
+    assert main(["tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
+    assert set(read_settings(found)) == {"guess"}
+    assert main(["league", *line, *QUICK[:-1], "--settings", str(found), "--json"]) == 0
 
 
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from vibroswarm.cli.league import add_league_options, players_from, values_text
@@ -29,6 +30,12 @@ def add_parser(commands: Any) -> None:
     group.add_argument(
         "--points", metavar="N", type=whole, default=64, help="settings tried per strategy (default 64)"
     )
+    group.add_argument(
+        "--spaces",
+        metavar="FILE",
+        type=Path,
+        help='bounds of the fields to search, in TOML: [voter] with "strategy.voter.phase_s" = { from = 5, to = 90 }',
+    )
     add_out(group, "write the settings here, for 'vibroswarm league --settings'", metavar="FILE", force=True)
     parser.set_defaults(run=run)
 
@@ -38,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_paragraph, print_table
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.core.atomic_io import whole_file
-    from vibroswarm.league.tuning import AGAIN, FINALISTS, tune
+    from vibroswarm.league.entries import read_settings
+    from vibroswarm.league.tuning import AGAIN, FINALISTS, spaces, tune
 
     names, base, floors, robots = players_from(arguments)
     with ExitStack() as stack:
@@ -50,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             names,
             floors,
             robots,
+            space_of=spaces() | (read_settings(arguments.spaces) if arguments.spaces else {}),
             points=arguments.points,
             runs=arguments.runs,
             seed=arguments.seed,

@@ -115,7 +115,7 @@ class Replayer(ABC):
 
     def enlarge_buffer(self) -> None:
         """Double the buffer that was full."""
-        raise NotImplementedError
+        raise NotImplementedError  # only a kernel with a buffer can say that it is full
 
     def clear(self) -> None:
         """Zero all states and arrays, as ``begin`` expects them."""

@@ -25,8 +25,9 @@ from typing import Any, Final
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.source import is_random, pattern
+from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names
-from vibroswarm.strategies import known, strategy
+from vibroswarm.strategies import strategy
 
 PATTERNS: Final = ("random", "diagonal", "stripe", "block-diagonal", "alternating")
 SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
@@ -41,13 +42,14 @@ class Entry:
 
     Args:
         label: its name in tables. strategy: the strategy's name. settings: by field of the scenario.
-        tuned: whether the settings were chosen for a league.
+        tuned: whether the settings were chosen for a league. code: of a user's strategy, as a scenario names it.
     """
 
     label: str
     strategy: str
     settings: Mapping[str, Any]
     tuned: bool = False
+    code: str | None = None
 
     @property
     def bytes_on_air(self) -> int:
@@ -74,19 +76,29 @@ def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) 
     """Return an entry for each strategy.
 
     Args:
-        names: of strategies, each once. settings: by strategy, see above; of others they are not read.
+        names: of strategies, each once; or code that is loaded (``plugins.load_file``). settings: by strategy, see
+            above; of others they are not read.
     Raises:
         InputError: a strategy is unknown or occurs twice, or a field is unknown.
     """
-    for name in names:
-        check_choice(name, "strategy", known())
-        if list(names).count(name) > 1:
-            raise InputError(f"'{name}' occurs twice", field="strategy")
+    codes = {plugins.name_in(name) if plugins.is_code(name) else name: name for name in names}
+    if len(codes) < len(names):
+        raise InputError("a strategy occurs twice", field="strategy")
     fields = field_names()
-    for name, values in settings.items():
-        for field in values:
+    for name in codes:
+        check_choice(name, "strategy", plugins.known_for("strategy", name))
+        for field in settings.get(name, {}):
             check_choice(field, f"settings of {name}", fields)
-    return tuple(Entry(name, name, dict(settings.get(name, {})), name in settings) for name in names)
+    return tuple(
+        Entry(
+            name,
+            name,
+            dict(settings.get(name, {})),
+            name in settings,
+            given if plugins.is_code(given) else None,
+        )
+        for name, given in codes.items()
+    )
 
 
 def varied(

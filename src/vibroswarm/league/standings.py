@@ -66,7 +66,8 @@ class League:
     def study(self) -> Study:
         """The study of all cells: entries, then floors, then sizes, the last varying fastest."""
         players = [
-            {LABEL: entry.label, "strategy.name": entry.strategy, **entry.settings} for entry in self.entries
+            {LABEL: entry.label, "strategy.name": entry.code or entry.strategy, **entry.settings}
+            for entry in self.entries
         ]
         where = {
             "floor.source": [floor.source for floor in self.floors],

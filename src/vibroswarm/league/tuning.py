@@ -26,7 +26,7 @@ import tomli_w
 
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import Entry, LeagueFloor
+from vibroswarm.league.entries import Entry, LeagueFloor, entries_of
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.factors import points_of
@@ -89,21 +89,27 @@ def tune(
         InputError: a strategy has no space.
     """
     known = spaces() if space_of is None else space_of
-    for name in strategies:
-        if name not in known:
-            raise InputError(f"no space to search for '{name}'; give one", field="strategy")
+    players = entries_of(strategies, {})
+    for player in players:
+        if player.strategy not in known:
+            raise InputError(f"no space to search for '{player.strategy}'; give one", field="strategy")
     league = League(base, (Entry(BASE, base.strategy.name, {}),), tuple(floors), tuple(robots), runs, seed)
     second = replace(league, runs=AGAIN * runs, seed=seed + 1)
     settings, tables = {}, []
     target = second.play(**how).interval(0, "forced_error").estimate
-    for done, name in enumerate(strategies):
-        progress(done / len(strategies))
+    for done, player in enumerate(players):
+        progress(done / len(players))
+        name = player.strategy
         ranges = {field: given for field, given in known[name].items() if isinstance(given, Mapping)}
         fixed = {field: given for field, given in known[name].items() if field not in ranges}
         drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
-        first = [Entry(f"{name} {k}", name, fixed | _rounded(point)) for k, point in enumerate(drawn)]
+        default = replace(player, label=f"{name} by default", settings=fixed)
+        first = [
+            replace(player, label=f"{name} {k}", settings=fixed | _rounded(point))
+            for k, point in enumerate(drawn)
+        ]
         ranked = by_criterion(replace(league, entries=tuple(first)).play(**how), target)
-        finalists = [first[k] for k in ranked[:FINALISTS]] + [Entry(f"{name} by default", name, fixed)]
+        finalists = [*(first[k] for k in ranked[:FINALISTS]), default]
         found = replace(second, entries=tuple(finalists)).play(**how)
         best = by_criterion(found, target)[0]
         settings[name] = dict(finalists[best].settings)
