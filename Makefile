@@ -14,7 +14,7 @@ demo: $(VENV)/run.done
 	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 2 --out "$(OUT)" --force
 
 test: $(VENV)/dev.done
-	$(BIN)/python -m pytest -n 2 $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 docs: $(VENV)/docs.done
 	$(BIN)/python -m sphinx -q -E -W --keep-going -b html docs "$(SITE)"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -17,6 +19,25 @@ pytest_plugins = ["helpers.recordings", "helpers.browser"]
 settings.register_profile("ci", derandomize=True, print_blob=True)
 if os.environ.get("CI") == "true":
     settings.load_profile("ci")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile both engines side by side before worker processes start, each of which would compile both."""
+    if not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    compiling = [
+        subprocess.Popen([sys.executable, "-c", COMPILE, engine]) for engine in ("event", "fixed-step")
+    ]
+    codes = [process.wait() for process in compiling]
+    if any(codes):
+        raise pytest.UsageError("the engines cannot be compiled, see above")
+
+
+COMPILE = """
+import sys
+from vibroswarm import preset, simulate
+simulate(preset("paper").with_values({"run.t_end_s": 20.0}), 1, motion=sys.argv[1])
+"""
 
 
 @pytest.fixture(scope="session")
