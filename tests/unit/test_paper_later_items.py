@@ -15,6 +15,7 @@ from vibroswarm.paper.items import (
     experiment_accuracy,
     experiment_times,
     experiments,
+    hidden_threshold,
     search_repeats,
     sharing,
     timer,
@@ -44,6 +45,44 @@ def test_a_choice_that_is_worse_here_has_the_regret_that_it_costs() -> None:
     here = cost[:, None] + random.normal(0.0, 0.02, (12, 400))
     assert sharing.regrets(there, here).mean() == pytest.approx(1.1, abs=0.01)
     assert sharing.regrets(here, here).mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def made_up_front(random: np.random.Generator, runs: int) -> dict[float, dict[str, np.ndarray]]:
+    """Times that rise with p_c and errors that fall; runs have luck in common."""
+    luck = random.normal(0.0, 1.0, runs)
+    return {
+        p: {
+            "decision_time_s": 1000.0 * p + 50.0 * luck + random.normal(0.0, 20.0, runs),
+            "wrong_share": 0.5 * (1.0 - p) + 0.05 * luck + random.normal(0.0, 0.02, runs),
+            "undecided_share": 0.4 * p - 0.05 * luck,
+        }
+        for p in (0.6, 0.7, 0.8, 0.9)
+    }
+
+
+def test_a_strategy_with_another_threshold_gains_nothing_and_a_better_one_what_it_is_better_by() -> None:
+    """Soft feedback made up: half way between two thresholds of the front, and the same with 4 points less wrong."""
+    random, same, better = np.random.default_rng(9), [], []
+    for _ in range(60):
+        front = made_up_front(random, 200)
+        soft = {name: (front[0.7][name] + front[0.8][name]) / 2 for name in hidden_threshold.FIGURES}
+        found = hidden_threshold.match(front, soft)
+        assert found is not None
+        assert found.thresholds == pytest.approx((0.75, 0.75), abs=0.02)
+        same.append((found.figures["wrong_share"] - soft["wrong_share"]).mean())
+        less = {**soft, "wrong_share": soft["wrong_share"] - 0.04}
+        again = hidden_threshold.match(front, less)
+        assert again is not None
+        better.append((again.figures["wrong_share"] - less["wrong_share"]).mean())
+    assert abs(np.mean(same)) < 4 * np.std(same) / np.sqrt(60) + 1e-6
+    assert np.mean(better) == pytest.approx(0.04, abs=0.002)
+
+
+def test_beyond_the_front_nothing_is_matched() -> None:
+    front = made_up_front(np.random.default_rng(10), 50)
+    for time_s in (100.0, 2000.0):
+        soft = {**front[0.7], "decision_time_s": np.full(50, time_s)}
+        assert hidden_threshold.match(front, soft) is None
 
 
 def test_spread_over_subsets_is_that_of_all_subsets_of_a_pool() -> None:
@@ -89,6 +128,11 @@ def test_short_searches_have_seeds_of_their_own_and_grow_in_number_with_the_runs
 
 
 def test_cells_differ_in_what_is_asked_alone() -> None:
+    hidden = hidden_threshold.cells(Settings())
+    for robots in hidden_threshold.SIZES:
+        pair = [hidden[robots, "random:0.52", "none", p].scenario for p in (0.7, 0.95)]
+        assert set(differences(*pair)) == {"decision.credible_threshold"}
+    assert hidden_threshold.cells(Settings(columns=("calibrated",))) == {}
     timers = timer.cells(Settings())
     always, frozen = (timers[name, "none"].scenario for name in (timer.ALWAYS, timer.FROZEN))
     assert differences(always, frozen) == {"sample.timer": "always"}

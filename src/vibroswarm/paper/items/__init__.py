@@ -20,6 +20,7 @@ def all_items() -> tuple[Item, ...]:
         feedback_grid,
         fill_ratios,
         headline,
+        hidden_threshold,
         patterns,
         readings,
         search,
@@ -47,6 +48,7 @@ def all_items() -> tuple[Item, ...]:
         search_repeats,
         timer,
         experiment_accuracy,
+        hidden_threshold,
     )
     return tuple(module.ITEM for module in modules)
 
