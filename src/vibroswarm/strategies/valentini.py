@@ -147,8 +147,9 @@ def on_timer_dc(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 and a.quality[j] > s.quality else s.opinion, p)
-    out.quality = quality(s)
-    return go_on(s, t_s, out, u(d, 0), 1.0, p)
+    sends = go_on(s, t_s, u(d, 0), 1.0, p)
+    out.bit, out.quality = s.opinion, quality(s)
+    return sends
 
 
 def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
@@ -156,14 +157,16 @@ def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: Wor
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 else s.opinion, p)
-    return go_on(s, t_s, out, u(d, 0), quality(s), p)
+    out.bit = s.opinion
+    return go_on(s, t_s, u(d, 0), quality(s), p)
 
 
 def on_timer_dmmd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Take over the majority's opinion, explore or disseminate."""
     if s.is_disseminating and is_over(s, t_s):
         settle(s, a.order, majority(a.order, a.opinion, s.heard - p.max_opinions, s.opinion), p)
-    return go_on(s, t_s, out, u(d, 0), quality(s), p)
+    out.bit = s.opinion
+    return go_on(s, t_s, u(d, 0), quality(s), p)
 
 
 def decision(s: Row, a: Row, p: Row, w: World) -> int:
@@ -240,8 +243,8 @@ def forget(order: Row) -> None:
 
 
 @inlined
-def go_on(s: Row, t_s: float, out: Row, number: float, share: float, p: Row) -> bool:
-    """Disseminate, or change to the next phase; return whether ``out`` is sent.
+def go_on(s: Row, t_s: float, number: float, share: float, p: Row) -> bool:
+    """Disseminate, or change to the next phase; return whether the opinion is sent.
 
     Args:
         number: a uniform number. share: mean time of a dissemination by ``disseminate_s``.
@@ -255,7 +258,6 @@ def go_on(s: Row, t_s: float, out: Row, number: float, share: float, p: Row) -> 
         s.is_disseminating, s.quality = True, quality(s)
         s.phase_end_s = t_s - p.disseminate_s * share * math.log(number) + p.listen_s
     s.next_s = min(t_s + p.interval_s, s.phase_end_s)
-    out.bit = s.opinion
     return True
 
 
