@@ -148,7 +148,7 @@ def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) 
     ("block", "told"),
     [
         ({"cost": "intendet"}, "did you mean 'intended'"),
-        ({"cost": 3}, "no text"),
+        ({"cost": 3}, "not a text"),
         ({"statistic": "median"}, "quantile"),
         ({"statistic": "quantile 2"}, "quantile"),
         ({"over": "best"}, "worst, mean"),

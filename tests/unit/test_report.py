@@ -272,7 +272,7 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1
 
 @pytest.mark.parametrize("inside", ["<path", "&x;"])
 def test_a_picture_that_is_no_svg_is_refused(inside):
-    with pytest.raises(InputError, match="is no SVG"):
+    with pytest.raises(InputError, match="is not an SVG"):
         inline_svg(f"{HEAD}{inside}</svg>", "p-", "label")
 
 

@@ -224,5 +224,5 @@ def test_what_told_good_candidates_from_the_rest() -> None:
     assert sum(shares.values()) == pytest.approx(1.0)
     assert set(shares) == set(search.space.names)
     assert next(iter(shares)) != "strategy.name"  # two robots that know nothing of each other's decision
-    with pytest.raises(InputError, match="no share"):
+    with pytest.raises(InputError, match="not a share"):
         ped_anova(found, 2.0)

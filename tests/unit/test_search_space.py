@@ -65,7 +65,7 @@ def test_a_space_comes_back_from_its_block() -> None:
         ({"walk.leg_min": {"from": 0, "to": 1}}, "did you mean 'walk.leg_m"),
         ({"walk.leg_min_ms": [1]}, "at least two"),
         ({"walk.leg_min_ms": {"from": 0, "to": 1, "steps": 3}}, "for a grid"),
-        ({"walk.leg_min_ms": 3}, "no range"),
+        ({"walk.leg_min_ms": 3}, "not a range"),
         ({"walk.leg_min_ms": {"from": "a", "to": 1}}, "give a number"),
         ({"preset": ["paper", "text"]}, "name fields"),
         ({}, "empty"),
@@ -82,7 +82,7 @@ def test_spaces_that_are_wrong(block: dict[str, object], told: str) -> None:
         ({"walk.leg_min_ms": 5}, "strategy.name: is missing"),
         ({"walk.leg_min_ms": 50, "strategy.name": "soft"}, "outside the bounds 0 to 10"),
         ({"walk.leg_min_ms": 5, "strategy.name": "positive"}, "not among"),
-        ({"walk.leg_min_ms": "5", "strategy.name": "soft"}, "no number"),
+        ({"walk.leg_min_ms": "5", "strategy.name": "soft"}, "not a number"),
         ({"walk.leg_min_ms": 5, "strategy.name": "soft", "run.t_end_s": 3}, "not in the space"),
     ],
 )

@@ -92,7 +92,7 @@ def test_runs_that_end_when_all_have_decided_share_nothing():
 
 @pytest.mark.parametrize("text", ["5/4", "0/4", "1/0", "3", "a/b", "-1/4", "1/4/2", "", "1.5/4"])
 def test_what_is_no_share_is_said(text: str) -> None:
-    with pytest.raises(InputError, match="is no job; give one such as 3/16"):
+    with pytest.raises(InputError, match="is not a job; give one such as 3/16"):
         Job.from_words(text)
 
 

@@ -230,7 +230,7 @@ def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         Store.open(copy)
     head.unlink()
-    with pytest.raises(InputError, match="is no study of vibroswarm"):
+    with pytest.raises(InputError, match="is not a study of vibroswarm"):
         Store.open(copy)
 
 
@@ -430,6 +430,6 @@ def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_
     about.write_text(about.read_text().replace(versions()["numpy"], "0.1"))
     with pytest.raises(InputError, match=r"numpy 0\.1"):
         merge(tmp_path / "out", [copy])
-    with pytest.raises(InputError, match="is no study"):
+    with pytest.raises(InputError, match="is not a study"):
         merge(tmp_path / "out", [tmp_path])
     assert not (tmp_path / "out").exists()

@@ -106,7 +106,7 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
         InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
     """
     if not t_end_s > 0:
-        raise InputError(f"{t_end_s!r} is no end of a run; give a time above 0, s", field="t_end_s")
+        raise InputError(f"{t_end_s!r} is not an end of a run; give a time above 0, s", field="t_end_s")
     by_run = ByRun(robots)
     means = {
         "decision_time_s": by_run.mean(by_run.capped_time_s(t_end_s)),

@@ -96,9 +96,9 @@ def pooled_counting(
     """
     check_level(level)
     if rule not in RULES:
-        raise InputError(f"'{rule}' is no rule of pooled counting; count or belief", field="rule")
+        raise InputError(f"'{rule}' is not a rule of pooled counting; count or belief", field="rule")
     if not 0.0 <= undecided_counts <= 1.0:
-        raise InputError(f"{undecided_counts!r} is no share; from 0 to 1", field="undecided_counts")
+        raise InputError(f"{undecided_counts!r} is not a share; from 0 to 1", field="undecided_counts")
     t_end_s = result.scenario.run.t_end_s
     table = run_figures(result.robots, result.runs, t_end_s).filter(pl.col("truth").is_not_null())
     if table.height < 4:

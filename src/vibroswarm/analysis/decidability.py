@@ -152,7 +152,7 @@ def decidability_of_share(
         InputError: a share, level or error outside its range.
     """
     if not 0.0 <= share <= 1.0:
-        raise InputError(f"{share!r} is no share; give a number from 0 to 1", field="share")
+        raise InputError(f"{share!r} is not a share; give a number from 0 to 1", field="share")
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
     says = _words(verdict, share, boundary, boundary, truth)
@@ -269,7 +269,7 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
         InputError: an error that is not between 0 and 0.5.
     """
     if not 0.0 < error < 0.5:
-        raise InputError(f"{error!r} is no error to aim at; give a share below 0.5", field="error")
+        raise InputError(f"{error!r} is not an error to aim at; give a share below 0.5", field="error")
     distance = abs(share - boundary)
     if distance < ON:
         return None

@@ -145,7 +145,7 @@ def needed(
     alarm_rate = error if false_alarms is None else false_alarms
     for name, value in (("error", error), ("false_alarms", alarm_rate)):
         if not 0.0 < value < 1.0:
-            raise InputError(f"{value!r} is no error to aim at; give a share such as 0.05", field=name)
+            raise InputError(f"{value!r} is not an error to aim at; give a share such as 0.05", field=name)
     if of not in ("swarm", "robots"):
         raise InputError(f"'{of}' cannot miss; swarm or robots", field="of")
     rows = []

@@ -85,7 +85,7 @@ def check_level(level: float) -> None:
         InputError: it is outside.
     """
     if not 0.0 < level < 1.0:
-        raise InputError(f"{level!r} is no level of confidence; give a share such as 0.95", field="level")
+        raise InputError(f"{level!r} is not a level of confidence; give a share such as 0.95", field="level")
 
 
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
@@ -325,7 +325,7 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     """
     check_level(level)
     if not 0.0 < share < 1.0:
-        raise InputError(f"{share!r} is no quantile; give a share such as 0.5", field="share")
+        raise InputError(f"{share!r} is not a quantile; give a share such as 0.5", field="share")
     runs = np.sort(finite(values))
     n = runs.size
     if n == 0:

@@ -130,7 +130,7 @@ def could_be_known(
     if result.runs["stopped_early"].any():
         raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
     if not 0.0 < alpha < 0.5:
-        raise InputError(f"{alpha!r} is no posterior error; give a share below 0.5", field="alpha")
+        raise InputError(f"{alpha!r} is not a posterior error; give a share below 0.5", field="alpha")
     t_end_s = result.scenario.run.t_end_s
     times = _times(t_end_s, times_s)
     chains = needs_chains(result.scenario.sensor)

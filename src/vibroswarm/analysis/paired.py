@@ -205,5 +205,5 @@ def equivalent(interval: Interval, margin: float) -> bool:
         InputError: a margin that is not above 0.
     """
     if not margin > 0:
-        raise InputError(f"{margin!r} is no margin; give a number above 0", field="margin")
+        raise InputError(f"{margin!r} is not a margin; give a number above 0", field="margin")
     return bool(-margin < interval.low < interval.high < margin)

@@ -94,7 +94,7 @@ def log_prior(prior: Prior, tiles: int) -> Values:
         if prior == "counts":
             return np.full(tiles + 1, -math.log(tiles + 1.0))
         raise InputError(
-            f"'{prior}' is no prior; tiles, counts, mirror or {tiles + 1} numbers", field="prior"
+            f"'{prior}' is not a prior; tiles, counts, mirror or {tiles + 1} numbers", field="prior"
         )
     weights = np.asarray(prior, dtype=np.float64).ravel()
     if weights.size != tiles + 1 or not (weights >= 0).all() or not 0 < weights.sum() < np.inf:

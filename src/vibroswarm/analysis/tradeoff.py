@@ -60,7 +60,7 @@ def time_error_curve(
     if not settings:
         raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
     if not 0.0 <= undecided_counts <= 1.0:
-        raise InputError(f"{undecided_counts!r} is no share; from 0 to 1", field="undecided_counts")
+        raise InputError(f"{undecided_counts!r} is not a share; from 0 to 1", field="undecided_counts")
     for name, value in (("batch", batch), ("workers", workers)):
         if value < 1:
             raise InputError(f"{value} is too few; at least 1", field=name)

@@ -77,7 +77,7 @@ class Objective:
                                  field=f"objective.{name}")  # fmt: skip
             number_of(value, f"objective.{name}")
             if self.name == "time_at_error" and not 0 < value < 1:
-                raise InputError(f"{value!r} is no share; give one above 0", field=f"objective.{name}")
+                raise InputError(f"{value!r} is not a share; give one above 0", field=f"objective.{name}")
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Objective:
@@ -92,7 +92,7 @@ class Objective:
         for key, value in named.items():
             if not isinstance(value, str):
                 key = "cost" if key == "name" else key
-                raise InputError(f"{value!r} is no text", field=f"objective.{key}")
+                raise InputError(f"{value!r} is not a text", field=f"objective.{key}")
         return cls(**named, parameters=values)
 
     def as_values(self) -> dict[str, Any]:

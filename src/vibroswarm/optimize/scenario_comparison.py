@@ -83,7 +83,7 @@ def scenario_named(text: str, field: str) -> Scenario:
         return preset(text)
     if not Path(text).is_file():
         raise InputError(
-            f"'{text}' is no file and no preset (there are {', '.join(preset_names())})", field=field
+            f"'{text}' is neither a file nor a preset (there are {', '.join(preset_names())})", field=field
         )
     return Scenario.read(text)
 

@@ -200,7 +200,7 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
         InputError: Optuna is not there, too few candidates, or a share outside (0, 1).
     """
     if not 0 < best_share < 1:
-        raise InputError(f"{best_share!r} is no share", field="best_share")
+        raise InputError(f"{best_share!r} is not a share", field="best_share")
     library, archive = optuna(), found.archive
     distributions = {d.name: distribution_of(library, d) for d in archive.space}
     scored = [(c, archive.score(c.key)) for c in archive.candidates]

@@ -96,7 +96,7 @@ class Dimension:
                 raise InputError(f"{value!r} is not among {list(self.choices)}", field=self.name)
             return (self.choices.index(value) + 0.5) / len(self.choices)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{value!r} is no number", field=self.name)
+            raise InputError(f"{value!r} is not a number", field=self.name)
         if not self.low <= value <= self.high:
             raise InputError(
                 f"{value:g} lies outside the bounds {self.low:g} to {self.high:g}; widen them or move it",

@@ -95,7 +95,9 @@ def write_picture(
     """
     unknown = [kind for kind in formats if kind not in FORMATS]
     if unknown:
-        raise InputError(f"'{unknown[0]}' is no format of a picture; {', '.join(FORMATS)}", field="formats")
+        raise InputError(
+            f"'{unknown[0]}' is not a format of a picture; {', '.join(FORMATS)}", field="formats"
+        )
     base = Path(path_without_suffix)
     written = []
     for kind in formats:

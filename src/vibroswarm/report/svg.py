@@ -32,9 +32,9 @@ def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
     try:
         root = ElementTree.fromstring(text[max(text.find("<svg"), 0) :])
     except ElementTree.ParseError as error:
-        raise InputError(f"is no SVG: {error}", field="svg") from None
+        raise InputError(f"is not an SVG: {error}", field="svg") from None
     if _local(root.tag) != "svg" or not root.get("viewBox"):
-        raise InputError("is no SVG with a viewBox", field="svg")
+        raise InputError("is not an SVG with a viewBox", field="svg")
     width = float(re.split(r"[\s,]+", root.get("viewBox", "").strip())[2]) * 96 / 72
     drawing = _prefixed(root, prefix)
     for name in ("width", "height"):

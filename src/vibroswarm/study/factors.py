@@ -196,7 +196,7 @@ def _values(given: Any, name: str) -> list[Any]:
             raise InputError("its steps are smaller than 1, and it is of whole numbers", field=name)
         return values
     if not isinstance(given, Sequence) or isinstance(given, str):
-        raise InputError(f"{given!r} is no list; write [{given!r}]", field=name)
+        raise InputError(f"{given!r} is not a list; write [{given!r}]", field=name)
     if not given:
         raise InputError("is empty; give at least one value", field=name)
     return list(given)
@@ -225,7 +225,7 @@ def rounded(value: float, whole: bool) -> float | int:
 def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
     """Return the ends of a range of the field ``name``, its scale, and whether its numbers are whole."""
     if not isinstance(given, Mapping):
-        raise InputError(f"{given!r} is no range; write {{from = 1, to = 2}}", field=name)
+        raise InputError(f"{given!r} is not a range; write {{from = 1, to = 2}}", field=name)
     for key in given:
         if key not in _RANGE:
             raise InputError(f"there is no such part of a range{nearest(key, _RANGE)}", field=f"{name}.{key}")

@@ -41,7 +41,7 @@ class Precision:
     def __post_init__(self) -> None:
         if not (isinstance(self.half_width, float) and 0 < self.half_width < 1):
             raise InputError(
-                f"{self.half_width!r} is no precision; give a percentage such as 2%", field="until"
+                f"{self.half_width!r} is not a precision; give a percentage such as 2%", field="until"
             )
         check_choice(self.figure, "figure", FIGURES)
         whole_number_of(self.max_runs, "max_runs", FIRST_LOOK, 10**9)
@@ -89,5 +89,5 @@ def share_from(text: Any, field: str) -> float:
         with suppress(InvalidOperation):  # 21.9 hundredths are 0.219
             share = float(Decimal(text.strip()[:-1]) / 100)
     if not 0 < share < 1:
-        raise InputError(f"{text!r} is no percentage; give one such as 2%", field=field)
+        raise InputError(f"{text!r} is not a percentage; give one such as 2%", field=field)
     return share

@@ -41,7 +41,7 @@ class Job(NamedTuple):
         """Parse ``"3/16"``."""
         number, _, total = text.partition("/")
         if not (number.isdecimal() and total.isdecimal() and 1 <= int(number) <= int(total)):
-            raise InputError(f"'{text}' is no job; give one such as 3/16", field="--shard")
+            raise InputError(f"'{text}' is not a job; give one such as 3/16", field="--shard")
         return cls(int(number), int(total))
 
     def has(self, group: Group, block: int) -> bool:
@@ -131,7 +131,7 @@ def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
     match = re.fullmatch(r"(\d+):(\d+)-(\d+)", batch)
     group, first, last = map(int, match.groups()) if match else (0, 0, 0)
     if not first < last <= MOST_RUNS:
-        raise InputError(f"'{batch}' is no batch; GROUP:FIRST-LAST, such as 0:200-400", field="--batch")
+        raise InputError(f"'{batch}' is not a batch; GROUP:FIRST-LAST, such as 0:200-400", field="--batch")
     groups = plan_of(study).groups
     if group >= len(groups):
         raise InputError(f"there is no group {group}; the study has {len(groups)}, from 0", field="--batch")

@@ -214,7 +214,7 @@ class Study:
             raise InputError("goes with 'until'", field=both[0])
         for key, kind, words in (("name", str, "text"), ("motion", str, "text"), ("keep", list, "list")):
             if key in values and not isinstance(values[key], kind):
-                raise InputError(f"{values[key]!r} is no {words}", field=key)
+                raise InputError(f"{values[key]!r} is not a {words}", field=key)
         return cls(
             base=base,
             vary=blocks,

@@ -137,7 +137,7 @@ class Store:
         folder = Path(folder)
         head = folder / HEAD
         if not head.exists():
-            raise InputError(f"is no study of vibroswarm (there is no {HEAD})", field=str(folder))
+            raise InputError(f"is not a study of vibroswarm (there is no {HEAD})", field=str(folder))
         head_values = read_json(head, "the head of a study")
         version, saved_hash = entry(head_values, "format", int, head), entry(head_values, "hash", str, head)
         made_by = texts(entry(head_values, "versions", dict, head), "versions", head)

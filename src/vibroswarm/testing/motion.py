@@ -15,7 +15,7 @@ from vibroswarm.testing.motion_tables import TABLE_CHECKS, check_runs_differ
 from vibroswarm.testing.runs import Finding, run_check
 
 WARNINGS_ONLY: Final = (check_runs_differ,)
-"""Checks whose failure is no error: a recording is the same in every run."""
+"""Checks whose failure is not an error: a recording is the same in every run."""
 
 
 def check_motion(name: str) -> list[Finding]:

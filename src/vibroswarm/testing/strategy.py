@@ -81,4 +81,4 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it decides": _decides,
 }
 WARNINGS_ONLY: Final = ("it decides",)
-"""Checks whose failure is no error."""
+"""Checks whose failure is not an error."""

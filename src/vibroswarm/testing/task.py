@@ -96,4 +96,4 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it tells floors apart": _tells_floors_apart,
 }
 WARNINGS_ONLY: Final = ("it tells floors apart",)
-"""Checks whose failure is no error."""
+"""Checks whose failure is not an error."""

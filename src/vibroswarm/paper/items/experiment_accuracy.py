@@ -47,7 +47,7 @@ WHOLE: Final = 8
 """With up to so many robots, all robots of the pool ran, in batches."""
 POOL_RUNS: Final = 300
 POOL_COLUMN: Final = "paper"
-"""Its text draws one speed a robot; `calibrated` names five real robots, which are no pool of 16."""
+"""Its text draws one speed a robot; `calibrated` names five real robots, which are not a pool of 16."""
 BELIEF, DISTANCE = "belief_in_truth", "distance_m"
 GROUPS: Final = 20
 """Groups of runs for the jackknife."""
