@@ -7,11 +7,12 @@ from typing import Final
 import numpy as np
 
 from vibroswarm.core.jit import zero_rows
-from vibroswarm.inference.agents import world_of
+from vibroswarm.inference.agents import sizes_of, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import Timeline, rows_of
-from vibroswarm.inference.generated_kernels import kernels
-from vibroswarm.inference.sample_rows import Deliveries, DeliveryScratch
+from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
+from vibroswarm.inference.inbox import Inbox, empty_inbox, start_capacity
+from vibroswarm.inference.sample_rows import BUFFER_FULL, Deliveries, DeliveryScratch
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
@@ -46,24 +47,28 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
         network_params, network_state = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
         network_params[0] = network.params_row(scenario.network.params)
         sender = strategy_of("none")  # any strategy will do: only the network's functions are called
+        network_arrays = network_arrays_for(sender, network, scenario.network.params, sizes_of(scenario))
         deliver = kernels(sender, network, "deliver_messages").deliver
+        capacity, status = start_capacity(robots), BUFFER_FULL
         with translate_errors(sender, network):
-            deliver(
-                rows_of(timeline), timeline.stops, timeline.tracks if network.reads_positions else NO_TRACKS,
-                _scratch(timeline, network), deliveries, world, network_params, network_state, strategy.bytes_on_air,
-                seed,
-            )  # fmt: skip
+            while status == BUFFER_FULL:
+                status = deliver(
+                    rows_of(timeline), timeline.stops, timeline.tracks if network.reads_positions else NO_TRACKS,
+                    _scratch(timeline, network, empty_inbox(robots, capacity)), deliveries, world, network_params,
+                    network_state, network_arrays, strategy.bytes_on_air, seed,
+                )  # fmt: skip
+                capacity *= 4
         timeline.deliveries[key] = deliveries
     return timeline.deliveries[key]
 
 
-def _scratch(timeline: Timeline, network: Network) -> DeliveryScratch:
+def _scratch(timeline: Timeline, network: Network, inbox: Inbox) -> DeliveryScratch:
     """Allocate the working memory of a delivery computation."""
     robots = timeline.robots
     return DeliveryScratch(
-        arrival=np.empty((timeline.longest, robots), dtype=np.int64),
+        arrival=np.empty(robots, dtype=np.int64),
+        inbox=inbox,
         sent=np.zeros(robots, dtype=np.int64),
-        unread_from=np.zeros(robots, dtype=np.int64),
         x_m=np.zeros(robots if network.reads_positions else 0),
         y_m=np.zeros(robots if network.reads_positions else 0),
         zero_network_state=zero_rows(1, network.state_type),
