@@ -1,7 +1,7 @@
 """How robots of a recording lose messages: one by one, or in bursts; the Gilbert-Elliott model fitted to them.
 
 A log tells how many messages a robot had received at each own sample, not which. Between two samples of a robot,
-``sent`` messages were sent by others and ``received`` were counted; times are those of rows, up to a quarter of a second
+``sent`` messages were sent by others, and ``received`` counted; times are those of rows, up to a quarter of a second
 late, so that a message may be counted a window early or late.
 
 | name | symbol | unit | equation |

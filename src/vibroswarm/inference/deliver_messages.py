@@ -73,6 +73,10 @@ def deliver(
                 arrives = j != i and scratch.arrival[j] >= 0
                 if arrives and not put_message(scratch.inbox, j, m, max(scratch.arrival[j], tick + 1)):
                     return BUFFER_FULL
+            if scratch.log.size > 0:
+                for j in range(robots):
+                    at = scratch.arrival[j] if j != i else -1
+                    scratch.log[k, j] = max(at, tick + 1) if at >= 0 else -1
             scratch.sent[i] += 1
         for i in range(robots):
             filled = read_until(i, stops.walked_tick[first + i], scratch, found, filled)

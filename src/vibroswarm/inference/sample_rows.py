@@ -161,6 +161,8 @@ class DeliveryScratch(NamedTuple):
     """(robots,): positions when a message is sent; empty if the network does not read them."""
     zero_network_state: NDArray[np.void]
     """(1,): a zeroed network state."""
+    log: NDArray[np.int64]
+    """(rows, robots): written, ``arrival`` of every message; empty if not requested."""
 
 
 class HeardMessages(NamedTuple):
