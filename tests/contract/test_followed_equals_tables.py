@@ -206,7 +206,7 @@ class State:
     sent: int
 
 
-def send(n, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
+def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
     n.sent += 1
     for j in range(arrival_tick.size):
         arrival_tick[j] = -1 if u(d, j) < 0.2 else tick + 1 + (7 * n.sent + 13 * j) % 90

@@ -38,7 +38,8 @@ class Busy:
 
 
 def send(
-    n: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any, w: Any
+    n: Any, a: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any,
+    w: Any,
 ) -> None:  # fmt: skip
     n.sent += 1
     for j in range(arrival.size):

@@ -21,7 +21,7 @@ class Sent:
     count: int
 
 
-def send(n, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
+def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):
     n.count += 1
     for j in range(arrival_tick.size):
         arrival_tick[j] = tick + 1 + n.count % 40

@@ -21,7 +21,7 @@ example:
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    from vibroswarm.cli import calibrate_effect, calibrate_fit
+    from vibroswarm.cli import calibrate_bursts, calibrate_effect, calibrate_fit
 
     parser = commands.add_parser(
         "calibrate",
@@ -62,6 +62,7 @@ def add_parser(commands: Any) -> None:
     figures.set_defaults(run=run_figures)
     calibrate_fit.add_parser(tasks)
     calibrate_effect.add_parser(tasks)
+    calibrate_bursts.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
 
 

@@ -69,6 +69,10 @@ def views(arrays: Any, i: int) -> Any:
     return i
 
 
+def clear_network(a: Any) -> None:
+    """Zero the network's arrays, but not the lists among its parameters."""
+
+
 def bit_of(m: Row) -> int:
     """Return the bit of a one-bit message."""
     return 0
@@ -80,7 +84,7 @@ def lost(sender: int, receiver: int, d: Draws, p: Row, w: World) -> bool:
 
 
 def send(
-    n: Row, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any, arrival_tick: Any,
-    d: Draws, p: Row, w: World,
+    n: Row, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
+    arrival_tick: Any, d: Draws, p: Row, w: World,
 ) -> None:  # fmt: skip
     """Fill in the tick from which each robot can read a message; -1: never."""

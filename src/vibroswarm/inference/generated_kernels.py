@@ -53,6 +53,17 @@ class Views(NamedTuple):
 def views(arrays, i):
     return Views({values})
 '''
+NETWORK_ARRAYS: Final = '''
+
+class NetworkArrays(NamedTuple):
+    """The arrays of a network."""
+{fields}
+
+
+@inlined_uncached
+def clear_network(a):
+{zeroed}
+'''
 AS_COUNTS: Final = """
 
 @inlined_uncached
@@ -111,6 +122,16 @@ def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping
     return vars(hooks_of(strategy, network))["Arrays"](**arrays)
 
 
+def network_arrays_for(strategy: Strategy, network: Network, params: object, sizes: Mapping[str, int]) -> Any:
+    """Return the arrays of a network, its lists of parameters among them; 0 if it has none.
+
+    Args:
+        params: of the network. sizes: values of robots, rows, columns and tiles.
+    """
+    arrays = network.arrays_of(params, sizes)
+    return vars(hooks_of(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
+
+
 @cache
 def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
     """Return the module that replaces ``default_hooks``."""
@@ -150,6 +171,14 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
         )
     else:
         text += "\n\n@inlined_uncached\ndef views(arrays, i):\n    return 0\n"
+    lists, of_network = tuple(network.lists), tuple(arrays_of(network.arrays))
+    if lists or of_network:
+        text += NETWORK_ARRAYS.format(
+            fields="\n".join(f"    {field}: Any" for field in (*lists, *of_network)),
+            zeroed="\n".join(f"    a.{field}[:] = 0" for field in of_network) or "    return",
+        )
+    else:
+        text += "\n\n@inlined_uncached\ndef clear_network(a):\n    return\n"
     bit = "m.bit" if "bit" in (strategy.message_type.names or ()) else "0"
     text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {bit}\n"
     text += (

@@ -12,10 +12,11 @@ from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, as_column, final_frame
 from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
-from vibroswarm.inference.replayer import NO_VALUES, replayer_of
+from vibroswarm.inference.replayer import NO_VALUES, MessagesReplayer, Replayer, counts_only, replayer_of
 from vibroswarm.inference.sample_rows import Log, Readings, empty_log
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
+from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -71,6 +72,32 @@ def replay_to_end(scenario: Scenario, seed: int, timeline: Timeline, observation
     return _replay(scenario, seed, timeline, observation, None, None)
 
 
+def sent_messages(
+    scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return sender and tick of the messages of one run, in the order of tick and sender, (messages,) each.
+
+    Args:
+        timeline, observations: of that run alone.
+    """
+    if counts_only(strategy_of(scenario.strategy.name)):  # a message at every sample
+        return timeline.robot.astype(np.int64), timeline.stops.tick
+    replayer = MessagesReplayer(
+        scenario,
+        seed,
+        1,
+        timeline.longest,
+        timeline.robot.size,
+        None,
+        None,
+        network_of(scenario.network.name),
+    )
+    _advance(replayer, scenario, seed, timeline, observations["observation"].to_numpy())
+    buffer = replayer.buffer
+    sent = int(buffer.filled[0])
+    return buffer.sender[:sent].copy(), buffer.tick[:sent].copy()
+
+
 def _replayed(
     scenario: Scenario,
     seed: int,
@@ -99,6 +126,14 @@ def _replay(
         scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,
         log=log, timeline=timeline,
     )  # fmt: skip
+    _advance(replayer, scenario, seed, timeline, observation)
+    return replayer.swarm
+
+
+def _advance(
+    replayer: Replayer, scenario: Scenario, seed: int, timeline: Timeline, observation: NDArray[np.uint8]
+) -> None:
+    """Replay all runs of a timeline from their start to their end."""
     strategy = strategy_of(scenario.strategy.name)
     numbers = timeline.message_uniforms(seed) if uses_uniforms(strategy) else NO_VALUES
     readings = Readings(
@@ -116,7 +151,6 @@ def _replay(
         to_end=True,
         tracks=timeline.tracks if replayer.reads_positions else NO_TRACKS,
     )
-    return replayer.swarm
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

@@ -34,6 +34,7 @@ from vibroswarm.inference.default_hooks import (
     READS_POSITIONS,
     begin,
     belief,
+    clear_network,
     decision,
     lost,
     next_s,
@@ -44,6 +45,7 @@ from vibroswarm.inference.default_hooks import (
     steer,
     views,
 )
+from vibroswarm.inference.inbox import clear_inbox, put_message, take_first
 from vibroswarm.inference.sample_rows import (
     AGREED_SINCE,
     BUFFER_FULL,
@@ -84,19 +86,12 @@ def read_arrived(
     )
     count, since = buffer.filled[0], row.sample_tick + 1
     if HAS_SEND:
-        while True:
-            first, best = -1, NEVER
-            for m in range(row.heard, count):
-                at = buffer.arrival[m, i]
-                if 0 <= at <= walked and at < best:
-                    first, best = m, at
-            if first < 0:
-                break
-            buffer.arrival[first, i] = -1
-            read_message(s, a, buffer, first, max(best, since), seed, run, i, p, w)
+        inbox = buffer.inbox
+        while inbox.first[i] >= 0 and inbox.arrival_tick[inbox.first[i]] <= walked:
+            m, arrival_tick = inbox.message[inbox.first[i]], inbox.arrival_tick[inbox.first[i]]
+            take_first(inbox, i)
+            read_message(s, a, buffer, m, max(arrival_tick, since), seed, run, i, p, w)
             row.received += 1
-        while row.heard < count and buffer.arrival[row.heard, i] < 0:
-            row.heard += 1
         return
     while row.heard < count and buffer.tick[row.heard] < walked:
         m = row.heard
@@ -123,33 +118,35 @@ def read_message(
 @inlined
 def send_message(
     swarm: Swarm, e: int, i: int, tick: int, buffer: MessageBuffer, world: World, seed: int, run: int,
-    network_params: Any, network_state: Any, bytes_on_air: int,
-) -> None:  # fmt: skip
-    """Send the last message in ``buffer`` from robot ``i``."""
+    network_params: Any, network_state: Any, network_arrays: Any, bytes_on_air: int,
+) -> bool:  # fmt: skip
+    """Send the last message in ``buffer`` from robot ``i``; return False if there is no room."""
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
     if HAS_SEND:
         d = send_draws(seed, run, i, row.sent)
-        buffer.arrival[m, :] = -1  # robots that the network leaves out hear nothing
+        buffer.arrival[:] = -1  # robots that the network leaves out hear nothing
         send(
             network_state[0],
+            network_arrays,
             i,
             tick,
             row.sent,
             bytes_on_air,
             buffer.x_m,
             buffer.y_m,
-            buffer.arrival[m],
+            buffer.arrival,
             d,
             network_params[0],
             world_of_robot(world, i),
         )
-        buffer.arrival[m, i] = -1
-        for j in range(buffer.arrival.shape[1]):
-            if buffer.arrival[m, j] >= 0:
-                buffer.arrival[m, j] = max(buffer.arrival[m, j], tick + 1)
+        for j in range(buffer.arrival.size):
+            arrives = j != i and buffer.arrival[j] >= 0
+            if arrives and not put_message(buffer.inbox, j, m, max(buffer.arrival[j], tick + 1)):
+                return False
     row.sent += 1
     buffer.filled[0] += 1
+    return True
 
 
 @inlined
@@ -223,8 +220,8 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
 def replay(
     rows: Rows, stops: Stops, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm,
     messages: NDArray[np.void], buffer: MessageBuffer, tracks: Tracks, log: Log, steering: NDArray[np.float64],
-    world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], bytes_on_air: int, seed: int,
-    from_start: bool, to_end: bool, limit_s: float,
+    world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any,
+    bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limit_s: float,
 ) -> int:  # fmt: skip
     """Replay the runs, one after the other, from where they stopped; return ``DONE`` or an error code.
 
@@ -232,8 +229,9 @@ def replay(
         replayed: (runs,): number of samples replayed so far, updated. messages: (rows,): written, messages sent at
             samples, or empty. buffer: of the current run. tracks: of all runs; empty unless the network reads
             positions. log: written, or empty. steering: (rows, 2), written if the strategy steers, else empty.
-            network_params, network_state: (1,). from_start: restart at time 0. to_end: also read the messages that
-            arrive after the last event. limit_s: replay no later events.
+            network_params, network_state: (1,). network_arrays: its arrays, or 0.
+        from_start: restart at time 0. to_end: also read the messages that arrive after the last event.
+        limit_s: replay no later events.
     """
     robots = swarm.params.size
     for r in range(rows.runs.size):
@@ -245,6 +243,8 @@ def replay(
                     tracks.at[e] = tracks.bounds[e]
             buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
             network_state[0] = buffer.zero_network_state[0]
+            clear_network(network_arrays)
+            clear_inbox(buffer.inbox)
             for i in range(robots):
                 e = first + i
                 begin_agent(swarm.agents[e])
@@ -301,9 +301,11 @@ def replay(
             if sends:
                 if READS_POSITIONS:
                     positions_at(tracks, first, tick, world.tick_ms, buffer.x_m, buffer.y_m)
-                send_message(
-                    swarm, e, i, tick, buffer, world, seed, run, network_params, network_state, bytes_on_air
-                )
+                if not send_message(
+                    swarm, e, i, tick, buffer, world, seed, run, network_params, network_state, network_arrays,
+                    bytes_on_air,
+                ):  # fmt: skip
+                    return BUFFER_FULL
             if not is_timer:
                 replayed[r] += 1
                 if HAS_STEER:

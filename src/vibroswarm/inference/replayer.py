@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, read_only, zero_rows
 from vibroswarm.errors import CodeError
-from vibroswarm.inference.agents import empty_swarm, world_of
+from vibroswarm.inference.agents import empty_swarm, sizes_of, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import NO_REACH, Timeline
-from vibroswarm.inference.generated_kernels import kernels
+from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
+from vibroswarm.inference.inbox import empty_inbox, start_capacity
 from vibroswarm.inference.sample_rows import (
     BUFFER_FULL,
     DONE,
@@ -205,17 +206,22 @@ class MessagesReplayer(Replayer):
             zero_rows(1, network.state_type),
         )
         self.network_params[0] = network.params_row(scenario.network.params)
-        self.buffer = self._message_buffer(longest + 64)
+        self.network_arrays = network_arrays_for(
+            self.strategy, network, scenario.network.params, sizes_of(scenario)
+        )
+        self.buffer = self._message_buffer(longest + 64, start_capacity(self.robots))
 
-    def _message_buffer(self, room: int) -> MessageBuffer:
-        """Allocate a buffer for ``room`` messages."""
+    def _message_buffer(self, room: int, under_way: int) -> MessageBuffer:
+        """Allocate a buffer for ``room`` messages, and ``under_way`` pairs of an unread message and a receiver."""
         strategy, network = self.strategy, self.network
+        receivers = self.robots if network.send is not None else 0
         return MessageBuffer(
             messages=zero_rows(room, strategy.message_type),
             sender=np.empty(room, dtype=np.int64),
             tick=np.empty(room, dtype=np.int64),
             number=np.empty(room, dtype=np.int64),
-            arrival=np.empty((room if network.send is not None else 0, self.robots), dtype=np.int64),
+            arrival=np.empty(receivers, dtype=np.int64),
+            inbox=empty_inbox(receivers, under_way if receivers else 0),
             filled=np.zeros(1, dtype=np.int64),
             agreement=np.zeros(2, dtype=np.int64),
             zero_message=zero_rows(1, strategy.message_type),
@@ -227,13 +233,14 @@ class MessagesReplayer(Replayer):
 
     def enlarge_buffer(self) -> None:
         """See ``Replayer.enlarge_buffer``."""
-        self.buffer = self._message_buffer(2 * self.buffer.sender.size)
+        self.buffer = self._message_buffer(2 * self.buffer.sender.size, 2 * self.buffer.inbox.message.size)
 
     def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
         """See ``Replayer.arguments``."""
         return (
             rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
-            self.steering, self.world, self.network_params, self.network_state, self.strategy.bytes_on_air, self.seed,
+            self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
+            self.strategy.bytes_on_air, self.seed,
         )  # fmt: skip
 
 

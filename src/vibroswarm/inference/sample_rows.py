@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
+from vibroswarm.inference.inbox import Inbox
 
 DONE: Final = 0
 DOES_NOT_SEND: Final = 1
@@ -78,8 +79,10 @@ class MessageBuffer(NamedTuple):
     number: NDArray[np.int64]
     """Index among the sender's messages."""
     arrival: NDArray[np.int64]
-    """(capacity, robots): tick from which the message can be read; -1: never, or already read. Empty if messages
-    arrive at the next tick or not at all."""
+    """(robots,): tick from which each robot can read the last message; -1: never. Empty if messages arrive at the next
+    tick or not at all."""
+    inbox: Inbox
+    """Messages under way; empty if ``arrival`` is."""
     filled: NDArray[np.int64]
     """(1,): number of messages."""
     agreement: NDArray[np.int64]
@@ -148,16 +151,18 @@ class DeliveryScratch(NamedTuple):
     """Scratch memory for computing deliveries."""
 
     arrival: NDArray[np.int64]
-    """(rows of the longest run, robots): tick from which a message can be read; -1: never, or already read."""
+    """(robots,): tick from which each robot can read the last message; -1: never."""
+    inbox: Inbox
+    """Messages under way."""
     sent: NDArray[np.int64]
     """(robots,): messages sent so far."""
-    unread_from: NDArray[np.int64]
-    """(robots,): all messages before this one were read or never arrive."""
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     """(robots,): positions when a message is sent; empty if the network does not read them."""
     zero_network_state: NDArray[np.void]
     """(1,): a zeroed network state."""
+    log: NDArray[np.int64]
+    """(rows, robots): written, ``arrival`` of every message; empty if not requested."""
 
 
 class HeardMessages(NamedTuple):

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
-from vibroswarm.inference.agents import world_of
+from vibroswarm.inference.agents import sizes_of, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import Timeline, rows_of
-from vibroswarm.inference.generated_kernels import kernels
-from vibroswarm.inference.sample_rows import Deliveries, DeliveryScratch
-from vibroswarm.inference.sender_positions import NO_TRACKS
-from vibroswarm.networks import Network
+from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
+from vibroswarm.inference.inbox import empty_inbox, start_capacity
+from vibroswarm.inference.sample_rows import BUFFER_FULL, Deliveries, DeliveryScratch, Rows, Stops
+from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
@@ -38,33 +39,55 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
     # The last field of the world is a table that depends only on the others.
     key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
     if key not in timeline.deliveries:
-        deliveries = Deliveries(
-            np.empty(most, dtype=np.int32),
-            np.empty(timeline.robot.size, dtype=np.int64),
-            np.empty(timeline.runs.size * robots, dtype=np.int64),
+        tracks = timeline.tracks if network.reads_positions else NO_TRACKS
+        timeline.deliveries[key] = compute_deliveries(
+            scenario, seed, rows_of(timeline), timeline.stops, tracks, NO_ARRIVALS
         )
-        network_params, network_state = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
-        network_params[0] = network.params_row(scenario.network.params)
-        sender = strategy_of("none")  # any strategy will do: only the network's functions are called
-        deliver = kernels(sender, network, "deliver_messages").deliver
-        with translate_errors(sender, network):
-            deliver(
-                rows_of(timeline), timeline.stops, timeline.tracks if network.reads_positions else NO_TRACKS,
-                _scratch(timeline, network), deliveries, world, network_params, network_state, strategy.bytes_on_air,
-                seed,
-            )  # fmt: skip
-        timeline.deliveries[key] = deliveries
     return timeline.deliveries[key]
 
 
-def _scratch(timeline: Timeline, network: Network) -> DeliveryScratch:
-    """Allocate the working memory of a delivery computation."""
-    robots = timeline.robots
-    return DeliveryScratch(
-        arrival=np.empty((timeline.longest, robots), dtype=np.int64),
-        sent=np.zeros(robots, dtype=np.int64),
-        unread_from=np.zeros(robots, dtype=np.int64),
-        x_m=np.zeros(robots if network.reads_positions else 0),
-        y_m=np.zeros(robots if network.reads_positions else 0),
-        zero_network_state=zero_rows(1, network.state_type),
+NO_ARRIVALS: Final = np.empty((0, 0), dtype=np.int64)
+
+
+def compute_deliveries(
+    scenario: Scenario, seed: int, rows: Rows, stops: Stops, tracks: Tracks, log: NDArray[np.int64]
+) -> Deliveries:
+    """Return the deliveries of messages sent at these rows.
+
+    Args:
+        tracks: of all runs; empty unless the network reads positions. log: written, (rows, robots): tick from which
+            each robot can read the message of each row, -1: never; or ``NO_ARRIVALS``.
+    Raises:
+        CodeError: the network raised.
+    """
+    robots, strategy = scenario.swarm.robots, strategy_of(scenario.strategy.name)
+    network, sizes = network_of(scenario.network.name), sizes_of(scenario)
+    deliveries = Deliveries(
+        np.empty(rows.robot.size * max(robots - 1, 0), dtype=np.int32),
+        np.empty(rows.robot.size, dtype=np.int64),
+        np.empty(rows.runs.size * robots, dtype=np.int64),
     )
+    network_params, network_state = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
+    network_params[0] = network.params_row(scenario.network.params)
+    sender = strategy_of("none")  # any strategy will do: only the network's functions are called
+    network_arrays = network_arrays_for(sender, network, scenario.network.params, sizes)
+    deliver = kernels(sender, network, "deliver_messages").deliver
+    longest, capacity, status = int(np.diff(rows.bounds).max(initial=0)), start_capacity(robots), BUFFER_FULL
+    world = world_of(scenario, longest)
+    with translate_errors(sender, network):
+        while status == BUFFER_FULL:
+            scratch = DeliveryScratch(
+                arrival=np.empty(robots, dtype=np.int64),
+                inbox=empty_inbox(robots, capacity),
+                sent=np.zeros(robots, dtype=np.int64),
+                x_m=np.zeros(robots if network.reads_positions else 0),
+                y_m=np.zeros(robots if network.reads_positions else 0),
+                zero_network_state=zero_rows(1, network.state_type),
+                log=log,
+            )
+            status = deliver(
+                rows, stops, tracks, scratch, deliveries, world, network_params, network_state, network_arrays,
+                strategy.bytes_on_air, seed,
+            )  # fmt: skip
+            capacity *= 4
+    return deliveries

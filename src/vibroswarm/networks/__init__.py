@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from vibroswarm.networks import ideal, loss  # noqa: F401  (these register themselves)
+from vibroswarm.networks import (  # noqa: F401  (these register themselves)
+    bursts,
+    delay,
+    disc,
+    ideal,
+    loss,
+    loss_by_size,
+    tree,
+)
 from vibroswarm.networks.base import Network, known, names, network, register
 from vibroswarm.strategies.world import u
 

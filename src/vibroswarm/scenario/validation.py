@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroswarm import strategies
+from vibroswarm import networks, strategies
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
 from vibroswarm.scenario.fields import Sections
@@ -197,6 +197,13 @@ def _check_floor(s: Sections) -> None:
         )
 
 
+def _check_network(s: Sections) -> None:
+    """Refuse what the network itself refuses, such as more robots than it has been fitted to."""
+    chosen = networks.known().get(s.network.name)
+    if chosen is not None and chosen.check is not None:
+        chosen.check(s.network.params, s.swarm.robots)
+
+
 ALL = (
     _check_ranges,
     _check_each,
@@ -207,4 +214,5 @@ ALL = (
     _check_boundary,
     _check_factors,
     _check_floor,
+    _check_network,
 )

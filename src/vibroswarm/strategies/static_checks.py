@@ -24,7 +24,20 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
     "belief": ("s", "a", "p", "w"),
     "steer": ("s", "a", "x", "d", "p", "w"),
     "lost": ("sender", "receiver", "d", "p", "w"),
-    "send": ("n", "sender", "tick", "number", "bytes_on_air", "x_m", "y_m", "arrival_tick", "d", "p", "w"),
+    "send": (
+        "n",
+        "a",
+        "sender",
+        "tick",
+        "number",
+        "bytes_on_air",
+        "x_m",
+        "y_m",
+        "arrival_tick",
+        "d",
+        "p",
+        "w",
+    ),
 }
 """Arguments of each function, in this order; the names are free."""
 CHANCE: Final = ("random", "secrets", "uuid")

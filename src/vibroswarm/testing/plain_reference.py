@@ -113,6 +113,8 @@ class _Plain:
         self.network = network_of(scenario.network.name)
         self.of_network = SimpleNamespace(**scenario.network.params.model_dump())
         self.radio, self.too_early = self._row(self.network.state_type), list[TooEarly]()
+        of_radio = self.network.arrays_of(scenario.network.params, sizes_of(scenario))
+        self.radio_arrays = SimpleNamespace(**of_radio)
         self.tick_ms = scenario.run.control_period_ms
         self.end = self.tick(float(ends["end_s"].to_numpy().max()))
         self.at: dict[tuple[int, int], int] = {}
@@ -177,8 +179,8 @@ class _Plain:
         arrival_ticks, (x_m, y_m) = np.full(len(self.robots), -1), self.places(tick)
         draws = Draws(self.seed, self.number, i, int(Purpose.NETWORK), number, 0, 0, -1.0)
         self.network.send(
-            self.radio, i, tick, number, self.strategy.bytes_on_air, x_m, y_m, arrival_ticks, draws, self.of_network,
-            self.robots[i].world,
+            self.radio, self.radio_arrays, i, tick, number, self.strategy.bytes_on_air, x_m, y_m, arrival_ticks,
+            draws, self.of_network, self.robots[i].world,
         )  # fmt: skip
         ticks: list[int] = arrival_ticks.tolist()
         for receiver, arrival in enumerate(ticks):
