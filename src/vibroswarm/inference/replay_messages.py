@@ -40,6 +40,7 @@ from vibroswarm.inference.default_hooks import (
     on_message,
     on_sample,
     on_timer,
+    opposite,
     send,
     steer,
     views,
@@ -82,7 +83,8 @@ def read_arrived(
         world_of_robot(world, i),
         views(swarm.arrays, e),
     )
-    count, since = buffer.filled[0], row.sample_tick + 1
+    count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
+    walked = min(walked, last)
     if HAS_SEND:
         while True:
             first, best = -1, NEVER
@@ -97,6 +99,8 @@ def read_arrived(
             row.received += 1
         while row.heard < count and buffer.arrival[row.heard, i] < 0:
             row.heard += 1
+        if walked == last:
+            row.heard = count  # no later message is ever read
         return
     while row.heard < count and buffer.tick[row.heard] < walked:
         m = row.heard
@@ -192,8 +196,8 @@ def update_decision(
         if IS_OPINION:
             agreed = new != -1
             for j in range(first, first + w.robots):
-                agreed = agreed and swarm.agents[j].opinion == new
-            if buffer.agreement[SETTLED] == 0:
+                agreed = agreed and (swarm.agents[j].opinion == new or swarm.failures[j].works == 0)
+            if buffer.agreement[SETTLED] == 0 and swarm.failures[e].works == 1:
                 buffer.agreement[AGREED_SINCE] = tick if agreed else -1
         else:
             if row.decision == -1:
@@ -298,6 +302,9 @@ def replay(
             wrong = update_decision(swarm, first, e, i, tick, t_s, buffer, world)
             if wrong != DONE:
                 return wrong
+            if t_s >= swarm.failures[e].opposite_from_s:
+                opposite(out)
+            sends = sends and tick < swarm.failures[e].silent_tick
             if sends:
                 if READS_POSITIONS:
                     positions_at(tracks, first, tick, world.tick_ms, buffer.x_m, buffer.y_m)

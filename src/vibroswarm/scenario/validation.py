@@ -5,6 +5,7 @@ from __future__ import annotations
 from vibroswarm import strategies
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
+from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
 
@@ -197,6 +198,17 @@ def _check_floor(s: Sections) -> None:
         )
 
 
+def _check_faults(s: Sections) -> None:
+    """Refuse faults of robots that do not exist, and the opposite of messages that have none."""
+    check_faults(s.faults, s.swarm.robots)
+    known = strategies.known().get(s.strategy.name)
+    if s.faults.opposite and known is not None and not known.has_opposite:
+        raise InputError(
+            f"messages of '{s.strategy.name}' have no opposite: neither a field bit nor a function opposite",
+            field="faults.opposite",
+        )
+
+
 ALL = (
     _check_ranges,
     _check_each,
@@ -207,4 +219,5 @@ ALL = (
     _check_boundary,
     _check_factors,
     _check_floor,
+    _check_faults,
 )
