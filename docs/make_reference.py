@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tomli_w
 
-from vibroswarm.scenario import choices, fields
+from vibroswarm.scenario import choices, fault_fields, fields
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario
 
@@ -39,7 +39,7 @@ name = "soft"
 
 def field_docs() -> dict[str, dict[str, str]]:
     """The docstring below each field of each section, by class name."""
-    texts = (Path(module.__file__).read_text(encoding="utf-8") for module in (fields, choices))
+    texts = (Path(module.__file__).read_text(encoding="utf-8") for module in (fields, choices, fault_fields))
     found: dict[str, dict[str, str]] = {}
     for node in (node for text in texts for node in ast.parse(text).body):
         if not isinstance(node, ast.ClassDef):
@@ -93,7 +93,9 @@ def reference() -> str:
             "|---|---|---|",
         ]
         for name, field in kind.model_fields.items():
-            told = words[kind.__name__].get(name) or words["Choice"][name]
+            told = next(
+                words[base.__name__][name] for base in kind.__mro__ if name in words.get(base.__name__, {})
+            )
             lines.append(f"| `{name}` | {default_words(field.default)} | {told} |")
         if issubclass(kind, choices.Choice):
             lines += tables_of(kind)

@@ -22,6 +22,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format
+from vibroswarm.faults.assignment import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
@@ -59,6 +60,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "robots": ROBOTS,
     "runs": RUNS,
     "floors": FLOORS,
+    "faults": FAULT_COLUMNS,
 }
 
 NULLABLE: Final[dict[str, frozenset[str]]] = {
@@ -74,11 +76,12 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
     ),
     "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
     "floors": frozenset(),
+    "faults": frozenset(),
 }  # fmt: skip
 """Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
-OPTIONAL: Final = ("segments", "moves")
-"""Tables that a result may lack."""
+OPTIONAL: Final = ("segments", "moves", "faults")
+"""Tables that a result may lack; it has faults if its scenario lets robots fail."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
@@ -90,6 +93,7 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "robots": ("run", "robot"),
     "runs": ("run",),
     "floors": ("run",),
+    "faults": ("run", "robot", "fault"),
 }
 SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, columns in TABLES.items()}
 
@@ -116,6 +120,7 @@ class Result:
         motion, ends: one row per sample, one row per robot. segments: the arcs of the paths, moves: drives, turns
             and stops, where they were kept.
         observations, inference: one row per sample. robots: one row per robot. runs, floors: one row per run.
+        faults: one row per fault of a robot, where robots may fail.
         versions: of the software that made it.
     """
 
@@ -133,6 +138,7 @@ class Result:
     source: str = "event"
     versions: Mapping[str, str] = field(default_factory=dict)
     moves: pl.DataFrame | None = None
+    faults: pl.DataFrame | None = None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):

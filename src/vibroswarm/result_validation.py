@@ -83,7 +83,7 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
                     f"column '{column}' is not that of {runs.len()} runs of {robots} robots, in order",
                     field=_file(folder, name),
                 )
-    for name in ("motion", "segments"):
+    for name in ("motion", "segments", "faults"):
         table = tables.get(name, tables["ends"])
         most: Any = table["robot"].max()
         if most is not None and most >= robots:

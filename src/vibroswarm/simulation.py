@@ -16,6 +16,7 @@ from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, shown, whole_number_of
+from vibroswarm.faults.assignment import fault_frame
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
@@ -80,8 +81,10 @@ def simulate(
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
 
 
-OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
-"""Sections that determine motion; a replay keeps them."""
+OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run", "motion_faults")
+"""Sections that determine motion (``motion_faults``: part of one); a replay keeps them."""
+OF_OBSERVATION = (*OF_MOTION, "floor", "sensor", "faults")
+"""Those that determine what sensors read."""
 
 
 def replay(result: Result, scenario: Scenario) -> Result:
@@ -102,9 +105,10 @@ def replay(result: Result, scenario: Scenario) -> Result:
         )
     for section in OF_MOTION:
         if getattr(scenario, section) != getattr(result.scenario, section):
+            which = "robots that stop" if section == "motion_faults" else f"[{section}]"
             raise InputError(
-                f"a replay keeps the motion, and so [{section}] as it was; simulate anew to change it",
-                field=section,
+                f"a replay keeps the motion, and so {which} as it was; simulate anew to change it",
+                field="faults" if section == "motion_faults" else section,
             )
     if scenario.run.stop != "t_end":
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
@@ -119,7 +123,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
     )
     observations = result.observations
     floors = {run: result.floor(run) for run in runs}
-    if (scenario.floor, scenario.sensor) != (result.scenario.floor, result.scenario.sensor):
+    if any(getattr(scenario, section) != getattr(result.scenario, section) for section in OF_OBSERVATION):
         floors = floors_of(scenario, result.seed, runs)
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
@@ -236,6 +240,7 @@ def result_of(
         robots=robots,
         runs=of_runs,
         floors=floor_frame(floors),
+        faults=fault_frame(scenario, seed, of_runs["run"].to_list()),
         source=source_name,
         versions=versions(),
     )

@@ -25,7 +25,8 @@ SHORT: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def result() -> Result:
     """Two runs out of order, with everything."""
-    return simulate(Scenario().with_values(SHORT), 2**62 + 1, [4, 2**31], segments=True, moves=True)
+    scenario = Scenario().with_values(SHORT | {"faults.stuck_at_1": [2]})
+    return simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from helpers.scenario_fields import (
 from vibroswarm import tasks
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
+from vibroswarm.scenario.fault_fields import FAULTS, SINCE
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting, preset, value_of
 from vibroswarm.simulation import simulate
@@ -66,7 +67,7 @@ def test_every_field_is_of_a_known_kind() -> None:
 
 
 def test_units_stand_in_the_names() -> None:
-    units = ("_m", "_mm", "_ms", "_s", "_deg", "_m_s", "_percent_per_deg", "_percent_per_deg_s")
+    units = ("_m", "_mm", "_ms", "_s", "_deg", "_m_s", "_percent_per_deg", "_percent_per_deg_s", "_per_h")
     plain = {
         "swarm.robots", "floor.rows", "floor.columns", "robot.misalignment_min", "robot.misalignment_max",
         "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
@@ -80,6 +81,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.flawed_robots", "strategy.asdf.flawed_accuracy", "strategy.asdf.period",
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
+        *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -225,6 +227,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
         "decision.assumed_false_positive", "decision.assumed_false_negative", "network.loss.share",
     }  # fmt: skip
+    optional |= {name for name in field_names() if name.startswith("faults.")}
     of_others = {name for name in field_names() if name.startswith("strategy.") and name.count(".") == 2}
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
 
@@ -336,6 +339,7 @@ def all_are_refused(name: str, values: list[Any]) -> None:
 MAY_BE_NEGATIVE = {
     "floor.left_m", "floor.bottom_m", "robot.misalignment_min", "robot.misalignment_max",
     "robot.speed_factor_location", "sensor.vibrating_location", "sensor.still_location",
+    *(f"faults.false_{kind}_{what}" for kind in ("positive", "negative") for what in ("shift", "drift_per_h")),
 }  # fmt: skip
 MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "swarm.start_margin_m", "rays.forward_m", "rays.disc_radius_m", "walk.walk_duration_location_ms",
@@ -346,6 +350,7 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
     "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance",
+    *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])),
 }  # fmt: skip
 
 

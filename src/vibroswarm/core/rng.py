@@ -45,6 +45,7 @@ class Purpose(IntEnum):
     BEGINNING = 14
     STEERING = 15
     NETWORK = 16
+    FAULT = 18
 
 
 def _number(value: int) -> int:
@@ -67,6 +68,7 @@ TIMER: Final = _number(Purpose.TIMER)
 BEGINNING: Final = _number(Purpose.BEGINNING)
 STEERING: Final = _number(Purpose.STEERING)
 NETWORK: Final = _number(Purpose.NETWORK)
+FAULT: Final = _number(Purpose.FAULT)
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""

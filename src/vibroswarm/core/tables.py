@@ -45,6 +45,7 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(("time_s", "stop_start_s", "start_s", "end_s", "consensus_time_s"), _TIME),
     **dict.fromkeys(("decision_time_s", "avoid_total_s", "stop_total_s"), _TIME),
     **dict.fromkeys(("drive_s", "turn_s", "avoid_s", "stop_s"), (-1e3, LONG_S)),
+    "from_s": _TIME,
     "position_age_s": (-1e9, 1e9),
     **dict.fromkeys(("x_m", "y_m", "left_m", "bottom_m"), _PLACE),
     "heading_rad": (-1e9, 1e9),

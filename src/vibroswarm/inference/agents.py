@@ -21,6 +21,8 @@ from vibroswarm.core.rng import (
     TIMER,
     uniform,
 )
+from vibroswarm.core.ticks import tick_at
+from vibroswarm.faults.assignment import onset_s, working
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
@@ -59,6 +61,13 @@ FINALS: Final[dict[str, Any]] = {
 at its last sample or timer; alpha, beta (null if the strategy keeps none) and messages_received are at the end."""
 
 
+FAILURE = np.dtype([("opposite_from_s", np.float64), ("silent_tick", np.int64), ("works", np.int64)])
+"""Faults of a robot that concern its messages. ``opposite_from_s``: it sends the opposite from then on (inf: never).
+``silent_tick``: its radio is dead from this tick on. ``works``: 1 if its opinion has to agree with the others' before
+the swarm has decided: robots without any fault, or all if each has one."""
+NEVER_TICK: Final = 2**62
+
+
 class Swarm(NamedTuple):
     """State of all robots of some runs, (runs * robots,) rows each."""
 
@@ -69,6 +78,8 @@ class Swarm(NamedTuple):
     """A tuple of arrays, (runs * robots, size) each."""
     params: NDArray[np.void]
     """(robots,) of the strategy's ``Params``."""
+    failures: NDArray[np.void]
+    """``FAILURE``."""
 
 
 def world_of(scenario: Scenario, counts: int) -> World:
@@ -136,9 +147,31 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
     params = zero_rows(robots, strategy.params_type)
     params[:] = strategy.params_row(scenario.strategy.params)
     arrays = arrays_for(strategy, network, runs * robots, sizes_of(scenario))
+    failures = zero_rows(runs * robots, FAILURE)
+    failures["opposite_from_s"], failures["silent_tick"], failures["works"] = np.inf, NEVER_TICK, 1
     return Swarm(
-        zero_rows(runs * robots, AGENT), zero_rows(runs * robots, strategy.state_type), arrays, params
+        zero_rows(runs * robots, AGENT),
+        zero_rows(runs * robots, strategy.state_type),
+        arrays,
+        params,
+        failures,
     )
+
+
+def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:
+    """Write the faults of these runs' robots into the swarm."""
+    if not scenario.faults.kinds:
+        return
+    numbers: list[int] = runs.tolist()
+    opposite, silent = (onset_s(scenario, seed, numbers, kind) for kind in ("opposite", "radio_dead"))
+    works = working(scenario, seed, numbers)
+    works[~works.any(axis=1)] = True
+    tick_ms = scenario.run.control_period_ms
+    ticks = [
+        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in silent.ravel().tolist()
+    ]
+    swarm.failures["opposite_from_s"], swarm.failures["silent_tick"] = opposite.ravel(), ticks
+    swarm.failures["works"] = works.ravel()
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:

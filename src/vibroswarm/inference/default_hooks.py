@@ -64,6 +64,10 @@ def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
     return 0.0, 0.0
 
 
+def opposite(m: Row) -> None:
+    """Turn a message into its opposite; without effect on messages that have none."""
+
+
 def views(arrays: Any, i: int) -> Any:
     """Return the arrays of the robot in row ``i``."""
     return i

@@ -64,6 +64,12 @@ class NetworkArrays(NamedTuple):
 def clear_network(a):
 {zeroed}
 '''
+OPPOSITE_BIT: Final = """
+
+@inlined_uncached
+def opposite(m):
+    m.bit = 1 - m.bit
+"""
 AS_COUNTS: Final = """
 
 @inlined_uncached
@@ -155,7 +161,7 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
 
 
 STRATEGY_HOOKS: Final = (
-    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer",
+    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer", "opposite",
 )  # fmt: skip
 NETWORK_HOOKS: Final = ("lost", "send")
 
@@ -186,12 +192,14 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
     )
     if strategy.on_message is None and strategy.on_counts is not None:
         text += AS_COUNTS
+    if strategy.opposite is None and strategy.has_opposite:
+        text += OPPOSITE_BIT
     module = _generated_module(name, text)
     space = vars(module)
     compiled: dict[Callable[..., Any], Any] = {}
     for declared, names in ((strategy, STRATEGY_HOOKS), (network, NETWORK_HOOKS)):
         for hook in names:
-            if hook == "on_message" and hook in space:
+            if hook in space:
                 continue
             space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
     space["HAS_TIMER"] = strategy.on_timer is not None

@@ -30,6 +30,7 @@ from vibroswarm.inference.default_hooks import (
     decision,
     on_counts,
     on_sample,
+    opposite,
     steer,
     views,
 )
@@ -180,6 +181,8 @@ def take(
     )
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
     sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
+    if x.t_s >= swarm.failures[e].opposite_from_s:
+        opposite(messages[k])
     row.samples += 1
     row.sent += 1
     new = decision(s, a, p, w)

@@ -41,6 +41,7 @@ from vibroswarm.inference.default_hooks import (
     on_message,
     on_sample,
     on_timer,
+    opposite,
     send,
     steer,
     views,
@@ -84,7 +85,8 @@ def read_arrived(
         world_of_robot(world, i),
         views(swarm.arrays, e),
     )
-    count, since = buffer.filled[0], row.sample_tick + 1
+    count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
+    walked = min(walked, last)
     if HAS_SEND:
         inbox = buffer.inbox
         while inbox.first[i] >= 0 and inbox.arrival_tick[inbox.first[i]] <= walked:
@@ -189,8 +191,8 @@ def update_decision(
         if IS_OPINION:
             agreed = new != -1
             for j in range(first, first + w.robots):
-                agreed = agreed and swarm.agents[j].opinion == new
-            if buffer.agreement[SETTLED] == 0:
+                agreed = agreed and (swarm.agents[j].opinion == new or swarm.failures[j].works == 0)
+            if buffer.agreement[SETTLED] == 0 and swarm.failures[e].works == 1:
                 buffer.agreement[AGREED_SINCE] = tick if agreed else -1
         else:
             if row.decision == -1:
@@ -298,6 +300,9 @@ def replay(
             wrong = update_decision(swarm, first, e, i, tick, t_s, buffer, world)
             if wrong != DONE:
                 return wrong
+            if t_s >= swarm.failures[e].opposite_from_s:
+                opposite(out)
+            sends = sends and tick < swarm.failures[e].silent_tick
             if sends:
                 if READS_POSITIONS:
                     positions_at(tracks, first, tick, world.tick_ms, buffer.x_m, buffer.y_m)

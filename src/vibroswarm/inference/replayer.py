@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, read_only, zero_rows
 from vibroswarm.errors import CodeError
-from vibroswarm.inference.agents import empty_swarm, sizes_of, world_of
+from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import NO_REACH, Timeline
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
@@ -66,7 +66,7 @@ class Replayer(ABC):
         self.strategy, self.network = strategy_of(scenario.strategy.name), network
         self.module = kernels(self.strategy, network, self.template)
         self.seed, self.world = seed, world_of(scenario, longest)
-        self.swarm = empty_swarm(self.strategy, network, scenario, runs)
+        self.scenario, self.swarm = scenario, empty_swarm(self.strategy, network, scenario, runs)
         self.replayed = np.zeros(runs, dtype=np.int64)
         self.log = empty_log(0, self.strategy.state_type) if log is None else log
         self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
@@ -106,6 +106,7 @@ class Replayer(ABC):
         while status == BUFFER_FULL:
             if from_start:
                 self.clear()
+                set_failures(self.swarm, self.scenario, self.seed, rows.runs)
             arguments = self.arguments(rows, readings, stops, tracks)
             status = self.call((*arguments, from_start, to_end, limit_s))
             if status == BUFFER_FULL:  # repeat everything with a larger buffer
@@ -271,7 +272,7 @@ def replayer_of(
         see ``Replayer``; timeline: given if whole runs are replayed.
     """
     network = network_of(scenario.network.name)
-    if counts_only(strategy_of(scenario.strategy.name)):
+    if counts_only(strategy_of(scenario.strategy.name)) and not scenario.faults.radio_dead:
         if network.name in ("ideal", "loss"):
             return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)
         deliveries = None if timeline is None else deliveries_of(scenario, seed, timeline)

@@ -7,6 +7,7 @@ them in order, and a run with the messages in the loop calls the same ones.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ ROBOT = np.dtype(
     + [("speed_factors", np.float64, (AT_ONCE,))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
+    + [(name, np.int64) for name in ("fails_tick", "silent_tick", "failed")]
     + [
         (name, np.float64)
         for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
@@ -46,7 +48,11 @@ ROBOT = np.dtype(
 speed and turn rate of the period under way (speed 0, and blocked 1, where a move does not happen) and what the sensors
 say;
 the tick at which its latest stop began and the periods spent since its latest sample; how far ahead its rays start;
-its ``Dice``; its speed factors, AT_ONCE samples at a time; and the ``WalkState`` of its program."""
+its ``Dice``; its speed factors, AT_ONCE samples at a time; the ``WalkState`` of its program; the ticks from which it
+stands for good, and is silent too (NEVER_FAILS: never); and whether it stands for good now."""
+
+NEVER_FAILS: Final = 2**40
+"""A tick beyond all runs; also the end of the plan of a robot that stands for good."""
 
 Swarm = NDArray[np.void]
 """The robots of one run: ``ROBOT``, shape (robots,). One array: compiled code passes it on at no cost."""
@@ -106,6 +112,7 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
         swarm[i].misalignment = misalignment(setup, seed, run, i)
         swarm[i].samples = 0
         swarm[i].ray_forward_m = setup.ray_forward_m
+        swarm[i].fails_tick = swarm[i].silent_tick = NEVER_FAILS
         refresh(swarm, setup, speeds, seed, run, i, 0)
         clear_account(swarm, i)
         swarm[i].stop_ticks = 1
@@ -253,6 +260,9 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
     """Do ``control`` for robot ``i``; return 1 if it samples now, else 0."""
     before = load(swarm, i)
     row = swarm[i]
+    if tick >= row.fails_tick and (before.mode != STOP or before.sampled or row.failed):
+        fail(swarm, i, tick)
+        return 0
     dice = Dice(row.dice_leg, row.dice_turn, row.dice_avoid)
     after = walk_step(before, setup, row.gyro_deg, row.nearest_mm, dice)
     store(swarm, i, after)
@@ -272,6 +282,20 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
     row.speed_m_s = 0.5 * (left_m_s + right_m_s)
     row.rate_rad_s = (right_m_s - left_m_s) / track_m
     return 1 if after.sampled else 0
+
+
+@inlined
+def fail(swarm: Swarm, i: int, tick: int) -> None:
+    """Let robot ``i`` stand for good, as if in a stop without a sample.
+
+    It does not count as stopped, since it goes on hearing, unless it is silent too.
+    """
+    row = swarm[i]
+    if not row.failed:
+        row.failed, row.mode, row.sampled, row.stop_tick = 1, STOP, 0, -1
+    if row.stop_tick < 0 and tick >= row.silent_tick:
+        row.stop_tick = tick
+    row.speed_m_s = row.rate_rad_s = 0.0
 
 
 @kernel

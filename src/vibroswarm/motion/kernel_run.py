@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inlined, kernel, zero_rows
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError, whole_number_of
-from vibroswarm.motion.control_step import Swarm, begin, load, store
+from vibroswarm.motion.control_step import NEVER_FAILS, Swarm, begin, load, store
 from vibroswarm.motion.event.trajectory import Planners, ticks_to_sample
 from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
 from vibroswarm.motion.recorder import (
@@ -75,6 +75,8 @@ def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) ->
 def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) -> int:
     """Return a tick, ``now`` or later, before which robot ``i``, whose row is of tick ``latest``, does not sample."""
     row = swarm[i]
+    if row.failed:
+        return NEVER_FAILS
     if row.mode == STOP and row.sampled == 0:
         return max(now, latest + ticks_to_sample(setup, row.stopped_ms))
     # The timer runs at most all the time, from 0 after a sample.
@@ -135,7 +137,7 @@ class KernelRun(ABC):
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
         begin(self.swarm, self.setup, self.speeds, seed, run)
-        give_each(self.swarm, self.scenario)
+        give_each(self.swarm, self.scenario, seed, run)
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:

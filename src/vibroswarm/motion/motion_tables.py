@@ -13,6 +13,7 @@ import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.errors import CodeError, InputError, RunError
+from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 
 MOTION: Final[dict[str, Any]] = {
@@ -98,7 +99,9 @@ def checked(
 
     Raises:
         CodeError: ``init`` raised.
+        InputError: robots stop for good, which only our engines simulate.
     """
+    _refuse_faults(scenario)
     state = _called(init, init, scenario, seed, run, segments=segments, moves=moves)
     return CheckedState(state, init, scenario, run)
 
@@ -115,7 +118,9 @@ def checked_batch(
 
     Raises:
         CodeError: ``batch`` raised, or gave what is no motion.
+        InputError: robots stop for good, which only our engines simulate.
     """
+    _refuse_faults(scenario)
     motion_parts: Any = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
     for run in runs:
         part = motion_parts
@@ -134,6 +139,16 @@ def checked_batch(
             raise CodeError(f"{_file_of(batch)}: {problem}")
     motion: Motion = motion_parts
     return motion
+
+
+def _refuse_faults(scenario: Scenario) -> None:
+    """Refuse robots that stop for good."""
+    for kind in MOTION_FAULTS:
+        if getattr(scenario.faults, kind):
+            raise InputError(
+                "only the sources 'event' and 'fixed-step' simulate robots that stop for good; choose one of them",
+                field=f"faults.{kind}",
+            )
 
 
 class CheckedState:

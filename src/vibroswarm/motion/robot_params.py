@@ -34,6 +34,8 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, zero_rows
 from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, OF_WANDER, OF_WANDER_TOO, SPEED, uniform
+from vibroswarm.core.ticks import tick_at
+from vibroswarm.faults.assignment import onset_s
 from vibroswarm.robot.walk import TIMERS, WalkProgram
 from vibroswarm.scenario.fields import Robot
 from vibroswarm.scenario.scenario import Scenario
@@ -209,12 +211,25 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
     return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
 
 
-def give_each(swarm: NDArray[np.void], scenario: Scenario) -> None:
-    """Set body parameters that the scenario lists per robot; the lists repeat beyond their ends.
+def give_each(swarm: NDArray[np.void], scenario: Scenario, seed: int, run: int) -> None:
+    """Set body parameters that the scenario lists per robot, and when robots stop for good.
+
+    Lists repeat beyond their ends.
 
     Args:
         swarm: rows as ``begin`` leaves them, (robots,).
     """
+    if scenario.motion_faults.any_of_motion:
+        tick_ms = scenario.run.control_period_ms
+        stopped, empty = (
+            onset_s(scenario, seed, [run], kind)[0].tolist() for kind in ("stopped", "battery_empty")
+        )
+        for i, (stops_s, empty_s) in enumerate(zip(stopped, empty, strict=True)):
+            earlier_s = min(stops_s, empty_s)
+            if math.isfinite(earlier_s):
+                swarm[i]["fails_tick"] = max(tick_at(earlier_s, tick_ms), 1)
+            if math.isfinite(empty_s):
+                swarm[i]["silent_tick"] = max(tick_at(empty_s, tick_ms), 1)
     named = (
         ("misalignment", scenario.robot.misalignments),
         ("ray_forward_m", scenario.rays.forward_each_m),

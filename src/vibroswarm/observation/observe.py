@@ -9,7 +9,8 @@
 
 Changing the floor changes no noise: the uniform number belongs to (seed, run, robot, sample). A place
 without a tile does not vibrate and reads as a still tile does; its tile is -1. Near edges, and where tiles or
-robots differ (off in the paper), the tile that is read and a factor come from ``edge_response``.
+robots differ (off in the paper), the tile that is read and a factor come from ``edge_response``; the bits of failed
+sensors come from ``faults.sensor_faults``.
 
 ``observe`` reads whole tables; ``SensedFloor`` is a run's floor and sensors as the kernels of the closed loop read
 them.
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
+from vibroswarm.faults.sensor_faults import SensorFaults, observation_of, sensor_faults
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.edge_response import (
     Place,
@@ -50,7 +52,8 @@ class SensedFloor(NamedTuple):
     """(tiles,)"""
     place: Place
     response: Response
-    """Of this run alone."""
+    """Of this run alone, as are the faults."""
+    faults: SensorFaults
 
 
 def sensed_floors(
@@ -62,11 +65,13 @@ def sensed_floors(
         scenario, seed, np.array(runs, dtype=np.int64), [floor.tiles.size for floor in own]
     )
     first, per_robot = response.first, response.per_robot
+    faults = sensor_faults(scenario, seed, runs)
     return [
         SensedFloor(
             floor.tiles.ravel(),
             place_of(floor),
             response._replace(first=first[r : r + 1], per_robot=per_robot[r : r + 1]),
+            SensorFaults(*(onset[r : r + 1] for onset in faults[:-1]), faults.shifts),
         )
         for r, floor in enumerate(own)
     ]
@@ -74,7 +79,7 @@ def sensed_floors(
 
 @inner
 def read(
-    ground: SensedFloor, x_m: float, y_m: float, seed: int, run: int, robot: int, sample: int
+    ground: SensedFloor, x_m: float, y_m: float, time_s: float, seed: int, run: int, robot: int, sample: int
 ) -> tuple[int, int, int, int]:
     """Return the reading of a sample: the tile below, the bit, the tile sensed, the row of factors."""
     tile = tile_below(x_m, y_m, ground.place)
@@ -84,7 +89,8 @@ def read(
     vibrates = sensed >= 0 and ground.tiles[sensed] == 1
     row = factor_row(ground.response, 0, robot, sensed)
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    return tile, (1 if u > ground.response.shares_below[row, int(vibrates)] else 0), sensed, row
+    below = ground.response.shares_below[row, int(vibrates)]
+    return tile, observation_of(ground.faults, 0, robot, time_s, vibrates, u, below), sensed, row
 
 
 USUAL_MS = 500.0
@@ -123,10 +129,12 @@ def read_samples(
     sample: NDArray[np.uint32],
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
+    time_s: NDArray[np.float64],
     places: NDArray[np.float64],
     first_tiles: NDArray[np.int64],
     tiles: NDArray[np.uint8],
     response: Response,
+    faults: SensorFaults,
     known: bool,
     tile: NDArray[np.int32],
     numbers: NDArray[np.float64],
@@ -139,7 +147,7 @@ def read_samples(
     """Compute the readings of samples.
 
     Args:
-        bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to y_m: (rows,).
+        bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to time_s: (rows,).
         places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
         known: tile and numbers have been written before. tile, numbers: (rows,), written, or read where known.
         sensed_known, sensed: the same for the sensed tiles; empty if edges do not matter.
@@ -163,7 +171,8 @@ def read_samples(
                 sensed[k] = at
             vibrates = at >= 0 and own[at] == 1
             row = factor_row(response, r, i, at)
-            observation[k] = numbers[k] > response.shares_below[row, int(vibrates)]
+            below = response.shares_below[row, int(vibrates)]
+            observation[k] = observation_of(faults, r, i, time_s[k], vibrates, numbers[k], below)
             if with_vibrating:
                 vibrating[k], factors[k] = vibrates, response.factors[row]
 
@@ -194,7 +203,9 @@ class Places:
         self.runs = run[begins].astype(np.int64)
         self.bounds = np.append(begins, run.size)
         self._robot, self._sample = (read_only(samples[name].to_numpy()) for name in ("robot", "sample"))
-        self._x_m, self._y_m = (read_only(samples[name].to_numpy()) for name in ("x_m", "y_m"))
+        self._x_m, self._y_m, self._time_s = (
+            read_only(samples[name].to_numpy()) for name in ("x_m", "y_m", "time_s")
+        )
         self._met: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
         self._sensed: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
         self._responses: dict[Any, Response] = {}
@@ -216,9 +227,10 @@ class Places:
         kept = count if energies else 0
         observation, vibrating = np.empty(count, dtype=np.uint8), np.empty(kept, dtype=np.bool_)
         readings = Readings(*met, observation, vibrating, np.empty(kept))
+        faults = sensor_faults(scenario, self.seed, self.runs.tolist())
         read_samples(
-            self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, places,
-            first_tiles, tiles, response, known, readings.tile, readings.numbers, sensed_known, sensed,
+            self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, self._time_s, places,
+            first_tiles, tiles, response, faults, known, readings.tile, readings.numbers, sensed_known, sensed,
             readings.observation, readings.vibrating, readings.factors,
         )  # fmt: skip
         return readings

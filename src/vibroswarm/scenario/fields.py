@@ -33,6 +33,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
+from vibroswarm.scenario.fault_fields import Faults, MotionFaults
 
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Duration = Annotated[float, Field(ge=0, le=1e9)]
@@ -319,6 +320,7 @@ class Sections(FrozenModel):
     strategy: StrategyChoice = StrategyChoice()
     decision: Decision = Decision()
     network: NetworkChoice = NetworkChoice()
+    faults: Faults = Faults()
     task: TaskChoice = TaskChoice()
     run: Run = Run()
 
@@ -326,6 +328,11 @@ class Sections(FrozenModel):
     def tick_s(self) -> float:
         """The control period, s."""
         return self.run.control_period_ms / 1000.0
+
+    @property
+    def motion_faults(self) -> MotionFaults:
+        """The part of the section ``faults`` that changes motion."""
+        return self.faults.of_motion
 
     @property
     def ticks(self) -> int:

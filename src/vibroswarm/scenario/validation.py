@@ -5,6 +5,7 @@ from __future__ import annotations
 from vibroswarm import networks, strategies
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
+from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
 
@@ -204,6 +205,17 @@ def _check_network(s: Sections) -> None:
         chosen.check(s.network.params, s.swarm.robots)
 
 
+def _check_faults(s: Sections) -> None:
+    """Refuse faults of robots that do not exist, and the opposite of messages that have none."""
+    check_faults(s.faults, s.swarm.robots)
+    known = strategies.known().get(s.strategy.name)
+    if s.faults.opposite and known is not None and not known.has_opposite:
+        raise InputError(
+            f"messages of '{s.strategy.name}' have no opposite: neither a field bit nor a function opposite",
+            field="faults.opposite",
+        )
+
+
 ALL = (
     _check_ranges,
     _check_each,
@@ -215,4 +227,5 @@ ALL = (
     _check_factors,
     _check_floor,
     _check_network,
+    _check_faults,
 )

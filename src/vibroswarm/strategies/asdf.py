@@ -94,6 +94,11 @@ class Message:
     confidence: float
 
 
+def opposite(m: Row) -> None:
+    """Turn the estimate into that of the opposite floor."""
+    m.estimate = 1.0 - m.estimate
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Assume an accuracy, undecided."""
     s.accuracy = p.flawed_accuracy if w.robot < p.flawed_robots else p.accuracy

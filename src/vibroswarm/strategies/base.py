@@ -18,6 +18,7 @@ The functions change rows in place and are compiled by Numba; they allocate noth
     def decision(s, a, p, w): ...                     # 0, 1; -1 undecided
     def belief(s, a, p, w): ...                       # optional: that the share of ones lies below w.boundary
     def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: turn_deg, drive_ms
+    def opposite(m): ...                              # optional: turns a message into its opposite (faults.opposite)
 
 ``s`` is the robot's State, ``a`` its arrays, ``m`` and ``out`` Messages, ``p`` the Params, ``w`` a ``World``, ``x`` a
 ``Reading``; ``u(d, k)`` is the k-th uniform number of this call. ``decision`` is called after each sample and timer.
@@ -109,7 +110,8 @@ class Strategy(Plugin):
     """A strategy, see the module's docstring.
 
     Args:
-        state, message, arrays: classes of fields. begin to steer: the functions.
+        state, message, arrays: classes of fields. begin to opposite: the functions; without ``opposite``, the opposite
+            of a message is that of its ``bit``.
         decides: "once", or "opinion": opinions may change, and the swarm has decided when all have agreed for
             ``decision.hold_s``.
         bytes_on_air: of one message, at most 144.
@@ -128,6 +130,7 @@ class Strategy(Plugin):
     on_message: Hook | None = None
     on_timer: Hook | None = None
     steer: Hook | None = None
+    opposite: Hook | None = None
     decides: Literal["once", "opinion"] = "once"
     bytes_on_air: int = 1
     revises: bool = False
@@ -162,6 +165,11 @@ class Strategy(Plugin):
     def state_type(self) -> np.dtype[np.void]:
         """Row type of a robot's state."""
         return row_type(self.state, "state")
+
+    @property
+    def has_opposite(self) -> bool:
+        """Whether its messages have an opposite."""
+        return self.opposite is not None or "bit" in (self.message_type.names or ())
 
     @property
     def message_type(self) -> np.dtype[np.void]:
@@ -215,7 +223,7 @@ def arrays_of(declared: type) -> dict[str, Array]:
 
 
 HOOKS: Final = (
-    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer",
+    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer", "opposite",
 )  # fmt: skip
 CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
 

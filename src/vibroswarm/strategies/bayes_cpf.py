@@ -98,6 +98,11 @@ class Message:
     confidence: float
 
 
+def opposite(m: Row) -> None:
+    """Turn the estimate into that of the opposite floor."""
+    m.estimate = 1.0 - m.estimate
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Assume an accuracy, undecided."""
     s.expected_accuracy, s.variance, s.accuracy = p.accuracy, p.variance, p.accuracy

@@ -95,6 +95,12 @@ class Message:
     social_zeros: float
 
 
+def opposite(m: Row) -> None:
+    """Swap the exponents."""
+    m.ones, m.zeros = m.zeros, m.ones
+    m.social_ones, m.social_zeros = m.social_zeros, m.social_ones
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Set flat beliefs, undecided."""
     s.below, s.decision = 0.5, -1

@@ -62,6 +62,11 @@ class Message:
     confidence: float
 
 
+def opposite(m: Row) -> None:
+    """Turn the estimate into that of the opposite floor."""
+    m.estimate = 1.0 - m.estimate
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Know nothing, undecided."""
     s.below, s.decision = 0.5, -1

@@ -23,6 +23,7 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
     "decision": ("s", "a", "p", "w"),
     "belief": ("s", "a", "p", "w"),
     "steer": ("s", "a", "x", "d", "p", "w"),
+    "opposite": ("m",),
     "lost": ("sender", "receiver", "d", "p", "w"),
     "send": (
         "n",

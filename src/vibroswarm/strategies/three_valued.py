@@ -82,6 +82,11 @@ class Message:
     truth: int
 
 
+def opposite(m: Row) -> None:
+    """Turn true into false, and false into true."""
+    m.truth = 2 - m.truth
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Draw a belief, and signal or listen."""
     s.truth, s.decision = int(3.0 * u(d, 0)), -1

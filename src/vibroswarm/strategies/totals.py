@@ -67,6 +67,11 @@ class Message:
     samples: int
 
 
+def opposite(m: Row) -> None:
+    """Turn ones into zeros."""
+    m.ones = m.samples - m.ones
+
+
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Set the prior, undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1

@@ -21,7 +21,7 @@ from typing import Final
 
 from vibroswarm import strategies
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import OF_MOTION
+from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION
 from vibroswarm.study.spec import Cell, Study
 
 MOST: Final = 4096
@@ -56,7 +56,6 @@ Texts = tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
 Range = tuple[int, int]
 """First run, and one past the last."""
 
-OF_OBSERVATION: Final = (*OF_MOTION, "floor", "sensor")
 FIRST_BLOCK_S: Final = 0.1
 MANY_CELLS: Final = 20
 CELL_S: Final = 0.02

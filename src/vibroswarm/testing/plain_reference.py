@@ -20,6 +20,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.rng import Purpose
+from vibroswarm.faults.assignment import onset_s, working
 from vibroswarm.inference.agents import sizes_of, world_of
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
@@ -131,6 +132,13 @@ class _Plain:
         self.rows: list[dict[str, Any]] = []
         world = world_of(scenario, samples.height)
         self.robots = [self._robot(i, world._replace(robot=i)) for i in range(scenario.swarm.robots)]
+        opposite, silent = (
+            onset_s(scenario, seed, [self.number], kind)[0] for kind in ("opposite", "radio_dead")
+        )
+        self.opposite_s: list[float] = opposite.tolist()
+        self.silent_s: list[float] = silent.tolist()
+        works: list[bool] = working(scenario, seed, [self.number])[0].tolist()
+        self.works = works if any(works) else [True] * len(works)
         self.agreed_since: int | None = None
         self.settled = False
 
@@ -218,6 +226,8 @@ class _Plain:
 
     def read(self, robot: PlainRobot, tick: int) -> None:
         """Pass the messages that have arrived by ``tick`` to the robot's strategy."""
+        if self.is_silent(robot, tick):
+            return
         due = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
         robot.unread = [m for m in robot.unread if m.arrival_tick > tick]
         for message in due:
@@ -248,7 +258,20 @@ class _Plain:
         )
         robot.timers += 1
         self.ask(robot, tick, time_s)
-        return self.post(robot, tick, out) if sends else []
+        return self.post(robot, tick, out) if self.is_sent(sends, robot, tick, out) else []
+
+    def is_silent(self, robot: PlainRobot, tick: int) -> bool:
+        """Return whether the robot's radio is dead."""
+        return tick * self.tick_ms / 1000.0 >= self.silent_s[robot.number] - 1e-9
+
+    def is_sent(self, sends: bool, robot: PlainRobot, tick: int, content: Any) -> bool:
+        """Return whether a message is sent; turn it into its opposite if the robot does that."""
+        if tick * self.tick_ms / 1000.0 >= self.opposite_s[robot.number]:
+            if self.strategy.opposite is not None:
+                self.strategy.opposite(content)
+            else:
+                content.bit = 1 - content.bit
+        return bool(sends) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         """Call the strategy's ``on_sample``; return the messages that it sends."""
@@ -262,6 +285,7 @@ class _Plain:
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])
+        sends = self.is_sent(sends, robot, tick, out)
         if self.strategy.steer is not None:
             draws = draws._replace(purpose=int(Purpose.STEERING))
             self.strategy.steer(robot.state, robot.arrays, x, draws, self.params, robot.world)
@@ -294,8 +318,8 @@ class _Plain:
         if self.strategy.decides == "once":
             robot.decision, robot.decided_s, robot.belief_at_decision = new, time_s, robot.belief
             return
-        agreed = new != -1 and all(robot_state.opinion == new for robot_state in self.robots)
-        if not self.settled:
+        agreed = new != -1 and all(other.opinion == new for other in self.robots if self.works[other.number])
+        if not self.settled and self.works[robot.number]:
             self.agreed_since = tick if agreed else None
 
     def settle(self, tick: int) -> None:

@@ -199,7 +199,7 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
         if row.tick == tick:
             continue
         if row.mode == STOP:
-            if row.sampled == 0:
+            if row.sampled == 0 and not row.failed:
                 sample(world, i)
             stand_on(row, tick)
         else:
@@ -433,7 +433,7 @@ def plan(world: World, i: int, tick: int) -> int:
     Returns 1 if its move is blocked, which ``plan_blocked`` then deals with, else 0.
     """
     row = world.planners[i]
-    ahead = ticks_to_self_event(row, world.setup, HORIZON_TICKS)
+    ahead = ticks_to_self_event(row, world.setup, min(HORIZON_TICKS, row.fails_tick - tick))
     if row.blocked:
         row.self_event_tick = tick + ahead
         set_standing(row)
@@ -447,7 +447,8 @@ def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
     """Extend robot ``i``'s plan by this number of ticks, and to the end of the stop if one follows."""
     row, setup = world.planners[i], world.setup
     row.self_event_tick = row.plan_end_tick = tick + ahead
-    if row.mode == DRIVE and ahead == due_ticks(DRIVE, row.timer_ms, setup):
+    is_due = ahead == due_ticks(DRIVE, row.timer_ms, setup)
+    if row.mode == DRIVE and is_due and row.self_event_tick < row.fails_tick:
         row.plan_end_tick += ticks_to_sample(setup, 0) + 1
     set_chord(row, setup)
     if row.plan_end_tick > row.self_event_tick:

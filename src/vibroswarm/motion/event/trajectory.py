@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, inner
-from vibroswarm.motion.control_step import ROBOT
+from vibroswarm.motion.control_step import NEVER_FAILS, ROBOT
 from vibroswarm.motion.event.event_queue import NEVER
 from vibroswarm.motion.geometry import SMALL_RAD, sin_cos, small_sin_cos
 from vibroswarm.motion.robot_params import Setup
@@ -227,7 +227,12 @@ def ticks_to_sample(setup: Setup, stopped_ms: int) -> int:
 @inlined
 def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
     """Return the number of ticks until the robot's own next event, at most ``horizon``; a turn's end state is
-    cached."""
+    cached.
+
+    For one that stands, the horizon does not count; the next event of one that stands for good is its silence."""
+    if row.failed:
+        row.sample_tick = NEVER_FAILS
+        return (row.silent_tick if row.silent_tick > row.tick else NEVER_FAILS) - row.tick  # type: ignore[no-any-return]
     if row.mode == STOP:
         row.sample_tick = row.tick + ticks_to_sample(setup, row.stopped_ms)
         return row.sample_tick + 1 - row.tick

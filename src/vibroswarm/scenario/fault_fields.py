@@ -1,0 +1,217 @@
+"""Fields of ``[faults]``: which robots fail, how, and from when on.
+
+A fault befalls a share of the swarm, or the robots that are listed; it begins at a time, or for each robot at a time
+drawn from a range. The default is nobody. ``vibroswarm.faults`` draws who fails; docs/faults.md describes the model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Final
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.errors import InputError, shown
+
+Affected = float | tuple[int, ...]
+"""A share of the swarm, or robots by their numbers."""
+Since = float | tuple[float, ...]
+"""A time, s, or the two ends of the range in which each robot's own is uniform, s."""
+LATEST_S: Final = 1e9
+MOST_ROBOTS: Final = 10_000
+
+Shift = Annotated[float, Field(ge=-1, le=1)]
+Drift = Annotated[float, Field(ge=-1000, le=1000)]
+
+MOTION_FAULTS: Final = ("stopped", "battery_empty")
+OTHER_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "biased", "opposite", "radio_dead")
+FAULTS: Final = (*OTHER_FAULTS, *MOTION_FAULTS)
+"""Kinds of faults, each the name of a field."""
+SINCE: Final = {
+    "stuck_at_0": "sensor_from_s",
+    "stuck_at_1": "sensor_from_s",
+    "biased": "sensor_from_s",
+    "opposite": "opposite_from_s",
+    "radio_dead": "radio_dead_from_s",
+    "stopped": "stopped_from_s",
+    "battery_empty": "battery_life_s",
+}
+"""The field that says since when a robot has the fault."""
+
+
+def _affected(value: object, field: str) -> Affected:
+    """Return a share, or robot numbers.
+
+    Raises:
+        InputError: neither.
+    """
+    if isinstance(value, list | tuple):
+        for number in value:
+            if type(number) is not int or not 0 <= number < MOST_ROBOTS:
+                raise InputError(
+                    f"{shown(list(value))} is wrong: {shown(number)} is not a robot; robots have whole numbers from 0",
+                    field=field,
+                )
+        if len(set(value)) != len(value):
+            raise InputError(f"{shown(list(value))} lists a robot twice", field=field)
+        return tuple(sorted(value))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(
+            f"{shown(value)} is neither a share of the swarm (0 to 1) nor a list of robots, such as [0, 3]",
+            field=field,
+        )
+    if value > 1:
+        raise InputError(
+            f"{shown(value)} is more than the whole swarm; give a share from 0 to 1, or a list such as [0, 3]",
+            field=field,
+        )
+    if value < 0:
+        raise InputError(f"{shown(value)} is below 0; give a share from 0 to 1", field=field)
+    return float(value) + 0.0
+
+
+def _since(value: object, field: str) -> Since:
+    """Return a time, or two ends of a range.
+
+    Raises:
+        InputError: neither.
+    """
+    times: Sequence[object] = value if isinstance(value, list | tuple) else (value,)
+    for time_s in times:
+        if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not 0 <= time_s <= LATEST_S:
+            raise InputError(
+                f"{shown(time_s)} is not a time from 0 to {LATEST_S:g} s; give one, or two, such as [600, 1200], "
+                "for a time drawn between them",
+                field=field,
+            )
+    numbers = tuple(float(time_s) + 0.0 for time_s in times)  # type: ignore[arg-type]
+    if not isinstance(value, list | tuple):
+        return numbers[0]
+    if len(numbers) != 2 or numbers[0] > numbers[1]:
+        raise InputError(
+            f"{shown(list(value))} is not a range; give the earlier time, then the later", field=field
+        )
+    return numbers
+
+
+class MotionFaults(FrozenModel):
+    """Faults that change motion."""
+
+    stopped: Affected = 0.0
+    """Robots that stop for good and stand in the others' way: a share of the swarm, or a list of robots. They take no
+    samples from then on; their radio and timer go on."""
+    stopped_from_s: Since = 0.0
+    """When they stop, s, or the range from which each robot's time is drawn (``[600, 1200]``). A robot that is
+    standing to sample takes that sample first."""
+    battery_empty: Affected = 0.0
+    """Robots whose battery runs empty: they stop likewise, and hear, send and decide nothing from then on."""
+    battery_life_s: Since = 1200.0
+    """When it is empty, s, or a range; at most 20 minutes in the paper."""
+
+    @field_validator("stopped", "battery_empty", mode="before")
+    @classmethod
+    def _check_affected(cls, value: object, info: ValidationInfo) -> Affected:
+        return _affected(value, f"faults.{info.field_name}")
+
+    @field_validator("stopped_from_s", "battery_life_s", mode="before")
+    @classmethod
+    def _check_since(cls, value: object, info: ValidationInfo) -> Since:
+        return _since(value, f"faults.{info.field_name}")
+
+    @property
+    def any_of_motion(self) -> bool:
+        """Whether a fault of motion befalls anyone."""
+        return any(getattr(self, kind) for kind in MOTION_FAULTS)
+
+
+class Faults(MotionFaults):
+    """Robots that fail, by share of the swarm or by number, and how; nobody by default."""
+
+    stuck_at_0: Affected = 0.0
+    """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn anew for each
+    run, those of a smaller share among those of a larger), or a list of robots ([0, 3])."""
+    stuck_at_1: Affected = 0.0
+    """Robots whose sensor always reads 1. None of them is also stuck at 0."""
+    biased: Affected = 0.0
+    """Robots whose error rates differ by the four fields below."""
+    false_positive_shift: Shift = 0.0
+    """By how much a biased sensor's share of false positives is higher; the sum is cut off at 0 and 1."""
+    false_negative_shift: Shift = 0.0
+    """By how much its share of false negatives is higher."""
+    false_positive_drift_per_h: Drift = 0.0
+    """By how much more with each hour that the fault lasts."""
+    false_negative_drift_per_h: Drift = 0.0
+    """The same for its share of false negatives."""
+    sensor_from_s: Since = 0.0
+    """When sensors fail, s, or the range from which each robot's time is drawn."""
+    opposite: Affected = 0.0
+    """Robots that send the opposite of what their strategy says, unknowingly."""
+    opposite_from_s: Since = 0.0
+    """When they begin to, s, or a range."""
+    radio_dead: Affected = 0.0
+    """Robots whose radio dies: they send and hear nothing from then on, and go on alone."""
+    radio_dead_from_s: Since = 0.0
+    """When it dies, s, or a range."""
+
+    @field_validator(*OTHER_FAULTS, mode="before")
+    @classmethod
+    def _check_affected_too(cls, value: object, info: ValidationInfo) -> Affected:
+        return _affected(value, f"faults.{info.field_name}")
+
+    @field_validator("sensor_from_s", "opposite_from_s", "radio_dead_from_s", mode="before")
+    @classmethod
+    def _check_since_too(cls, value: object, info: ValidationInfo) -> Since:
+        return _since(value, f"faults.{info.field_name}")
+
+    @property
+    def of_motion(self) -> MotionFaults:
+        """The part that changes motion."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in MotionFaults.model_fields}
+        return MotionFaults(**values)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of faults that befall anyone."""
+        return tuple(kind for kind in FAULTS if getattr(self, kind))
+
+
+def robots_of_share(share: float, robots: int) -> int:
+    """Return the number of robots that a share of the swarm is, rounded half up."""
+    return math.floor(share * robots + 0.5 + 1e-9)
+
+
+def count_of(affected: Affected, robots: int) -> int:
+    """Return how many robots a fault befalls."""
+    return len(affected) if isinstance(affected, tuple) else robots_of_share(affected, robots)
+
+
+def check_faults(faults: Faults, robots: int) -> None:
+    """Refuse faults of robots that do not exist, and more sensors stuck than there are.
+
+    Raises:
+        InputError: names the field.
+    """
+    for kind in FAULTS:
+        affected = getattr(faults, kind)
+        if not isinstance(affected, tuple):
+            continue
+        if len(affected) > robots:
+            raise InputError(f"lists {len(affected)} robots, and there are {robots}", field=f"faults.{kind}")
+        if affected and affected[-1] >= robots:
+            raise InputError(
+                f"there is no robot {affected[-1]}: {robots} robots have the numbers 0 to {robots - 1}",
+                field=f"faults.{kind}",
+            )
+    named = [
+        set(value) if isinstance(value, tuple) else set() for value in (faults.stuck_at_0, faults.stuck_at_1)
+    ]
+    if both := sorted(named[0] & named[1]):
+        raise InputError(f"robot {both[0]} cannot be stuck at 0 and at 1", field="faults.stuck_at_0")
+    counts = [count_of(value, robots) for value in (faults.stuck_at_0, faults.stuck_at_1)]
+    if sum(counts) > robots:
+        raise InputError(
+            f"{counts[0]} robots stuck at 0 and {counts[1]} at 1 are more than {robots} robots",
+            field="faults.stuck_at_1",
+        )
