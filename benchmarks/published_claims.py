@@ -88,7 +88,9 @@ CLAIMS: Final = (
 )  # fmt: skip
 
 
-def play(strategy: str, values: Mapping[str, Any], fills: tuple[float, ...], runs: int, seed: int) -> Standings:
+def play(
+    strategy: str, values: Mapping[str, Any], fills: tuple[float, ...], runs: int, seed: int
+) -> Standings:
     """Play one entry on random floors."""
     entry = Entry(strategy, strategy, dict(values))
     base = preset("paper").with_values(LONG)
