@@ -180,6 +180,36 @@ def test_tables(standings: Standings) -> None:
         assert row["difference"] == pytest.approx(means[row["name"]] - means["soft"])
     with pytest.raises(InputError, match="positive"):
         standings.differences("positive")
+    assert table["told"].to_list() == ["boundary"] * 3
+
+
+def test_the_worst_floor_is_measured_by_other_motions(standings: Standings) -> None:
+    """With one entry's errors replaced: on each floor one share in the motions that choose, another in the rest."""
+    errors = np.empty((4, 24))
+    errors[:, ::2] = np.array([0.1, 0.3, 0.2, 0.2])[:, None]
+    errors[:, 1::2] = np.array([0.9, 0.05, 0.8, 0.7])[:, None]
+    values = {**standings.values, "forced_error": np.array([errors] * 3)}
+    floor, error = Standings(standings.league, values, standings.study).worst_floor(0)
+    assert floor == standings.league.floors[1]
+    assert error.estimate == pytest.approx(0.05)
+
+
+def test_differences_floor_by_floor(standings: Standings) -> None:
+    table = standings.floor_differences("soft")
+    assert table.height == 2 * 4 * 2
+    assert (table["p_holm"] >= table["p_value"]).all()
+    smallest = table.filter(pl.col("figure") == "decision_time_s")["p_value"].min()
+    held = table.filter(pl.col("figure") == "decision_time_s")["p_holm"].min()
+    assert held == pytest.approx(min(8 * smallest, 1.0))  # two entries, four floors
+    for row in table.iter_rows(named=True):
+        of = {
+            floor["name"]: floor[row["figure"]]
+            for floor in standings.floor_table.iter_rows(named=True)
+            if (floor["pattern"], floor["fill_ratio"]) == (row["pattern"], row["fill_ratio"])
+        }
+        assert row["difference"] == pytest.approx(of[row["name"]] - of["soft"])
+    with pytest.raises(InputError, match="positive"):
+        standings.floor_differences("positive")
 
 
 def test_fronts(standings: Standings) -> None:
@@ -214,7 +244,20 @@ def test_the_error_of_strategies_that_read_nothing_is_known(tmp_path: Path) -> N
     assert [found["always_yes"].interval(k, "forced_error").estimate for k in (1, 2)] == [1.0, 0.0]
 
 
-SMALL = ["--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4", "--strategy", "none,soft"]
+SMALL = [
+    "--runs",
+    "4",
+    "--belief-runs",
+    "2",
+    "--patterns",
+    "stripe",
+    "--fills",
+    "0.48",
+    "--robots",
+    "4",
+    "--strategy",
+    "none,soft",
+]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
@@ -225,7 +268,8 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     said = capsys.readouterr().out
     assert said.startswith("Smallest forced error: ")
     kept = {file.name: file.read_bytes() for file in folder.glob("*.csv")}
-    assert set(kept) == {"standings.csv", "differences.csv", "fronts.csv", "floors.csv"}
+    tables = ("standings", "differences", "floor_differences", "fronts", "floors", "beliefs")
+    assert set(kept) == {f"{name}.csv" for name in tables}
     assert main([*line, "--json", "--workers", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert {row["name"] for row in document["standings"]} == {"none", "soft"}
@@ -246,6 +290,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         ("--vary none", "--vary"),
         ("--floor random:0.48", "--patterns"),
         ("--settings nothing.toml", "--untuned"),
+        ("--own-motion", "--own-motion"),
     ],
 )
 def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -293,9 +338,16 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
 
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
     settings = frozen_settings()
-    assert set(settings) == set(known())
+    assert set(settings) == set(frozen_settings(own_motion=True)) == set(known())
+    motions = {
+        tuple(v for k, v in own.items() if k.startswith("walk.")) for own in frozen_settings(True).values()
+    }
+    assert len(motions) > 1
     assert all(entry.tuned for entry in entries_of(list(settings), settings))
     assert main(["league", *SMALL, *QUICK[:-1], "--json"]) == 0
     capsys.readouterr()
+    assert main(["league", *SMALL, *QUICK[:-1], "--own-motion", "--fronts", "--json"]) == 0
+    names = [row["name"] for row in json.loads(capsys.readouterr().out)["standings"]]
+    assert len(names) == 2 * 24
     assert main(["league", *SMALL, *QUICK]) == 0
     assert "Not tuned for a league" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ examples:
   vibroswarm league --runs 1000
   vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
   vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
+  vibroswarm league --own-motion --runs 300 --out out/own-motion
 """
 
 
@@ -54,11 +56,28 @@ def add_parser(commands: Any) -> None:
         "--untuned", action="store_true", help="use the scenario's settings and each strategy's defaults"
     )
     group.add_argument(
+        "--own-motion",
+        action="store_true",
+        help="each strategy moves as suits it: use the settings that were found with motion",
+    )
+    group.add_argument(
+        "--fronts",
+        action="store_true",
+        help="play several settings of each strategy's own parameters, and compare fronts",
+    )
+    group.add_argument(
         "--vary",
         metavar="[STRATEGY:]FIELD=A,B,...",
         action="append",
         default=[],
         help="one entry for each value, of one strategy or of all; may be repeated",
+    )
+    group.add_argument(
+        "--belief-runs",
+        metavar="N",
+        type=whole,
+        default=100,
+        help="motions on which beliefs are compared with outcomes; 0: none (default 100)",
     )
     group.add_argument(
         "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
@@ -98,30 +117,36 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
+    from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
     from vibroswarm.league.fronts import front_table
     from vibroswarm.league.report import write_league_report
 
-    league = league_from(arguments)
+    league, plain = league_from(arguments)
     if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
         known = ", ".join(f"'{one.label}'" for one in league.entries)
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
+    how = {"workers": arguments.workers, "executor": arguments.executor}
     with study_progress("simulating") as progress:
-        standings = league.play(
-            arguments.out,
-            progress=progress,
-            workers=arguments.workers,
-            executor=arguments.executor,
-            mixed=arguments.mixed,
-        )
+        standings = league.play(arguments.out, progress=progress, mixed=arguments.mixed, **how)
     tables = {
         "standings": standings.table,
         "differences": standings.differences(arguments.reference),
+        "floor_differences": standings.floor_differences(arguments.reference),
         "fronts": front_table(standings, arguments.reference),
         "floors": standings.floor_table,
     }
+    if arguments.belief_runs:
+        with study_progress("comparing beliefs") as progress:
+            tables["beliefs"] = belief_calibration(
+                replace(league, entries=plain),
+                arguments.out and arguments.out / BELIEFS,
+                runs=arguments.belief_runs,
+                progress=progress,
+                **how,
+            )
     if arguments.out is not None:
         write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-        write_league_report(arguments.out, standings, tables["differences"], tables["fronts"])
+        write_league_report(arguments.out, standings, tables)
     if arguments.json:
         print_json({name: table.fill_nan(None).to_dicts() for name, table in tables.items()})
     else:
@@ -129,12 +154,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def league_from(arguments: argparse.Namespace) -> League:
-    """Make the league that the options describe."""
-    from vibroswarm.league.entries import entries_of, frozen_settings, read_settings
+def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...]]:
+    """Return the league that the options describe, and its entries before --fronts and --vary."""
+    from vibroswarm.league.entries import entries_of, frozen_settings, read_settings, with_fronts
     from vibroswarm.league.standings import League
 
     names, base, floors, robots = players_from(arguments)
+    if arguments.own_motion and (arguments.untuned or arguments.entry_settings is not None):
+        raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
     if arguments.untuned:
         if arguments.entry_settings is not None:
             raise InputError("conflicts with --settings; use one of them", field="--untuned")
@@ -142,11 +169,12 @@ def league_from(arguments: argparse.Namespace) -> League:
     elif arguments.entry_settings is not None:
         settings = read_settings(arguments.entry_settings)
     else:
-        settings = frozen_settings()
-    entries = entries_of(names, settings)
+        settings = frozen_settings(arguments.own_motion)
+    plain = entries_of(names, settings)
+    entries = with_fronts(plain) if arguments.fronts else plain
     for text in arguments.vary:
         entries = _varied(entries, text)
-    return League(base, entries, floors, robots, arguments.runs, arguments.seed)
+    return League(base, entries, floors, robots, arguments.runs, arguments.seed), plain
 
 
 def players_from(
@@ -197,17 +225,28 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
     from vibroswarm.league.report import answers
 
     league, table = standings.league, tables["standings"]
-    for sentence in answers(table, tables["differences"], tables["fronts"]):
+    for sentence in answers(table, tables):
         print_paragraph(sentence)
     print()
     print_table(
-        ["", "forced error", "right", "wrong", "undecided", "decision time", "messages", "bytes"],
+        [
+            "",
+            "forced error",
+            "right",
+            "wrong",
+            "undecided",
+            "decision time",
+            "worst floor",
+            "messages",
+            "bytes",
+        ],
         [
             [
                 row["name"],
                 values_text(row, "forced_error", 100, ".1f", " %"),
                 *(f"{100 * row[name]:.1f} %" for name in ("right", "wrong", "undecided")),
                 values_text(row, "decision_time_s", 1, ".0f", " s"),
+                f"{100 * row['worst_floor_error']:.1f} %",
                 f"{row['sent']:.0f}",
                 f"{row['bytes_sent']:.0f}",
             ]
@@ -220,6 +259,24 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         print(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
         rows = [_difference(row) for row in differences.iter_rows(named=True)]
         print_table(["", "figure", "difference", "p"], rows, texts=2)
+    if "beliefs" in tables and tables["beliefs"].height:
+        print()
+        print("Robots that decided: what they believed, and how often they were right")
+        print_table(
+            ["", "settings", "floors", "believed", "right", "decided"],
+            [
+                [
+                    row["name"],
+                    row["settings"],
+                    row["prior"],
+                    values_text(row, "believed", 100, ".1f", " %"),
+                    values_text(row, "right", 100, ".1f", " %"),
+                    f"{100 * row['decided']:.0f} %",
+                ]
+                for row in tables["beliefs"].iter_rows(named=True)
+            ],
+            texts=3,
+        )
     if (tables["fronts"]["points"] > 1).any():
         print()
         print("At equal error, and at equal time")
@@ -242,8 +299,8 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
     sizes = ", ".join(map(str, league.robots))
     print_paragraph(
         f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "
-        "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. Messages and bytes: "
-        "per robot and run."
+        "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. The worst floor is "
+        "chosen by other motions than those that measure it. Messages and bytes: per robot and run."
     )
 
 

@@ -31,6 +31,11 @@ def add_parser(commands: Any) -> None:
         "--points", metavar="N", type=whole, default=64, help="settings tried per strategy (default 64)"
     )
     group.add_argument(
+        "--own-motion",
+        action="store_true",
+        help="search the motion too, for 'vibroswarm league --own-motion'",
+    )
+    group.add_argument(
         "--spaces",
         metavar="FILE",
         type=Path,
@@ -58,7 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
             names,
             floors,
             robots,
-            space_of=spaces() | (read_settings(arguments.spaces) if arguments.spaces else {}),
+            space_of=spaces(arguments.own_motion)
+            | (read_settings(arguments.spaces) if arguments.spaces else {}),
             points=arguments.points,
             runs=arguments.runs,
             seed=arguments.seed,

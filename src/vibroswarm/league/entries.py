@@ -127,10 +127,28 @@ def varied(
     return tuple(found)
 
 
-def frozen_settings() -> dict[str, dict[str, Any]]:
-    """Return the settings that ship with the package; the file says how they were found."""
-    text = files("vibroswarm.league").joinpath("settings.toml").read_text(encoding="utf-8")
-    return parsed_toml(text, "settings.toml")
+def with_fronts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Replace each entry by one for each combination of the values in ``fronts.toml``, where its strategy is listed."""
+    fronts = shipped("fronts.toml")
+    found = tuple(entries)
+    for name in {entry.strategy for entry in entries} & set(fronts):
+        for field, values in fronts[name].items():
+            found = varied(found, name, field, values)
+    return found
+
+
+def frozen_settings(own_motion: bool = False) -> dict[str, dict[str, Any]]:
+    """Return the settings that ship with the package; the file says how they were found.
+
+    Args:
+        own_motion: those that set each strategy's motion too.
+    """
+    return shipped("settings_own_motion.toml" if own_motion else "settings.toml")
+
+
+def shipped(name: str) -> dict[str, dict[str, Any]]:
+    """Return a file of tables that ships with the package."""
+    return parsed_toml(files("vibroswarm.league").joinpath(name).read_text(encoding="utf-8"), name)
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:

@@ -8,13 +8,16 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.league.belief_calibration import AS_PLAYED, AT_95, COMMON, OWN
 from vibroswarm.league.standings import Standings
+from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
 
 REPORT = "report.html"
 PERCENT = Column(percent=True)
+COSTS = ("name", "told", "sent", "bytes_on_air", "bytes_sent")
 _COLUMNS = {
     "name": Column("entry"),
     "forced_error": Column("forced error", percent=True),
@@ -25,23 +28,27 @@ _COLUMNS = {
     "sent": Column("messages per robot"),
     "bytes_sent": Column("bytes per robot"),
     "bytes_on_air": Column("bytes per message"),
+    "worst_floor": Column("worst floor"),
+    "worst_floor_error": Column("error on it", percent=True),
+    "told": Column("told to a robot"),
+    "believed": PERCENT,
+    "decided": PERCENT,
 }
 
 
-def write_league_report(
-    folder: Path, standings: Standings, differences: pl.DataFrame, fronts: pl.DataFrame
-) -> None:
+def write_league_report(folder: Path, standings: Standings, tables: Mapping[str, pl.DataFrame]) -> None:
     """Write ``report.html`` into a folder.
 
     Args:
-        differences, fronts: against the same reference.
+        tables: differences, floor_differences and fronts, against the same reference; where known, beliefs.
     """
-    write_report(folder / REPORT, report_of(standings, differences, fronts))
+    write_report(folder / REPORT, report_of(standings, tables))
 
 
-def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFrame) -> Report:
-    """Lay out the report."""
+def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Report:
+    """Lay out the report, see ``write_league_report``."""
     table, league = standings.table, standings.league
+    differences, fronts = tables["differences"], tables["fronts"]
     front = draw_front(
         table.select(
             "name",
@@ -74,6 +81,11 @@ def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFr
             (picture_of(front, "front"), ReportTable(_with_limits(table), _COLUMNS, name="standings")),
         ),
         Section(
+            "What it costs, and what a robot is told",
+            ("Messages and bytes are those that a robot sends in a run.",),
+            (ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
+        ),
+        Section(
             "Compared with the reference",
             (
                 "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
@@ -82,7 +94,19 @@ def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFr
             (ReportTable(_side_by_side(differences), {"name": Column("entry")}, name="differences"),),
         ),
         *_fronts_section(fronts),
-        Section("Floor by floor", (), (picture_of(heat, "floors"),)),
+        *_beliefs_section(tables.get("beliefs")),
+        Section(
+            "Floor by floor",
+            (_floors_text(tables["floor_differences"]),),
+            (picture_of(heat, "floors"),),
+        ),
+        Section(
+            "Differences from the reference, floor by floor",
+            parts=(
+                ReportTable(tables["floor_differences"], {"name": Column("entry")}, name="floor_differences"),
+            ),
+            folded=True,
+        ),
         Section(
             "All figures, floor by floor",
             parts=(ReportTable(standings.floor_table, _COLUMNS, name="floors"),),
@@ -98,7 +122,7 @@ def report_of(standings: Standings, differences: pl.DataFrame, fronts: pl.DataFr
         "seed": str(league.seed),
         "base scenario": league.base.hash,
     }
-    return Report("League", answers(table, differences, fronts), sections=sections, details=details)
+    return Report("League", answers(table, tables), sections=sections, details=details)
 
 
 def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
@@ -111,8 +135,13 @@ def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def answers(table: pl.DataFrame, differences: pl.DataFrame, fronts: pl.DataFrame) -> tuple[str, ...]:
-    """Say who is fastest, who errs least, and which differences from the reference are sure."""
+def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[str, ...]:
+    """Say who is fastest, who errs least, which differences from the reference are sure, and where.
+
+    Args:
+        table: the standings. tables: as of ``write_league_report``.
+    """
+    differences, fronts = tables["differences"], tables["fronts"]
     fastest = table.sort("decision_time_s").row(0, named=True)
     surest = table.row(0, named=True)
     found = [
@@ -140,6 +169,7 @@ def answers(table: pl.DataFrame, differences: pl.DataFrame, fronts: pl.DataFrame
         words = [f"{what}: {', '.join(names)}" for what, names in kinds if names]
         what = "; ".join(words) or "no difference shown"
         found.append(f"Time and forced error against {reference}, at p < 0.05 after Holm: {what}.")
+        found.append(_floors_text(tables["floor_differences"]))
     several = fronts.filter((pl.col("points") > 1) & pl.col("time_at_equal_error_s").is_not_null())
     if several.height:
         best = several.sort("time_at_equal_error_s").row(0, named=True)
@@ -147,7 +177,88 @@ def answers(table: pl.DataFrame, differences: pl.DataFrame, fronts: pl.DataFrame
             f"At the forced error of {best['reference']}, the fastest front is that of {best['strategy']}: "
             f"{best['time_at_equal_error_s']:.0f} s, against {best['reference_time_s']:.0f} s."
         )
+    found += _belief_sentences(tables.get("beliefs"))
     return tuple(found)
+
+
+def _floors_text(floors: pl.DataFrame) -> str:
+    """Say on how many floors each strategy errs less or more often than the reference."""
+    sure = floors.filter((pl.col("figure") == "forced_error") & (pl.col("p_holm") < 0.05))
+    count = floors.select("pattern", "fill_ratio").unique().height
+    if not sure.height:
+        return f"Floor by floor, at p < 0.05 after Holm over strategies and {count} floors: no forced error differs."
+    parts = []
+    for name in sure["name"].unique(maintain_order=True):
+        mine = sure.filter(pl.col("name") == name)["difference"]
+        numbers = (("fewer", int((mine < 0).sum())), ("more", int((mine > 0).sum())))
+        parts.append(f"{name} " + ", ".join(f"{word} on {number}" for word, number in numbers if number))
+    reference = floors["reference"][0]
+    return (
+        f"Forced errors against {reference} floor by floor, at p < 0.05 after Holm over strategies and {count} floors: "
+        f"{'; '.join(parts)}."
+    )
+
+
+def _belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
+    """Say which strategies are right less often than they believe, at a 95 % threshold without a gate."""
+    if beliefs is None or not beliefs.height:
+        return []
+    rows = beliefs.drop_nulls(["right_high", "believed_low"])
+    too_sure = pl.col("right_high") < pl.col("believed_low")
+    found = []
+    for prior, words in ((OWN, "on floors from their own prior"), (COMMON, "on floors of independent tiles")):
+        names = rows.filter((pl.col("prior") == prior) & (pl.col("settings") == AS_PLAYED) & too_sure)["name"]
+        found.append(f"{words}: {', '.join(names) or 'none shown'}")
+    return [f"Robots that are right less often than they believe, {'; '.join(found)}."]
+
+
+def _beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section that compares beliefs with outcomes."""
+    if beliefs is None or not beliefs.height:
+        return ()
+    text = (
+        "Robots that decided: the mean belief in their decisions, and the share of them that were right. Over floors "
+        "as the strategy expects them (its own prior of the fill ratio), and over floors whose tiles vibrate "
+        f"independently. '{AT_95}': at p_c = 0.95 and O_c = 0. Strategies without a belief are left out."
+    )
+    marks = [
+        {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
+        | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
+        for row in beliefs.iter_rows(named=True)
+        for name in ("believed", "right")
+    ]
+    picture = draw_error_bars(
+        pl.DataFrame(marks, infer_schema_length=None),
+        label="robots that decided",
+        interval="95 % jackknife interval over motions",
+        percent=True,
+        style="page",
+    )
+    columns = ("name", "settings", "prior", "believed", "right", "decided")
+    table = pl.DataFrame(
+        [
+            {
+                **{name: row[name] for name in columns[:3]},
+                **{
+                    key: value
+                    for name in columns[3:5]
+                    for key, value in (
+                        (name, row[name]),
+                        (f"{name}, 95 %", _limits(row, name, 100, ".1f")),
+                    )
+                },
+                "decided": row["decided"],
+            }
+            for row in beliefs.iter_rows(named=True)
+        ]
+    )
+    return (
+        Section(
+            "Belief and truth",
+            (text,),
+            (picture_of(picture, "beliefs"), ReportTable(table, _COLUMNS, name="beliefs")),
+        ),
+    )
 
 
 def _signs(differences: pl.DataFrame, name: str) -> tuple[int, int]:
@@ -229,9 +340,9 @@ def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
             "undecided": row["undecided"],
             "decision_time_s": row["decision_time_s"],
             "time, 95 %": _limits(row, "decision_time_s", 1, ".0f"),
-            "sent": row["sent"],
-            "bytes_on_air": row["bytes_on_air"],
-            "bytes_sent": row["bytes_sent"],
+            "worst_floor": row["worst_floor"],
+            "worst_floor_error": row["worst_floor_error"],
+            "error on it, 95 %": _limits(row, "worst_floor_error", 100, ".1f"),
         }
         for row in table.iter_rows(named=True)
     ]

@@ -11,7 +11,11 @@
 **The unit is the motion of a run.** All strategies and floors share the motion of run r of a swarm size, so outcomes on
 different floors are dependent. Each figure is therefore averaged over the floors first, and intervals are over the
 (size, run) pairs. Strategies are compared with a reference pair by pair; the p-values of each figure are corrected over
-the strategies (Holm). The floors are given, not drawn: figures hold for them, and every floor counts the same.
+the strategies, or over strategies and floors (Holm). The floors are given, not drawn: figures hold for them, and every
+floor counts the same.
+
+**Worst floor**: among the floors nearest to 1/2, that with the largest forced error. It is chosen by half of the units
+and measured with the other half, as the largest of several estimates is too large.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
@@ -33,6 +38,8 @@ from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import capped_time_s, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import strategy
+from vibroswarm.strategies.told import told
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult, run
@@ -115,6 +122,20 @@ class Standings:
         mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
         return mean
 
+    def boundary_of(self, entry: Entry) -> str:
+        """Return ``decision.boundary_of`` as this entry plays."""
+        found: str = entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of)
+        return found
+
+    def worst_floor(self, entry: int) -> tuple[LeagueFloor, Interval]:
+        """Return the floor with the largest forced error among those nearest to 1/2, and that error."""
+        floors = self.league.floors
+        nearest = min(abs(floor.fill_ratio - 0.5) for floor in floors) + 1e-9
+        hard = [k for k, floor in enumerate(floors) if abs(floor.fill_ratio - 0.5) <= nearest]
+        errors = self.values["forced_error"][entry][hard]
+        worst = int(errors[:, ::2].mean(axis=1).argmax())
+        return floors[hard[worst]], mean_interval(errors[worst, 1::2])
+
     @cached_property
     def table(self) -> pl.DataFrame:
         """One row an entry, those with the smallest forced error first: figures with ``_low`` and ``_high``."""
@@ -124,10 +145,16 @@ class Standings:
                 "name": entry.label,
                 "strategy": entry.strategy,
                 "bytes_on_air": entry.bytes_on_air,
+                "told": ", ".join(told(strategy(entry.strategy), self.boundary_of(entry))),
             }
             for figure in FIGURES:
                 found = self.interval(k, figure)
                 row |= _columns(figure, found)
+            floor, found = self.worst_floor(k)
+            row |= {
+                "worst_floor": f"{floor.pattern} {floor.fill_ratio:g}",
+                **_columns("worst_floor_error", found),
+            }
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
 
@@ -180,6 +207,51 @@ class Standings:
                     }
                 )
         return pl.DataFrame(rows)
+
+    def floor_differences(self, reference: str | None = None) -> pl.DataFrame:
+        """Compare each strategy with a reference on each floor, pair by pair.
+
+        Args:
+            reference: the label of an entry; by default the first.
+        Returns: name, reference, pattern, fill_ratio, figure, difference (entry - reference), p_value of a paired
+        t-test, p_holm (corrected over the entries and floors).
+        Raises:
+            InputError: the reference does not take part.
+        """
+        names = [entry.label for entry in self.league.entries]
+        against = names[0] if reference is None else reference
+        check_choice(against, "reference", names)
+        others = [k for k, name in enumerate(names) if name != against]
+        rows = []
+        for figure in COMPARED:
+            values = self.values[figure]
+            differences = values[others] - values[names.index(against)]  # entries, floors, units
+            p_values = np.array([[_p_of_mean(d) for d in of_entry] for of_entry in differences])
+            corrected = np.array(holm(p_values.ravel().tolist())).reshape(p_values.shape)
+            for place, k in enumerate(others):
+                for number, floor in enumerate(self.league.floors):
+                    rows.append(
+                        {
+                            "name": names[k],
+                            "reference": against,
+                            "pattern": floor.pattern,
+                            "fill_ratio": floor.fill_ratio,
+                            "figure": figure,
+                            "difference": plain(float(differences[place, number].mean())),
+                            "p_value": plain(float(p_values[place, number])),
+                            "p_holm": plain(float(corrected[place, number])),
+                        }
+                    )
+        return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _p_of_mean(differences: Array) -> float:
+    """Return the two-sided p-value of a paired t-test; 1 if all pairs are equal, nan if it is undefined."""
+    if differences.size < 2 or np.isnan(differences).any():
+        return np.nan
+    if np.ptp(differences) == 0.0:
+        return 1.0 if differences[0] == 0.0 else 0.0
+    return float(ttest_1samp(differences, 0.0).pvalue)
 
 
 def _columns(name: str, interval: Interval) -> dict[str, float | None]:

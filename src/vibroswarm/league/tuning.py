@@ -18,15 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from typing import Any, Final
 
 import polars as pl
 import tomli_w
 
-from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import Entry, LeagueFloor, entries_of
+from vibroswarm.league.entries import Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.factors import points_of
@@ -58,10 +56,15 @@ class Tuned:
         return comment + "\n" + tomli_w.dumps({name: dict(table) for name, table in self.settings.items()})
 
 
-def spaces() -> dict[str, dict[str, Any]]:
-    """Return the spaces that ship with the package: by strategy, bounds by field as in a study's ``sobol`` block."""
-    text = files("vibroswarm.league").joinpath("spaces.toml").read_text(encoding="utf-8")
-    return parsed_toml(text, "spaces.toml")
+def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
+    """Return the spaces that ship with the package: by strategy, bounds by field as in a study's ``sobol`` block.
+
+    Args:
+        own_motion: with the bounds of motion, the same for all strategies.
+    """
+    known = shipped("spaces.toml")
+    motion = shipped("motion_space.toml")["motion"] if own_motion else {}
+    return {name: {**space, **motion} for name, space in known.items()}
 
 
 def tune(

@@ -78,7 +78,8 @@ def draw_heat(
     )
     runs = run_counts(frame)
     missing = int(np.isnan(grid).sum())
-    caption = f"{label} over {x_label} and {y_label}{', ' + of_runs(runs) if runs else ''}."
+    axes = " and ".join(name for name in (x_label, y_label) if name)
+    caption = f"{label} over {axes}{', ' + of_runs(runs) if runs else ''}."
     if chosen.any():
         within = f" and all within {number(best_within)} of it" if best_within else ""
         caption += f" Outlined: the {'lowest' if best == 'low' else 'highest'}{within}."

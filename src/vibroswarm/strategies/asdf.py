@@ -189,6 +189,7 @@ asdf = register(
         __name__,
         "asdf",
         bytes_on_air=9,
+        told=("accuracy",),
         about="ASDF: MCP, and a robot corrects its assumed accuracy by the estimates of others",
     )
 )

@@ -117,6 +117,7 @@ class Strategy(Plugin):
         bytes_on_air: of one message, at most 144.
         revises: decisions may change if ``decision.revise`` is set.
         boundary_half: it works only for a boundary of readings of 1/2.
+        told: what its parameters tell a robot of the task, such as "accuracy"; see ``told`` for the rest.
     """
 
     state: type
@@ -135,6 +136,7 @@ class Strategy(Plugin):
     bytes_on_air: int = 1
     revises: bool = False
     boundary_half: bool = False
+    told: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

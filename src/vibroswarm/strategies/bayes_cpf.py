@@ -172,6 +172,7 @@ bayes_cpf = register(
         __name__,
         "bayes_cpf",
         bytes_on_air=9,
+        told=("accuracy", "its drift"),
         about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
     )
 )
