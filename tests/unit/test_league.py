@@ -268,7 +268,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     said = capsys.readouterr().out
     assert said.startswith("Smallest forced error: ")
     kept = {file.name: file.read_bytes() for file in folder.glob("*.csv")}
-    tables = ("standings", "differences", "floor_differences", "fronts", "floors", "beliefs")
+    tables = ("standings", "differences", "floor_differences", "fronts", "floors", "beliefs", "faults")
     assert set(kept) == {f"{name}.csv" for name in tables}
     assert main([*line, "--json", "--workers", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -291,6 +291,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         ("--floor random:0.48", "--patterns"),
         ("--settings nothing.toml", "--untuned"),
         ("--own-motion", "--own-motion"),
+        ("--faults stuck_at_2", "stuck_at_1"),
     ],
 )
 def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:

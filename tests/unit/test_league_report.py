@@ -9,6 +9,7 @@ import pytest
 
 from vibroswarm.league.belief_calibration import belief_calibration
 from vibroswarm.league.entries import entries_of, floors_of
+from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.fronts import front_table
 from vibroswarm.league.report import answers, by_difficulty, write_league_report
 from vibroswarm.league.standings import League
@@ -113,6 +114,7 @@ def test_the_page_says_who_wins_and_with_which_settings(tmp_path: Path) -> None:
         "floor_differences": standings.floor_differences(),
         "fronts": front_table(standings),
         "beliefs": belief_calibration(standings.league, runs=2),
+        "faults": fault_curves(standings.league, kinds=["stuck_at_1"], most=1, runs=2),
     }
     write_league_report(tmp_path, standings, tables)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -120,5 +122,6 @@ def test_the_page_says_who_wins_and_with_which_settings(tmp_path: Path) -> None:
     assert "strategy.soft.eta = 321.0" in text
     assert "http://" not in text.replace("http://www.w3.org", "")
     assert "Belief and truth" in text
+    assert "Faulty robots" in text
     write_league_report(tmp_path, standings, tables)
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == text

@@ -80,6 +80,19 @@ def add_parser(commands: Any) -> None:
         help="motions on which beliefs are compared with outcomes; 0: none (default 100)",
     )
     group.add_argument(
+        "--faults",
+        metavar="KIND,...",
+        type=list_of(),
+        help="kinds of faulty robots that each strategy has to bear (default: stuck_at_1,opposite,radio_dead,stopped)",
+    )
+    group.add_argument(
+        "--fault-runs",
+        metavar="N",
+        type=whole,
+        default=100,
+        help="runs per fault, number of faulty robots and floor; 0: none (default 100)",
+    )
+    group.add_argument(
         "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
     )
     add_json(group)
@@ -118,6 +131,8 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
+    from vibroswarm.league.fault_curves import FOLDER as FAULTS_FOLDER
+    from vibroswarm.league.fault_curves import KINDS, fault_curves
     from vibroswarm.league.fronts import front_table
     from vibroswarm.league.report import write_league_report
 
@@ -141,6 +156,16 @@ def run(arguments: argparse.Namespace) -> int:
                 replace(league, entries=plain),
                 arguments.out and arguments.out / BELIEFS,
                 runs=arguments.belief_runs,
+                progress=progress,
+                **how,
+            )
+    if arguments.fault_runs:
+        with study_progress("with faulty robots") as progress:
+            tables["faults"] = fault_curves(
+                replace(league, entries=plain),
+                arguments.out and arguments.out / FAULTS_FOLDER,
+                kinds=arguments.faults or KINDS,
+                runs=arguments.fault_runs,
                 progress=progress,
                 **how,
             )
@@ -277,6 +302,8 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
             ],
             texts=3,
         )
+    if "faults" in tables:
+        print_faults(tables["faults"])
     if (tables["fronts"]["points"] > 1).any():
         print()
         print("At equal error, and at equal time")
@@ -301,6 +328,34 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "
         "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. The worst floor is "
         "chosen by other motions than those that measure it. Messages and bytes: per robot and run."
+    )
+
+
+def print_faults(curves: pl.DataFrame) -> None:
+    """Print the forced error of each entry without faulty robots and with the most, and how many it bears."""
+    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.league.fault_curves import MARGIN, borne
+
+    kinds = curves["kind"].unique(maintain_order=True).to_list()
+    errors = {
+        (row["name"], row["kind"], row["faulty"]): f"{100 * row['forced_error']:.1f}"
+        for row in curves.iter_rows(named=True)
+    }
+    count = {(row["name"], row["kind"]): row["borne"] for row in borne(curves).iter_rows(named=True)}
+    print()
+    print(
+        "Faulty robots that a strategy bears, and the forced error (%) of the others with 0, 1, ... of them"
+    )
+    rows = []
+    for name in curves["name"].unique(maintain_order=True):
+        row = [name]
+        for kind in kinds:
+            found = [text for (n, k, _), text in errors.items() if (n, k) == (name, kind)]
+            row.append(f"{count[name, kind]}: {', '.join(found)}" if found else "-")
+        rows.append(row)
+    print_table(["", *(kind.replace("_", " ") for kind in kinds)], rows)
+    print_paragraph(
+        f"Bears: the 95 % interval of the rise lies below {100 * MARGIN:.0f} points, for that number and all below."
     )
 
 

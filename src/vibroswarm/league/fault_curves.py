@@ -1,8 +1,8 @@
 """Compute how many faulty robots each strategy of a league bears.
 
-For each kind of fault the league's smallest swarm plays with 0, 1, 2, ... faulty robots on random floors on both sides of
-1/2, which a fault that leans to one side does not hurt alike. Robots that are faulty in a run are so with larger numbers
-too, and everything else is the same: differences are paired, run by run.
+For each kind of fault the league's smallest swarm plays with 0, 1, 2, ... faulty robots, on random floors on both sides
+of 1/2: a fault that leans to one side does harm on the other. Robots that are faulty in a run are so with larger
+numbers too, and everything else is the same: differences are paired, run by run.
 
 | column | what it is |
 |---|---|

@@ -9,6 +9,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.league.belief_calibration import AS_PLAYED, AT_95, COMMON, OWN
+from vibroswarm.league.fault_curves import MARGIN, borne
 from vibroswarm.league.standings import Standings
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
@@ -40,7 +41,7 @@ def write_league_report(folder: Path, standings: Standings, tables: Mapping[str,
     """Write ``report.html`` into a folder.
 
     Args:
-        tables: differences, floor_differences and fronts, against the same reference; where known, beliefs.
+        tables: differences, floor_differences and fronts, against the same reference; where known, beliefs and faults.
     """
     write_report(folder / REPORT, report_of(standings, tables))
 
@@ -95,6 +96,7 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
         ),
         *_fronts_section(fronts),
         *_beliefs_section(tables.get("beliefs")),
+        *_faults_section(tables.get("faults")),
         Section(
             "Floor by floor",
             (_floors_text(tables["floor_differences"]),),
@@ -210,6 +212,48 @@ def _belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
         names = rows.filter((pl.col("prior") == prior) & (pl.col("settings") == AS_PLAYED) & too_sure)["name"]
         found.append(f"{words}: {', '.join(names) or 'none shown'}")
     return [f"Robots that are right less often than they believe, {'; '.join(found)}."]
+
+
+def _faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section on faulty robots: a picture for each kind of fault."""
+    if curves is None or not curves.height:
+        return ()
+    text = (
+        "Forced error of the working robots of the smallest swarm when others are faulty, on random floors on both "
+        "sides of 1/2; runs are paired. A strategy bears a fault if the 95 % interval of the rise lies below "
+        f"{100 * MARGIN:.0f} points, for that number of faulty robots and all smaller ones."
+    )
+    parts: list[Any] = []
+    for kind in curves["kind"].unique(maintain_order=True):
+        words = kind.replace("_", " ")
+        marks = curves.filter(pl.col("kind") == kind).select(
+            x="name",
+            series=pl.format("{} robots " + words, "faulty"),
+            estimate="forced_error",
+            low="forced_error_low",
+            high="forced_error_high",
+        )
+        picture = draw_error_bars(
+            marks, label="forced error of the others", percent=True, title=words.capitalize(), style="page"
+        )
+        parts.append(picture_of(picture, f"faults-{kind}"))
+    table = borne(curves).rename({"borne": "robots borne", "open": "more: not shown either way"})
+    return (
+        Section(
+            "Faulty robots",
+            (text,),
+            (ReportTable(table, {"name": Column("entry")}, name="borne"), *parts),
+        ),
+        Section(
+            "Faulty robots, all figures",
+            parts=(
+                ReportTable(
+                    curves, {"name": Column("entry"), "forced_error": PERCENT, "rise": PERCENT}, name="faults"
+                ),
+            ),
+            folded=True,
+        ),
+    )
 
 
 def _beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
