@@ -57,7 +57,7 @@ def simulate(
         runs: how many runs (0, 1, ...), or which.
         motion: the source of motion, by name.
         segments: also keep the table from which poses at any time can be had. moves: also keep that of drives, turns,
-            avoidances and stops, a row each.
+            avoidances and stops, a row each; it is kept in any case if the network reads positions, for a replay.
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:
@@ -77,7 +77,7 @@ def simulate(
         moved = _to_the_end(scenario, seed, chosen, motion, parts, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     inference, finals = infer(scenario, seed, moved, observations)
-    moved = moved if moves else replace(moved, moves=None)
+    moved = moved if parts.moves else replace(moved, moves=None)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
 
 

@@ -51,7 +51,7 @@ class MessageLog:
     @property
     def time_s(self) -> NDArray[np.float64]:
         """When each message was sent, (messages,)."""
-        return self.tick * self.tick_s
+        return np.asarray(self.tick * self.tick_s)
 
     @cached_property
     def state(self) -> NDArray[np.uint8]:

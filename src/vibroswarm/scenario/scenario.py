@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -162,7 +163,7 @@ class Scenario(Sections):
         """16 hexadecimal digits that change with any field, and with nothing else."""
         data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
         data |= {choice.kind: choice.effective for choice in self.choices}
-        text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        text = json.dumps(_infinite_as_text(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
@@ -223,6 +224,15 @@ def kind_of(name: str) -> Any:
         return None
     kind: Any = Scenario.model_fields[section].annotation
     return kind.kind_of(field) if issubclass(kind, Choice) else kind.model_fields[field].annotation
+
+
+def _infinite_as_text(data: Any) -> Any:
+    """Return JSON data in which an infinite number, as a range may be, is a text."""
+    if isinstance(data, dict):
+        return {key: _infinite_as_text(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_infinite_as_text(value) for value in data]
+    return str(data) if isinstance(data, float) and math.isinf(data) else data
 
 
 def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:

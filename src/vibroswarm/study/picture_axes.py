@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -94,4 +95,7 @@ def _numbers(cells: Sequence[Cell], field: str) -> dict[int, float] | None:
             return None
     if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values.values()):
         return None
-    return {number: float(value) for number, value in values.items()}
+    numbers = {number: float(value) for number, value in values.items()}
+    if not all(map(math.isfinite, numbers.values())):  # an unlimited range has no place on an axis
+        return None
+    return numbers

@@ -1,0 +1,287 @@
+"""Our networks: their limits are the ideal network, messages are conserved, and each does what its page says."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vibroswarm import networks
+from vibroswarm.analysis.message_log import LOST, OWN, RECEIVED, MessageLog, message_log
+from vibroswarm.errors import InputError
+from vibroswarm.motion.pose import pose
+from vibroswarm.networks import tree
+from vibroswarm.networks.loss_by_size import share_lost
+from vibroswarm.paper.columns import published
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import replay, simulate
+
+BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
+TABLES = ("inference", "robots", "runs")
+
+
+def over(network: str, strategy: str = "none", robots: int = 5, **params: Any) -> Scenario:
+    values = {"network.name": network, "strategy.name": strategy, "swarm.robots": robots}
+    return BASE.with_values(values | {f"network.{network}.{name}": value for name, value in params.items()})
+
+
+def same(one: Result, other: Result) -> bool:
+    return all(getattr(one, name).equals(getattr(other, name)) for name in TABLES)
+
+
+@pytest.mark.parametrize("strategy", ["none", "soft"])
+@pytest.mark.parametrize(
+    ("limit", "control"),
+    [
+        (("loss", {"share": 0.0}), ("loss", {"share": 0.1})),
+        (("range", {"range_m": math.inf}), ("range", {"range_m": 0.4})),
+        (("delay", {"fixed_s": 0.0, "random_s": 0.0}), ("delay", {"fixed_s": 9.0, "random_s": 0.0})),
+        (("tree", {"parents": (-1,) * 5, "frame_ms": 0.0}), ("tree", {"parents": (-1,) * 5, "frame_ms": 20.0})),
+        (("bursts", {"bad_share": 0.0, "lost_in_good": 0.0}), ("bursts", {"bad_share": 0.5})),
+    ],
+)  # fmt: skip
+def test_at_its_limit_a_network_is_ideal(
+    strategy: str, limit: tuple[str, dict[str, Any]], control: tuple[str, dict[str, Any]]
+) -> None:
+    runs = simulate(over("ideal", strategy), 3, 2, moves=True)
+    assert same(runs, replay(runs, over(limit[0], strategy, **limit[1])))
+    # Negative control: off its limit it is another.
+    assert not same(runs, replay(runs, over(control[0], strategy, **control[1])))
+
+
+@settings(
+    deadline=None,
+    max_examples=25,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+@given(
+    st.sampled_from(sorted(networks.names())),
+    st.integers(5, 10),
+    st.integers(0, 2**40),
+    st.sampled_from([7.0, 60.0, 130.0]),
+    st.sampled_from(["t_end", "all_decided"]),
+    st.data(),
+)
+def test_messages_are_conserved(
+    network: str, robots: int, seed: int, t_end_s: float, stop: str, data: st.DataObject
+) -> None:
+    """Sent = received + lost + not due, at every robot; what is received is counted by the kernels, independently."""
+    params: dict[str, dict[str, st.SearchStrategy[Any]]] = {
+        "loss": {"share": st.floats(0, 1)},
+        "range": {"range_m": st.floats(0.01, 2.0)},
+        "delay": {"fixed_s": st.floats(0, 200), "random_s": st.floats(0, 200)},
+        "bursts": {"bad_share": st.floats(0, 1), "bad_s": st.floats(0, 100), "lost_in_bad": st.floats(0, 1)},
+        "tree": {"frame_ms": st.floats(0, 1000), "retry_ms": st.floats(0, 1000)},
+    }
+    drawn = {name: data.draw(values) for name, values in params.get(network, {}).items()}
+    # A run that ends early needs a kernel for each network that is not a plain loss; one of them will do.
+    stop = stop if network in ("ideal", "loss", "delay") else "t_end"
+    scenario = over(network, robots=robots, **drawn).with_values({"run.t_end_s": t_end_s, "run.stop": stop})
+    result = simulate(scenario, seed, [1], energies=False)
+    counts = message_log(result, 1).counts()
+    assert counts["sent"].to_list() == result.robots["sent"].to_list()
+    assert counts["received"].to_list() == result.robots["messages_received"].to_list()
+    others = counts["sent"].sum() - counts["sent"]
+    assert (counts["received"] + counts["lost"] + counts["not_due"]).to_list() == others.to_list()
+
+
+def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[MessageLog]:
+    result = simulate(scenario, seed, runs, energies=False)
+    return [message_log(result, run) for run in range(runs)]
+
+
+def test_who_is_in_range_hears() -> None:
+    """Brute force: distances between the poses of another table, which differ by millimetres while robots turn."""
+    result = simulate(over("range", range_m=0.4), 5, 1, segments=True)
+    log = message_log(result)
+    assert result.segments is not None
+    checked = 0
+    for k in range(0, log.sender.size, 3):
+        places = np.array([pose(result.segments, 0, i, float(log.time_s[k]))[:2] for i in range(5)])
+        distance = np.hypot(*(places - places[log.sender[k]]).T)
+        clear = (np.abs(distance - 0.4) > 0.008) & (log.state[k] != OWN)
+        assert ((log.arrival_tick[k] >= 0) == (distance < 0.4))[clear].all()
+        checked += int(clear.sum())
+    assert checked > 150
+
+
+def test_delays_are_fixed_and_exponential() -> None:
+    found = [
+        log.arrival_tick - log.tick[:, None] for log in logs(over("delay", fixed_s=2.0, random_s=3.0), 8)
+    ]
+    delay_s = 0.02 * np.concatenate([d[d > -1e6] for d in (np.where(f < 0, -1e9, f) for f in found)])
+    assert delay_s.size > 2500
+    assert delay_s.min() >= 2.0
+    # Kolmogorov-Smirnov against 2 + Exp(3), rounded up to ticks; 1.95 / sqrt(n): p = 0.001.
+    expected = 1.0 - np.exp(-(np.sort(delay_s) - 2.0) / 3.0)
+    distance = np.abs(expected - (np.arange(delay_s.size) + 0.5) / delay_s.size).max()
+    limit = 1.95 / math.sqrt(delay_s.size) + 0.02 / 3.0
+    assert distance < limit
+    # Negative control: a mean of 2.5 s is told apart.
+    wrong = 1.0 - np.exp(-(np.sort(delay_s) - 2.0) / 2.5)
+    assert np.abs(wrong - (np.arange(delay_s.size) + 0.5) / delay_s.size).max() > limit
+
+
+def test_loss_by_size_is_the_fit_of_the_published_shares() -> None:
+    from scipy.optimize import curve_fit
+
+    from vibroswarm.networks.loss_by_size import LARGE, NO_LOSS, SCALE
+
+    n = np.arange(5, 11)
+    shares = np.array(published("experiments.packet_loss_percent")) / 100 * n / (n - 1)
+    fitted, _ = curve_fit(lambda x, a, b, c: a * (1 - np.exp(-(x - b) / c)), n, shares, (0.09, 4.8, 2.0))
+    assert pytest.approx(fitted, rel=2e-3) == (LARGE, NO_LOSS, SCALE)
+    assert [share_lost(k) for k in n] == pytest.approx(shares, abs=0.004)
+
+
+@pytest.mark.parametrize("robots", [5, 10])
+def test_so_much_is_lost(robots: int) -> None:
+    states = np.concatenate([log.state.ravel() for log in logs(over("loss_by_size", robots=robots), 10)])
+    count, lost = int((states != OWN).sum()), int((states == LOST).sum())
+    share = share_lost(robots)
+    assert abs(lost - share * count) < 4.0 * math.sqrt(count * share * (1 - share))
+
+
+def lost_in_order(
+    scenario: Scenario, runs: int
+) -> tuple[list[np.ndarray[Any, Any]], list[np.ndarray[Any, Any]]]:
+    """For each receiver of each run, which of the messages to it were lost, and their ticks."""
+    lost, ticks = [], []
+    for log in logs(scenario, runs):
+        for i in range(log.state.shape[1]):
+            to_it = log.sender != i
+            lost.append(log.arrival_tick[to_it, i] < 0)
+            ticks.append(log.tick[to_it])
+    return lost, ticks
+
+
+def pairs_lost(sequences: list[np.ndarray[Any, Any]]) -> tuple[int, int, int]:
+    """Pairs of consecutive messages of which both were lost, pairs, and lost messages."""
+    both = sum(int((lost[1:] & lost[:-1]).sum()) for lost in sequences)
+    return both, sum(lost.size - 1 for lost in sequences), sum(int(lost.sum()) for lost in sequences)
+
+
+def run_lengths(sequences: list[np.ndarray[Any, Any]]) -> np.ndarray[Any, Any]:
+    """How many bursts have 1, 2, 3 and 4 or more messages."""
+    lengths = [
+        np.diff(np.flatnonzero(np.diff(np.concatenate([[0], lost, [0]])))[:None])[::2] for lost in sequences
+    ]
+    return np.bincount(np.minimum(np.concatenate(lengths), 4), minlength=5)[1:]
+
+
+def test_bursts_of_length_one_are_independent_loss() -> None:
+    """The same share and the same lengths of bursts as of `loss`; of length 10 s they differ."""
+    p = {"bad_share": 0.3, "lost_in_bad": 0.8, "lost_in_good": 0.1}
+    share = 0.3 * 0.8 + 0.7 * 0.1
+    single, _ = lost_in_order(over("bursts", bad_s=0.0, **p), 12)
+    plain, _ = lost_in_order(over("loss", share=share), 12)
+    long, _ = lost_in_order(over("bursts", bad_s=10.0, **p), 12)
+    count = sum(lost.size for lost in single)
+    assert count > 4000
+    assert abs(pairs_lost(single)[2] - share * count) < 3.3 * math.sqrt(count * share * (1 - share))
+
+    def chi2(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> float:
+        expected = np.outer([one.sum(), other.sum()], one + other) / (one.sum() + other.sum())
+        return float(((np.array([one, other]) - expected) ** 2 / expected).sum())
+
+    assert chi2(run_lengths(single), run_lengths(plain)) < 16.3  # 3 degrees of freedom, p = 0.001
+    assert chi2(run_lengths(long), run_lengths(plain)) > 50.0
+
+
+def test_bursts_last_as_long_as_they_should() -> None:
+    """The chance that two messages in a row are lost, from the theory of a Markov chain in time."""
+    share, bad_s = 0.3, 10.0
+    scenario = over("bursts", bad_share=share, bad_s=bad_s, lost_in_bad=1.0, lost_in_good=0.0)
+    lost, ticks = lost_in_order(scenario, 60)
+    tau_s = bad_s * (1.0 - share)
+    expected = sum(
+        float((share * (share + (1 - share) * np.exp(-0.02 * np.diff(tick) / tau_s))).sum()) for tick in ticks
+    )
+    both, pairs, _ = pairs_lost(lost)
+    by_receiver = np.array([pairs_lost([one])[0] for one in lost])
+    error = float(by_receiver.std(ddof=1)) * math.sqrt(len(lost))
+    assert abs(both - expected) < 3.3 * error
+    assert error < 0.07 * expected
+    assert both > 2.0 * pairs * share**2  # negative control: far from independent
+
+
+def test_a_tree_is_filled_level_by_level() -> None:
+    assert [tree.parent_of(i) for i in range(12)] == [-1] * 5 + [0, 1, 2, 3, 4, 0, 1]
+    parents = [tree.parent_of(i) for i in range(780)]
+    assert max(parents.count(i) for i in range(-1, 780)) == 5
+    depth = [0] * 780
+    for i, parent in enumerate(parents):
+        depth[i] = 1 if parent < 0 else depth[parent] + 1
+    assert [depth.count(k) for k in (1, 2, 3, 4)] == [5, 25, 125, 625]
+
+
+def test_a_message_alone_takes_its_hops() -> None:
+    """Robots 0 and 1 below the base, 2 below 0: by hand, 48 bytes are 2 frames of 30 ms, 60 ms a hop."""
+    scenario = over(
+        "tree", robots=3, parents=(-1, -1, 0), message_bytes=48, log_bytes=0, frame_ms=30.0, retry_ms=0.0
+    )
+    (log,) = logs(scenario, 1)
+    sent_alone = np.flatnonzero(np.diff(log.tick, prepend=-1000) > 60)
+    hops = {0: {2: 1, 1: 2}, 1: {0: 2, 2: 3}, 2: {0: 1, 1: 3}}
+    assert sent_alone.size > 10
+    for k in sent_alone:
+        total_ms, sender = 0.0, int(log.sender[k])
+        for receiver in range(3):
+            if receiver != sender:  # one copy after the other
+                total_ms += 60.0 * hops[sender][receiver]
+                late = log.arrival_tick[k, receiver] - log.tick[k] - total_ms / 20.0
+                assert 0.0 < late <= 2.0  # it begins within its control period, and is read at the next
+
+
+def test_load_is_what_loses_messages_in_a_tree() -> None:
+    shares = []
+    for frame_ms in (0.0, 1.0, 4.0):
+        states = np.concatenate(
+            [log.state.ravel() for log in logs(over("tree", robots=10, frame_ms=frame_ms), 3)]
+        )
+        shares.append((states == LOST).sum() / (states != OWN).sum())
+    assert shares[0] == 0.0 < shares[1] < shares[2]
+
+
+@pytest.mark.parametrize(
+    ("network", "robots", "params", "words"),
+    [
+        ("range", 5, {"range_m": 0.0}, r"network\.range\.range_m: 0\.0 is wrong: input should be greater than 0"),
+        ("loss_by_size", 4, {}, r"swarm\.robots: 4 robots: .* fitted to swarms of 5 to 10"),
+        ("loss_by_size", 11, {}, r"swarm\.robots: 11 robots"),
+        ("tree", 3, {"parents": (1, 2, 0)}, r"parents: robots 0 -> 1 -> 2 -> 0 go round in a circle"),
+        ("tree", 4, {"parents": (1, 2, 1, -1)}, r"parents: robots 1 -> 2 -> 1 go round in a circle"),
+        ("tree", 3, {"parents": (0, -1, -1)}, r"parents: robots 0 -> 0 go round"),
+        ("tree", 3, {"parents": (-1, -1)}, r"2 parents for 3 robots"),
+        ("tree", 3, {"parents": (-1, -1, 3)}, r"3 \(of robot 2\) is no node; a robot from 0 to 2"),
+        ("tree", 6, {"parents": (-1,) * 6}, r"the base has 6 children; the radio allows 5"),
+        ("delay", 5, {"fixed_s": -1.0}, r"network\.delay\.fixed_s: -1\.0 is wrong"),
+        ("bursts", 5, {"bad_share": 1.5}, r"network\.bursts\.bad_share: 1\.5 is wrong"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_said(network: str, robots: int, params: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        over(network, robots=robots, **params)
+
+
+def test_an_unlimited_range_is_written_and_read() -> None:
+    scenario = over("range", range_m=math.inf)
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+    assert scenario.hash == Scenario.from_toml(scenario.to_toml()).hash != over("range", range_m=1e300).hash
+
+
+def test_a_recording_has_no_log_of_messages() -> None:
+    result = simulate(over("loss"), 1, 1)
+    assert (message_log(result).state != RECEIVED).any()
+    with pytest.raises(InputError, match="the result has no run 7"):
+        message_log(result, 7)
+    received = message_log(result).counts()
+    assert received.select(pl.col("received").sum()).item() > 0
