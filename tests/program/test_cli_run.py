@@ -107,6 +107,31 @@ def test_json_is_one_document_with_the_verdict(capsys):
     assert told["versions"]["vibroswarm"]
 
 
+def test_robots_that_fail_are_named(capsys):
+    """In the verdict, and from then on in the playback."""
+    faults = [
+        "--set",
+        "faults.stopped=[3]",
+        "--set",
+        "faults.stopped_from_s=30",
+        "--set",
+        "faults.stuck_at_1=0.2",
+    ]
+    assert run(*SHORT, *faults, "--watch") == 0
+    lines = capsys.readouterr().out.splitlines()
+    counts = [line.count("!") for line in lines if line.startswith("t=")]
+    assert counts[0] == 2, "the one that is stuck, and the note"
+    assert counts[-1] >= 2
+    said = " ".join(lines)
+    assert "of 5 robots failed" in said
+    assert "robot 3 stopped from 30 s" in said
+    assert "stuck at 1" in said
+    assert run(*SHORT, "--set", "faults.stuck_at_1=0.05") == 0
+    assert "none of 5 robots failed" in capsys.readouterr().out, "a share that is less than half a robot"
+    assert run(*SHORT, "--set", "faults.stuck_at_1=3") == 2
+    assert "more than the whole swarm" in capsys.readouterr().err
+
+
 def test_watch_without_a_terminal_gives_plain_lines(capsys):
     assert run(*SHORT, "--watch") == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("t=")]

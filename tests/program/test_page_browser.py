@@ -350,3 +350,26 @@ def test_a_script_that_was_put_into_the_page_does_not_run(
     page.wait_for_timeout(200)
     assert page.evaluate("window.injected === 1") is (policy == "none")
     page.close()
+
+
+def test_robots_with_faults_are_marked_from_then_on(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    faults = ((1, "stuck at 1", 0.0, False), (3, "battery empty", 90.0, True))
+    write_page(replace(record, faults=faults), tmp_path / "faults.html")
+    page, usual = open_page("#t=100", tmp_path / "faults.html"), open_page("#t=100")
+    for one in (page, usual):
+        settled(one)
+    assert page.evaluate("[1, 3, 0].map((id) => vibroswarm.faults(id, 100))") == [
+        ["stuck at 1"],
+        ["battery empty"],
+        [],
+    ]
+    assert page.evaluate("vibroswarm.faults(3, 89)") == []
+    words = page.locator("#roster tbody tr").all_inner_texts()
+    assert "stuck at 1" in words[1]
+    assert "stuck" not in words[0]
+    assert "has a fault" in page.inner_text("#legend")
+    assert "has a fault" not in usual.inner_text("#legend")
+    shown = "document.getElementById('actors').toDataURL()"
+    assert page.evaluate(shown) != usual.evaluate(shown)

@@ -81,6 +81,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.flawed_robots", "strategy.asdf.flawed_accuracy", "strategy.asdf.period",
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
+        "strategy.distrust.threshold",
         *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
@@ -349,7 +350,7 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "network.loss.share", "decision.hold_s", "strategy.totals.threshold", "strategy.bayes_bots.sender_timeout_s",
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
-    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance",
+    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.distrust.threshold",
     *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])),
 }  # fmt: skip
 

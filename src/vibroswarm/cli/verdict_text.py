@@ -7,6 +7,7 @@ from textwrap import fill
 from vibroswarm import strategies
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict
 from vibroswarm.cli.output import TEXT_WIDTH, table_lines
+from vibroswarm.faults.assignment import fault_words
 from vibroswarm.result import Result
 
 
@@ -86,6 +87,23 @@ def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
     return [robot.robot, decision, at, sure, estimate, robot.samples, heard]
 
 
+def fault_lines(result: Result) -> list[str]:
+    """Return which robots failed in the run, and how, in a sentence; none where none can."""
+    if result.faults is None:
+        return []
+    of_run = result.faults.filter(result.faults["run"] == result.runs["run"][0])
+    robots = result.scenario.swarm.robots
+    if of_run.is_empty():
+        return [f"Faults: none of {robots} robots failed."]
+    each = [
+        f"robot {row['robot']} {fault_words(row['fault'])}"
+        + ("" if row["from_s"] == 0 else f" from {row['from_s']:.4g} s")
+        for row in of_run.to_dicts()
+    ]
+    failed = of_run["robot"].n_unique()
+    return [f"Faults: {failed} of {robots} robots failed: {'; '.join(each)}."]
+
+
 def verdict_text(result: Result, found: Verdict) -> str:
     """Return the whole verdict in plain text, the outcome first."""
     scenario, floor = result.scenario, result.floor()
@@ -109,6 +127,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
             f"Robots compare the share of ones with {percent(round(found.readings_boundary, 4))}, expected on a floor "
             f"with {percent(found.decision_boundary)} vibrating tiles."
         )
+    lines += fault_lines(result)
     table = table_lines(
         ["robot", "decision", "at", "belief", "share of ones (95 %)", "own", "heard"],
         [robot_row(robot, found.answers) for robot in found.robots],

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.cli.verdict_text import decision_words
+from vibroswarm.faults.assignment import fault_words
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
@@ -36,6 +37,8 @@ class Moment:
     y_m: NDArray[np.float64]
     belief: NDArray[np.float64]
     decision: NDArray[np.int64]
+    faults: list[str]
+    """Of each robot, in words; empty while it has none."""
 
 
 class Playback:
@@ -63,7 +66,15 @@ class Playback:
                     samples["belief_below"][done - 1],
                     samples["decision"][done - 1],
                 )
-        return Moment(at, poses[:, 0], poses[:, 1], belief, decision)
+        return Moment(at, poses[:, 0], poses[:, 1], belief, decision, self._faults(at))
+
+    def _faults(self, time_s: float) -> list[str]:
+        words = [list[str]() for _ in range(self.robots)]
+        if self.result.faults is not None:
+            begun = self.result.faults.filter((pl.col("run") == 0) & (pl.col("from_s") <= time_s))
+            for row in begun.to_dicts():
+                words[row["robot"]].append(fault_words(row["fault"]))
+        return [", ".join(own) for own in words]
 
     def _prior_belief(self) -> float:
         from scipy.special import betainc
@@ -94,11 +105,15 @@ def line(moment: Moment) -> str:
     """Return a moment as one line of text."""
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
-        f"{robot}:{belief:.2f}{marks[int(decision)]}"
-        for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True))
+        f"{robot}:{belief:.2f}{marks[int(decision)]}{'!' if faults else ''}"
+        for robot, (belief, decision, faults) in enumerate(
+            zip(moment.belief, moment.decision, moment.faults, strict=True)
+        )
     )
     decided = int((moment.decision != -1).sum())
-    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}  belief in 'less' {beliefs}"
+    failed = sum(bool(faults) for faults in moment.faults)
+    note = f"  with a fault (!): {failed}" if failed else ""
+    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}  belief in 'less' {beliefs}{note}"
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
@@ -150,6 +165,7 @@ def belief_rows(playback: Playback, moment: Moment) -> list[str]:
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
         full = round(belief * BAR)
         decision_text = "" if decision == -1 else f"  decided: {decision_words(int(decision), answers)}"
+        decision_text += f"  ({moment.faults[robot]})" if moment.faults[robot] else ""
         rows.append(
             f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{decision_text}"
         )

@@ -38,9 +38,8 @@ class SensorFaults(NamedTuple):
     """(4,): shift and drift per s of the false positives, then of the false negatives."""
 
 
-NO_SENSOR_FAULTS: Final = SensorFaults(
-    *(read_only(np.empty((0, 0))) for _ in range(3)), read_only(np.zeros(4))
-)
+_NONE: Final = read_only(np.empty((0, 0)))
+NO_SENSOR_FAULTS: Final = SensorFaults(_NONE, _NONE, _NONE, read_only(np.zeros(4)))
 
 
 def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
@@ -48,7 +47,9 @@ def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorF
     faults = scenario.faults
     if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.biased):
         return NO_SENSOR_FAULTS
-    onsets = (onset_s(scenario, seed, runs, kind) for kind in ("stuck_at_0", "stuck_at_1", "biased"))
+    at_0, at_1, biased = (
+        read_only(onset_s(scenario, seed, runs, kind)) for kind in ("stuck_at_0", "stuck_at_1", "biased")
+    )
     shifts = np.array(
         [
             faults.false_positive_shift,
@@ -57,7 +58,13 @@ def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorF
             faults.false_negative_drift_per_h * PER_H,
         ]
     )
-    return SensorFaults(*(read_only(onset) for onset in onsets), read_only(shifts))
+    return SensorFaults(at_0, at_1, biased, read_only(shifts))
+
+
+def of_run(faults: SensorFaults, r: int) -> SensorFaults:
+    """Return the faults of run ``r``, counted from the first, alone."""
+    at_0, at_1, biased = (onset[r : r + 1] for onset in faults[:3])
+    return SensorFaults(at_0, at_1, biased, faults.shifts)
 
 
 @inner

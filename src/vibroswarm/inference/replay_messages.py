@@ -87,6 +87,8 @@ def read_arrived(
     )
     count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
     walked = min(walked, last)
+    if walked < since:
+        return  # it has not walked since its last sample, or only with a dead radio
     if HAS_SEND:
         inbox = buffer.inbox
         while inbox.first[i] >= 0 and inbox.arrival_tick[inbox.first[i]] <= walked:
@@ -210,6 +212,8 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
         buffer.agreement[SETTLED] = 1
         for e in range(first, first + world.robots):
             row = swarm.agents[e]
+            if row.opinion == -1:
+                continue  # a robot that failed before it had one
             row.decision, row.decided_s, row.belief_at_decision = (
                 row.opinion,
                 time_of(since, world),

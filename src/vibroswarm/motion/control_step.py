@@ -288,11 +288,14 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 def fail(swarm: Swarm, i: int, tick: int) -> None:
     """Let robot ``i`` stand for good, as if in a stop without a sample.
 
-    It does not count as stopped, since it goes on hearing, unless it is silent too.
+    It does not count as stopped, since it goes on hearing, unless it is silent too: then since the stop from which it
+    does not walk on, or from this tick.
     """
     row = swarm[i]
     if not row.failed:
-        row.failed, row.mode, row.sampled, row.stop_tick = 1, STOP, 0, -1
+        if row.mode != STOP or tick < row.silent_tick:
+            row.stop_tick = -1
+        row.failed, row.mode, row.sampled = 1, STOP, 0
     if row.stop_tick < 0 and tick >= row.silent_tick:
         row.stop_tick = tick
     row.speed_m_s = row.rate_rad_s = 0.0

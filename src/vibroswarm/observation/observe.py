@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.faults.sensor_faults import SensorFaults, observation_of, sensor_faults
+from vibroswarm.faults.sensor_faults import SensorFaults, observation_of, of_run, sensor_faults
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.edge_response import (
     Place,
@@ -71,7 +71,7 @@ def sensed_floors(
             floor.tiles.ravel(),
             place_of(floor),
             response._replace(first=first[r : r + 1], per_robot=per_robot[r : r + 1]),
-            SensorFaults(*(onset[r : r + 1] for onset in faults[:-1]), faults.shifts),
+            of_run(faults, r),
         )
         for r, floor in enumerate(own)
     ]

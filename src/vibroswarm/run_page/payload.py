@@ -23,8 +23,10 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from vibroswarm.errors import InputError
+from vibroswarm.faults.assignment import fault_words
 from vibroswarm.floors.floor import Floor
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
+from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 
 COLUMNS = {
     "motion": ("robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad"),
@@ -80,6 +82,7 @@ class RunRecord:
         readings_boundary: the share of ones that robots compare their readings with; None: ``decision_boundary``.
         expected_ones: the expected share of ones on this floor, shown instead of the fill ratio if
             ``readings_boundary`` differs from ``decision_boundary``; None: the fill ratio.
+        faults: of each fault of a robot: robot, kind in words, since when (s), whether the robot then stands for good.
         details: further texts in the footer, by name.
 
     Raises:
@@ -122,6 +125,7 @@ class RunRecord:
     """The right decision; None: neither, or given by the fill ratio (without ``answers``)."""
     answers: tuple[str, str] | None = None
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
+    faults: tuple[tuple[int, str, float, bool], ...] = ()
     details: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -234,8 +238,20 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
         "poses": _poses(record),
+        "faults": [
+            {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
+            for robot, words, from_s, stops in record.faults
+        ],
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
+
+
+def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]:
+    """Return the faults of a run as ``RunRecord`` takes them, from its table of faults."""
+    return tuple(
+        (row["robot"], fault_words(row["fault"]), row["from_s"], row["fault"] in MOTION_FAULTS)
+        for row in faults.to_dicts()
+    )
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import RunRecord, payload
+from vibroswarm.run_page.payload import RunRecord, fault_rows, payload
 
 SCRIPTS = (
     "decode.js",
@@ -31,6 +31,7 @@ SCRIPTS = (
     "canvas.js",
     "glyphs.js",
     "floor_layer.js",
+    "faults.js",
     "samples_layer.js",
     "trails.js",
     "robots.js",
@@ -131,6 +132,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         observations=result.observations.filter(of_run),
         inference=result.inference.filter(of_run),
         robots=result.robots.filter(of_run),
+        faults=() if result.faults is None else fault_rows(result.faults.filter(of_run)),
         min_observations=decision.min_observations,
         gate=decision.gate,
         credible_threshold=decision.credible_threshold,

@@ -10,6 +10,7 @@ from vibroswarm.strategies import (  # noqa: F401
     bayes_bots,
     bayes_cpf,
     dbbs,
+    distrust,
     mcp,
     three_valued,
     totals,

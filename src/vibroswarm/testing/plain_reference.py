@@ -330,5 +330,7 @@ class _Plain:
             return
         self.settled = True
         for robot in self.robots:
+            if robot.opinion == -1:
+                continue
             robot.decision, robot.decided_s = robot.opinion, self.agreed_since * self.tick_ms / 1000.0
             robot.belief_at_decision = robot.belief

@@ -232,7 +232,7 @@ def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
     For one that stands, the horizon does not count; the next event of one that stands for good is its silence."""
     if row.failed:
         row.sample_tick = NEVER_FAILS
-        return (row.silent_tick if row.silent_tick > row.tick else NEVER_FAILS) - row.tick  # type: ignore[no-any-return]
+        return (row.silent_tick if row.silent_tick > row.tick else NEVER_FAILS) - row.tick
     if row.mode == STOP:
         row.sample_tick = row.tick + ticks_to_sample(setup, row.stopped_ms)
         return row.sample_tick + 1 - row.tick

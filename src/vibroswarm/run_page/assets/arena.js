@@ -43,12 +43,13 @@ function drawArena(t, followed, speed) {
   drawFresh(context, view, t);
   drawRays(context, view, poses);
   robots.forEach((robot, i) => {
-    if (poses[i]) drawDoing(context, view, robot, poses[i], t);
+    if (poses[i] && !standsForGood(robot, poses[i], t)) drawDoing(context, view, robot, poses[i], t);
   });
   robots.forEach((robot, i) => {
     if (!poses[i]) return;
     const decision = mindAt(robot, t).decision;
     drawBody(context, view, poses[i], decision, robot === followed);
+    if (faultsAt(robot, t).length) drawFault(context, view.x(poses[i].x), view.y(poses[i].y), bodyRadius(view));
     drawName(context, view, poses[i], decision, robot.name);
   });
   robots.forEach((robot, i) => {
@@ -65,6 +66,7 @@ const LEGEND = [
   ["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)],
   ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
   ["too near", (c) => legendRay(c)],
+  ...(run.faults.length ? [["has a fault", (c) => drawFault(c, 11, 9, 5)]] : []),
 ];
 
 function legendTile(context, shakes) {

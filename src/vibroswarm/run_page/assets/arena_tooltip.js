@@ -25,7 +25,7 @@ function sampleNear(place, t, reach) {
 
 function robotNote({ robot, pose }, t) {
   const mind = mindAt(robot, t);
-  return [`Robot ${robot.name}, ${stateWord(pose.kind)}`, [
+  return [`Robot ${robot.name}, ${doingWords(robot, pose, t)}`, [
     ["decision", DECISION_WORDS[mind.decision]], ["p", probability(mind.belief)],
     ["\u03b1, \u03b2", `${mind.alpha}, ${mind.beta}`], ["own samples", String(mind.samples)],
     ["at", `${pose.x.toFixed(3)} m, ${pose.y.toFixed(3)} m`],

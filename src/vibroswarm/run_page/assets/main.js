@@ -126,6 +126,7 @@ function expose() {
     play, pause, setSpeed, draw,
     pose: (id, t) => poseAt(robots.find((robot) => robot.id === id), t),
     mind: (id, t) => mindAt(robots.find((robot) => robot.id === id), t),
+    faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
     robots: run.robots,
   };
 }

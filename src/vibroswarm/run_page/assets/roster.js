@@ -62,7 +62,7 @@ function verdictOf(final) {
 function drawRoster(t, followed) {
   for (const { robot, row, choose, state, belief } of rosterRows) {
     const mind = mindAt(robot, t), pose = poseAt(robot, t);
-    say(state, pose ? stateWord(pose.kind) : "\u2013");
+    say(state, pose ? doingWords(robot, pose, t) : "\u2013");
     say(belief, probability(mind.belief));
     choose.dataset.decision = mind.decision;
     choose.setAttribute("aria-pressed", String(robot === followed));

@@ -1,0 +1,254 @@
+"""Faults of sensors, messages, radios and bodies: every way to compute a run agrees, and nothing else is touched.
+
+The ways: kernels that count bits or read messages, tables or a closed loop, and a plain account tick by tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from polars.testing import assert_frame_equal
+
+from helpers.drawn_scenarios import QUICK
+from helpers.result_outcomes import from_result
+from vibroswarm.errors import InputError
+from vibroswarm.inference import replayer
+from vibroswarm.motion import source as motion_source
+from vibroswarm.motion.event.engine import EVENT, EventRun
+from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.motion.source import Source
+from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.result import Result
+from vibroswarm.scenario.plugins import load_file
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import replay, simulate
+from vibroswarm.strategies.base import forget
+from vibroswarm.study.spec import Study
+from vibroswarm.testing import plain_run
+from vibroswarm.testing.runs import differences, in_pieces
+
+VOTER = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
+SENSORS = {"stuck_at_1": 0.4, "stuck_at_0": 0.2, "biased": 0.6, "false_positive_shift": 0.3,
+           "false_negative_drift_per_h": 5.0, "sensor_from_s": [0.0, 30.0]}  # fmt: skip
+OPPOSITE = {"opposite": 0.4, "opposite_from_s": [10.0, 50.0]}
+RADIO = {"radio_dead": 0.4, "radio_dead_from_s": [10.0, 50.0]}
+BODIES = {"stopped": 0.4, "stopped_from_s": [0.0, 50.0], "battery_empty": 0.6, "battery_life_s": [10.0, 60.0]}
+CASES: dict[str, dict[str, Any]] = {
+    "sensors": SENSORS, "opposite": OPPOSITE, "radio": RADIO, "bodies": BODIES,
+    "all": SENSORS | OPPOSITE | RADIO | BODIES,
+}  # fmt: skip
+NETWORKS = {"ideal": {"network.name": "ideal"}, "loss": {"network.name": "loss", "network.loss.share": 0.2}}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def voter() -> Iterator[None]:
+    """A strategy with a timer and opinions, which the swarm settles on together."""
+    load_file("strategy", f"{VOTER}:voter")
+    yield
+    forget("voter")
+
+
+def faulty(faults: dict[str, Any], **more: Any) -> Scenario:
+    values = QUICK | {"run.t_end_s": 70.0, "decision.hold_s": 4.0, "sample.sample_interval_ms": 2000.0}
+    values |= {"strategy.voter.phase_s": 4.0}
+    values |= {name.replace("__", "."): value for name, value in more.items()}
+    return Scenario().with_values(values | {f"faults.{name}": value for name, value in faults.items()})
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("strategy", ["none", "soft", "voter"])
+@pytest.mark.parametrize("case", CASES)
+def test_every_way_gives_the_same_run(case: str, strategy: str, network: str) -> None:
+    scenario = faulty(CASES[case], strategy__name=strategy).with_values(NETWORKS[network])
+    for run in (3, 4):
+        result = simulate(scenario, 8, [run])
+        plain = plain_run(scenario, 8, result.motion, result.ends, result.observations)
+        assert list(differences(result, plain)) == []
+    assert list(in_pieces([("", scenario)])) == []
+    (found,) = outcomes_of([scenario], 8, [3, 4])
+    by_tables = from_result(simulate(scenario, 8, [3, 4], energies=False))
+    for name in ("decision", "decision_time_s", "estimate", "end_s"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(by_tables, name), err_msg=name)
+
+
+def test_the_swarm_settles_when_those_that_work_agree() -> None:
+    """A robot that never votes leaves the others' decision to them; without knowing it failed, there is none."""
+    scenario = faulty(
+        {"stopped": [0]}, strategy__name="voter", run__t_end_s=300.0, floor__source="random:0.92"
+    )
+    decided = simulate(scenario, 8, range(6)).robots["decision"].to_numpy().reshape(6, 5)
+    assert (decided[:, 1:] == 1).all(axis=1).any()
+
+
+@pytest.mark.parametrize("case", ["sensors", "opposite"])
+def test_counts_equal_messages(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = faulty(CASES[case], strategy__name="soft").with_values(NETWORKS["loss"])
+    counted = simulate(scenario, 8, [0, 1])
+    monkeypatch.setattr(replayer, "counts_only", lambda strategy: False)
+    assert counted.same_tables(simulate(scenario, 8, [0, 1]))
+
+
+def test_opposite_bits_are_opposite_and_their_readings_are_not() -> None:
+    """Under no feedback messages are readings: those of one robot are turned round from then on, and no others."""
+    fine = simulate(faulty({}), 8, [0])
+    turned = simulate(faulty({"opposite": [2], "opposite_from_s": 30.0}), 8, [0])
+    assert_frame_equal(fine.observations, turned.observations)
+    who = ((fine.motion["robot"] == 2) & (fine.motion["time_s"] >= 30.0)).to_numpy()
+    before, after = (one.inference["message"].to_numpy() for one in (fine, turned))
+    assert (after == np.where(who, 1 - before, before)).all()
+    assert who.any()
+
+
+def test_a_dead_radio_sends_and_hears_nothing() -> None:
+    result = simulate(faulty({"radio_dead": [1, 4], "radio_dead_from_s": 30.0}), 8, [0])
+    sent = result.inference["message"].is_not_null().to_numpy()
+    dead = ((result.motion["time_s"] >= 30.0) & result.motion["robot"].is_in([1, 4])).to_numpy()
+    assert (sent == ~dead).all()
+    assert result.robots["sent"].to_list() == [
+        int(sent[(result.motion["robot"] == i).to_numpy()].sum()) for i in range(5)
+    ]
+    heard = result.inference["messages_received"].to_numpy()
+    stopped = result.motion["stop_start_s"].to_numpy() > 30.0
+    for i in (1, 4):
+        assert len(set(heard[(result.motion["robot"] == i).to_numpy() & stopped].tolist())) == 1
+    alone = simulate(faulty({"radio_dead": 1.0}), 8, [0])
+    assert alone.robots["messages_received"].sum() == 0
+    assert (alone.robots["samples"] > 0).all()
+
+
+@pytest.mark.parametrize("case", ["sensors", "opposite", "radio"])
+def test_motion_is_untouched_by_what_does_not_touch_it(case: str) -> None:
+    fine, failed = (simulate(faulty(faults), 8, [0, 1], segments=True) for faults in ({}, CASES[case]))
+    for name in ("motion", "ends", "segments"):
+        assert_frame_equal(getattr(fine, name), getattr(failed, name), check_exact=True)
+    assert not fine.inference.equals(failed.inference)
+    again = replay(fine, failed.scenario)
+    assert_frame_equal(again.inference, failed.inference)
+    assert_frame_equal(again.observations, failed.observations)
+
+
+def test_runs_are_what_they_are_in_any_order_alone_and_in_studies() -> None:
+    scenario = faulty(SENSORS | OPPOSITE | BODIES)
+    both, alone = simulate(scenario, 8, [0, 5]), simulate(scenario, 8, [5])
+    assert both.inference.filter(both.inference["run"] == 5).equals(alone.inference)
+    assert both.faults is not None
+    assert alone.faults is not None
+    assert both.faults.filter(both.faults["run"] == 5).equals(alone.faults)
+    base = scenario.model_dump(exclude_none=True)
+    grid = {"faults.stuck_at_1": [0.0, 0.4], "faults.stopped": [0.0, 0.4], "faults.opposite": [0.0, 1.0]}
+    study = Study(base, {"grid": grid}, runs=2, seed=8)
+    told = study.run()
+    for cell in study.cells:
+        apart = simulate(cell.scenario, 8, [0, 1]).robots
+        of_study = told.robots(cell.number)
+        for name in ("decision", "samples", "messages_received"):
+            assert of_study[name].to_list() == apart[name].to_list()
+
+
+# Bodies
+
+
+def rows(engine: Any, scenario: Scenario, run: int) -> Any:
+    return engine(scenario, 5, run, segments=True, moves=True).rows(scenario.run.t_end_s)
+
+
+TIMES: dict[str, dict[str, Any]] = {
+    "some stop": {"faults.stopped": 0.4, "faults.stopped_from_s": [0.0, 300.0]},
+    "batteries": {"faults.battery_empty": 1.0, "faults.battery_life_s": [100.0, 300.0]},
+    "first the wheels": {
+        "faults.battery_empty": 1.0, "faults.battery_life_s": [100.0, 300.0], "faults.stopped": 0.6,
+        "faults.stopped_from_s": [0.0, 300.0],
+    },
+    "from the start": {"faults.stopped": [0, 2], "run.t_end_s": 200.0},
+    "a crowd": {"swarm.robots": 30, "faults.stopped": 0.5, "faults.stopped_from_s": [0.0, 60.0], "run.t_end_s": 90.0},
+    "timer always on": {"sample.timer": "always", "faults.stopped": 0.6, "faults.stopped_from_s": [0.0, 200.0]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_both_engines_move_alike_where_robots_stop(name: str) -> None:
+    """Events at the same ticks, places to a micrometre: as without faults (``test_event_equals_fixed_step``)."""
+    scenario = preset("paper-empirical").with_values({"run.t_end_s": 400.0} | TIMES[name])
+    for run in range(6):
+        stepped, jumped = rows(FixedStepRun, scenario, run), rows(EventRun, scenario, run)
+        for part in ("samples", "segments", "moves", "ends"):
+            one, other = getattr(stepped, part), getattr(jumped, part)
+            assert one.size == other.size, part
+            for field in one.dtype.names:
+                if one[field].dtype.kind == "f":
+                    np.testing.assert_allclose(
+                        one[field], other[field], rtol=0, atol=1e-6, err_msg=f"{part} {field}"
+                    )
+                else:
+                    assert (one[field] == other[field]).all(), f"{part} {field}"
+
+
+def test_a_robot_stops_at_its_time_and_stays_and_the_others_go_round_it() -> None:
+    values = {"faults.stopped": [0], "faults.stopped_from_s": 100.01, "run.t_end_s": 400.0}
+    usual = preset("paper-empirical").with_values({"run.t_end_s": 400.0})
+    failed, fine = (simulate(one, 5, range(4), segments=True) for one in (usual.with_values(values), usual))
+    first_s, changed = 100.02, 0
+    for run in range(4):
+        mine, theirs = (one.segments.filter(one.segments["run"] == run) for one in (failed, fine))  # type: ignore[union-attr]
+        # A robot that stands to sample stands for a second at most.
+        early = mine["start_s"] < first_s - 1e-9
+        assert mine.filter(early).equals(theirs.filter(theirs["start_s"] < first_s - 1e-9)), (
+            "nothing changes before"
+        )
+        own = mine.filter(mine["robot"] == 0)
+        after = own.filter(own["start_s"] > first_s + 1.01)
+        assert after.height == 0
+        last = own.row(-1, named=True)
+        assert (last["kind"], last["speed_m_s"], last["turn_rate_rad_s"]) == ("stop", 0.0, 0.0)
+        samples = failed.motion.filter((failed.motion["run"] == run) & (failed.motion["robot"] == 0))
+        assert samples["time_s"].max() <= first_s + 1.01
+        changed += not mine.filter(mine["robot"] != 0).equals(theirs.filter(theirs["robot"] != 0))
+    assert changed > 0, "nobody met it"
+
+
+def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_not() -> None:
+    for kind, hears in (("stopped", True), ("battery_empty", False)):
+        scenario = faulty({kind: [0], "stopped_from_s": 20.0, "battery_life_s": 20.0})
+        result = simulate(scenario, 8, [0])
+        samples = result.motion.filter(result.motion["robot"] == 0)
+        assert samples["time_s"].max() < 21.01
+        before = result.inference.filter(result.inference["robot"] == 0)["messages_received"][-1]
+        received = result.robots["messages_received"]
+        assert (received[0] > before + 20) == hears
+        assert received[1] > 40
+        assert result.ends["stop_start_s"].is_null()[0] == hears
+
+
+def test_without_faults_nothing_is_written_about_them() -> None:
+    result = simulate(faulty({}), 8, [0])
+    assert result.faults is None
+    some: Result = simulate(faulty({"stopped": [2], "stopped_from_s": 60.0}), 8, [0, 1])
+    assert some.faults is not None
+    assert some.faults.rows() == [(0, 2, "stopped", 60.0), (1, 2, "stopped", 60.0)]
+
+
+def test_a_source_that_knows_no_faults_is_refused() -> None:
+    motion_source.register(
+        Source("elsewhere", lambda *wanted, **tables: EventRun(*wanted, **tables), EVENT.batch)
+    )
+    try:
+        with pytest.raises(InputError, match="only the sources 'event' and 'fixed-step'") as caught:
+            simulate(faulty({"stopped": [0]}), 1, motion="elsewhere")
+        assert caught.value.field == "faults.stopped"
+        assert simulate(faulty({"radio_dead": [0]}), 1, motion="elsewhere").faults is not None
+    finally:
+        motion_source.forget("elsewhere")
+
+
+def test_the_comparison_sees_a_fault_that_one_way_forgets() -> None:
+    """Negative control."""
+    scenario = faulty(OPPOSITE | RADIO)
+    result = simulate(scenario, 8, [3])
+    for kind in ("opposite", "radio_dead"):
+        forgets = scenario.with_values({f"faults.{kind}": 0.0})
+        plain = plain_run(forgets, 8, result.motion, result.ends, result.observations)
+        assert list(differences(result, plain)) != []

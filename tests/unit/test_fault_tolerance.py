@@ -1,0 +1,89 @@
+"""How much a strategy bears: judged over those that work or over all, and the measured control."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from vibroswarm.analysis.fault_tolerance import fault_curve, judged_tables
+from vibroswarm.errors import InputError
+from vibroswarm.faults.assignment import working
+from vibroswarm.inference.outcomes import CONSENSUS
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import simulate
+
+QUICK = {"run.t_end_s": 300.0, "decision.min_observations": 40, "decision.credible_threshold": 0.9}
+
+
+def test_judged_tables_are_those_of_a_swarm_of_the_robots_judged() -> None:
+    """Against a count by hand, run by run."""
+    faults = {"faults.battery_empty": 0.6, "faults.battery_life_s": [50.0, 400.0], "faults.stuck_at_1": 0.2}
+    scenario = Scenario().with_values(QUICK | faults)
+    result = simulate(scenario, 3, 12)
+    robots, runs = judged_tables(scenario, 3, result.robots, result.runs)
+    fine = working(scenario, 3, range(12))
+    assert 0 < fine.sum() < fine.size
+    assert robots.select("run", "robot").rows() == [(r, i) for r in range(12) for i in range(5) if fine[r, i]]
+    for row in runs.to_dicts():
+        own = robots.filter(pl.col("run") == row["run"])
+        decided = own["decision"].to_list()
+        assert row["undecided"] == decided.count(-1)
+        assert row["right"] == decided.count(row["truth"])
+        assert row["wrong"] == decided.count(1 - row["truth"])
+        alike = len(set(decided)) == 1 and decided[0] != -1
+        expected = (
+            "incomplete" if -1 in decided else "split" if not alike else "right" if row["right"] else "wrong"
+        )
+        assert row["consensus"] == expected
+        assert row["consensus_time_s"] == (own["decision_time_s"].max() if alike else None)
+    assert set(runs["consensus"].to_list()) <= set(CONSENSUS)
+    everyone = judged_tables(scenario, 3, result.robots, result.runs, "all")
+    assert_frame_equal(everyone[0], result.robots)
+    assert (runs["undecided"] <= result.runs["undecided"].gather(runs["run"].to_list())).all()
+
+
+def test_where_all_fail_nobody_is_judged() -> None:
+    scenario = Scenario().with_values(QUICK)
+    table = fault_curve(scenario, "stopped", [0.0, 1.0], 1, 4)
+    assert table["runs"].to_list() == [4, 0]
+    assert table["wrong"].is_null().to_list() == [False, True]
+    of_all = fault_curve(scenario, "stopped", [1.0], 1, 4, judged="all")
+    assert of_all["undecided"].to_list() == [1.0]
+
+
+@pytest.mark.parametrize("strategy", ["none", "soft"])
+def test_one_sensor_stuck_at_1_decides_for_all(strategy: str) -> None:
+    """Measured: at f = 0.48 all are wrong, at 0.52 none; without it some are wrong, some right, on both."""
+    for fill, wrong in ((0.48, 1.0), (0.52, 0.0)):
+        scenario = preset("paper").with_values({"strategy.name": strategy, "floor.source": f"random:{fill}"})
+        for judged in ("working", "all"):
+            table = fault_curve(scenario, "stuck_at_1", [0.0, 0.2], 1, 12, judged=judged)  # type: ignore[arg-type]
+            assert table["robots"].to_list() == [0, 1]
+            assert table["wrong"][1] == wrong
+            assert table["right"][1] == 1.0 - wrong
+            assert 0.0 < table["right"][0] < 1.0
+
+
+@pytest.mark.parametrize("kind", ["opposite", "stopped"])
+def test_a_curve_is_that_of_runs_one_by_one(kind: str) -> None:
+    scenario = Scenario().with_values(QUICK)
+    table = fault_curve(scenario, kind, [0.2, 0.4], 2, [3, 5], judged="all")
+    for row in table.to_dicts():
+        runs = simulate(scenario.with_values({f"faults.{kind}": row["share"]}), 2, [3, 5]).runs
+        assert row["wrong"] * 10 == pytest.approx(runs["wrong"].sum())
+        assert row["undecided"] * 10 == pytest.approx(runs["undecided"].sum())
+        assert row["wrong_low"] <= row["wrong"] <= row["wrong_high"]
+    assert np.isfinite(table["wrong_low"].to_numpy()).all()
+
+
+def test_wrong_arguments_are_refused() -> None:
+    with pytest.raises(InputError, match="stuck_at_1"):
+        fault_curve(Scenario(), "stuck_at_2", [0.1])
+    with pytest.raises(InputError, match="whole swarm"):
+        fault_curve(Scenario(), "stuck_at_1", [1.2])
+    with pytest.raises(InputError, match="at least one share"):
+        fault_curve(Scenario(), "stuck_at_1", [])
+    with pytest.raises(InputError, match="working"):
+        fault_curve(Scenario(), "stuck_at_1", [0.1], judged="some")  # type: ignore[arg-type]
