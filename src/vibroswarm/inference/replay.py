@@ -107,6 +107,7 @@ def _replay(
         timeline.y_m,
         timeline.heading_rad,
         read_only(numbers),
+        timeline.estimates(scenario, seed),
     )
     replayer.advance(
         rows_of(timeline),
