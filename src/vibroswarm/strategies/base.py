@@ -115,6 +115,7 @@ class Strategy(Plugin):
         bytes_on_air: of one message, at most 144.
         revises: decisions may change if ``decision.revise`` is set.
         boundary_half: it works only for a boundary of readings of 1/2.
+        knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
     """
 
     state: type
@@ -132,6 +133,7 @@ class Strategy(Plugin):
     bytes_on_air: int = 1
     revises: bool = False
     boundary_half: bool = False
+    knows_error_rates: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -43,7 +43,8 @@ class World(NamedTuple):
     prior_alpha: int
     prior_beta: int
     false_positive: float
-    """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value."""
+    """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value, unless the
+    strategy ``knows_error_rates``."""
     false_negative: float
     hold_s: float
     """How long opinions have to agree."""
