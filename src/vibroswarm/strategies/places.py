@@ -31,7 +31,6 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined, inner
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.world import Draws, Reading, World
@@ -138,13 +137,11 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
     return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
 
 
-@inlined
 def rounded(length_m: float) -> float:
     """Return a length as messages hold it."""
     return STEP_M * math.floor(length_m / STEP_M + 0.5)
 
 
-@inner
 def score_at(probability: float) -> float:
     """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
     low, high = 0.0, 10.0
@@ -157,7 +154,6 @@ def score_at(probability: float) -> float:
     return 0.5 * (low + high)
 
 
-@inlined
 def total_odds(a: Row, tile: int, p: Row, w: World) -> float:
     """Return the log odds of a tile, of trusted senders."""
     total = 0.0
@@ -167,13 +163,11 @@ def total_odds(a: Row, tile: int, p: Row, w: World) -> float:
     return total
 
 
-@inlined
 def logistic(odds: float) -> float:
     """Return the probability of log odds."""
     return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
-@inner
 def score(a: Row, p: Row, w: World) -> float:
     """Return z."""
     tiles = w.rows * w.columns
@@ -185,13 +179,11 @@ def score(a: Row, p: Row, w: World) -> float:
     return (w.decision_boundary * tiles - vibrating) / math.sqrt(p.variance_factor * max(variance, 1e-12))
 
 
-@inlined
 def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
     """Return the share of a place's distribution below an edge."""
     return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
 
 
-@inner
 def add_sample(
     s: Row,
     a: Row,
@@ -244,7 +236,6 @@ def add_sample(
     judge(a, j, before, p)
 
 
-@inlined
 def judge(a: Row, j: int, probability: float, p: Row) -> None:
     """Add a reading of sender ``j``, of this probability under the map without it, to its surprise."""
     kept = 1.0 - 1.0 / p.trust_memory
