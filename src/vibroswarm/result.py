@@ -26,6 +26,7 @@ from vibroswarm.faults.assignment import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
+from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result_validation import check_result
@@ -55,6 +56,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "ends": ENDS,
     "segments": SEGMENTS,
     "moves": MOVES,
+    "places": PLACES,
     "observations": OBSERVATIONS,
     "inference": INFERENCE,
     "robots": ROBOTS,
@@ -68,6 +70,7 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
     "ends": frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}),
     "segments": frozenset(),
     "moves": frozenset({"turn_rate_rad_s", "ray_m"}),
+    "places": frozenset(name for name in PLACES if name.startswith("lagged")),
     "observations": frozenset({"energy"}),
     "inference": frozenset({"message", "alpha", "beta", "messages_received", "belief_below", "decision"}),
     "robots": frozenset(
@@ -80,14 +83,15 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
 }  # fmt: skip
 """Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
-OPTIONAL: Final = ("segments", "moves", "faults")
-"""Tables that a result may lack; it has faults if its scenario lets robots fail."""
+OPTIONAL: Final = ("segments", "moves", "faults", "places")
+"""Tables that a result may lack; it has faults if its scenario lets robots fail, and places if robots estimate them."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
     "ends": ("run", "robot"),
     "segments": (),
     "moves": (),
+    "places": ("run", "robot", "sample"),
     "observations": ("run", "robot", "sample"),
     "inference": ("run", "robot", "sample"),
     "robots": ("run", "robot"),
@@ -118,7 +122,7 @@ class Result:
     Args:
         scenario, seed, source: what was simulated, from which seed, by which source of motion.
         motion, ends: one row per sample, one row per robot. segments: the arcs of the paths, moves: drives, turns
-            and stops, where they were kept.
+            and stops, where they were kept. places: where robots believed they sampled, if they estimate it.
         observations, inference: one row per sample. robots: one row per robot. runs, floors: one row per run.
         faults: one row per fault of a robot, where robots may fail.
         versions: of the software that made it.
@@ -139,6 +143,7 @@ class Result:
     versions: Mapping[str, str] = field(default_factory=dict)
     moves: pl.DataFrame | None = None
     faults: pl.DataFrame | None = None
+    places: pl.DataFrame | None = None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):

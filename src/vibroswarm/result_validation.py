@@ -117,7 +117,7 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
     if (step["step"] <= 0).any() or (step["later"] <= 0).any():
         raise InputError("column 'sample' does not grow with a robot's time", field=_file(folder, "motion"))
     key = ["run", "robot", "sample"]
-    for name in ("observations", "inference"):
+    for name in (n for n in ("observations", "inference", "places") if n in tables):
         if not tables[name].select(key).equals(motion.select(key)):
             raise InputError(
                 "columns 'run', 'robot', 'sample' are not those of motion, in order",

@@ -18,10 +18,11 @@ from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.faults.assignment import fault_frame
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.deliveries import Timeline
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import infer, outcomes
+from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.source import Motion, join, source
 from vibroswarm.networks import network
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -57,7 +58,7 @@ def simulate(
         runs: how many runs (0, 1, ...), or which.
         motion: the source of motion, by name.
         segments: also keep the table from which poses at any time can be had. moves: also keep that of drives, turns,
-            avoidances and stops, a row each; it is kept in any case if the network reads positions, for a replay.
+            avoidances and stops, a row each; it is kept in any case if the network or localisation reads it, for a replay.
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:
@@ -68,7 +69,7 @@ def simulate(
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     readings_boundary(scenario)  # refuse early
     floors = floors_of(scenario, seed, chosen)
-    parts = Wanted(segments, moves or network(scenario.network.name).reads_positions)
+    parts = Wanted(segments, moves or needs_moves(scenario))
     if steers(scenario):
         moved = steered_motion(scenario, seed, chosen, floors, motion, parts, progress)
     elif scenario.run.stop == "all_decided":
@@ -76,9 +77,11 @@ def simulate(
     else:
         moved = _to_the_end(scenario, seed, chosen, motion, parts, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
-    inference, finals = infer(scenario, seed, moved, observations)
+    timeline = timeline_of(scenario, moved)
+    inference, finals = infer(scenario, seed, timeline, observations)
     moved = moved if parts.moves else replace(moved, moves=None)
-    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion)
+    places = places_of(scenario, seed, timeline)
+    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places)
 
 
 OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run", "motion_faults")
@@ -127,8 +130,24 @@ def replay(result: Result, scenario: Scenario) -> Result:
         floors = floors_of(scenario, result.seed, runs)
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
-    inference, finals = infer(scenario, result.seed, motion, observations)
-    return result_of(scenario, result.seed, floors, motion, observations, inference, finals, result.source)
+    timeline = timeline_of(scenario, motion)
+    inference, finals = infer(scenario, result.seed, timeline, observations)
+    places = places_of(scenario, result.seed, timeline)
+    return result_of(
+        scenario, result.seed, floors, motion, observations, inference, finals, result.source, places
+    )
+
+
+def places_of(scenario: Scenario, seed: int, timeline: Timeline) -> pl.DataFrame | None:
+    """Return where robots believe they sampled, or None if they know it."""
+    if not is_estimated(scenario):
+        return None
+    return place_frame(timeline.samples, timeline.estimates(scenario, seed))
+
+
+def needs_moves(scenario: Scenario) -> bool:
+    """Return whether a scenario's network or localisation reads the table of moves."""
+    return network(scenario.network.name).reads_positions or is_estimated(scenario)
 
 
 MAX_RUNS = 100_000_000
@@ -225,6 +244,7 @@ def result_of(
     inference: pl.DataFrame,
     finals: pl.DataFrame,
     source_name: str,
+    places: pl.DataFrame | None = None,
 ) -> Result:
     """Assemble the tables of the three stages into a result, with outcomes of robots and runs."""
     robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
@@ -235,6 +255,7 @@ def result_of(
         ends=motion.ends,
         segments=motion.segments,
         moves=motion.moves,
+        places=places,
         observations=observations,
         inference=inference,
         robots=robots,

@@ -58,7 +58,10 @@ class One:
 
     def reads(self, value: int, t_s: float = 1.0, draws: Draws = DRAWS) -> Any:
         """An own reading; the message, or None."""
-        out, x = self._out(), Reading(value, t_s, self.number, 0.5, 0.5, 0.0, 0.0)
+        out, x = (
+            self._out(),
+            Reading(value, t_s, self.number, 0.5, 0.5, 0.0, 0.0, self.number, 0.5, 0.5, 0.0, 0.0),
+        )
         self.number += 1
         return out if self.strategy.on_sample(self.s, self.a, x, out, draws, self.p, self.world) else None
 

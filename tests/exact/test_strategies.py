@@ -84,7 +84,7 @@ def sampled(
 ) -> SimpleNamespace:
     """The state after an own sample, and the bit that is sent: of a module of ``strategies``."""
     after, out = SimpleNamespace(**vars(before)), SimpleNamespace(bit=7)
-    x = Reading(reading, 1.0, 0, 0.5, 0.5, 0.0, 0.0)
+    x = Reading(reading, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0, 0.5, 0.5, 0.0, 0.0)
     assert strategy.on_sample(after, 0, x, out, Draws(1, 0, 0, 6, 0, 0, 0, u), p, world)
     after.message = out.bit
     return after

@@ -46,6 +46,8 @@ class Purpose(IntEnum):
     STEERING = 15
     NETWORK = 16
     FAULT = 18
+    ODOMETRY = 20
+    LOCALISATION = 21
 
 
 def _number(value: int) -> int:
@@ -69,6 +71,8 @@ BEGINNING: Final = _number(Purpose.BEGINNING)
 STEERING: Final = _number(Purpose.STEERING)
 NETWORK: Final = _number(Purpose.NETWORK)
 FAULT: Final = _number(Purpose.FAULT)
+ODOMETRY: Final = _number(Purpose.ODOMETRY)
+LOCALISATION: Final = _number(Purpose.LOCALISATION)
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""
@@ -85,6 +89,13 @@ OF_EDGE: Final = _number(1)
 OF_TILE: Final = _number(1)
 OF_SENSOR: Final = _number(2)
 """Peers that separate the numbers of tile and sensor factors from those of the wheels."""
+OF_SCALE: Final = _number(2)
+OF_BIAS: Final = _number(4)
+"""Peers of the pairs of numbers of a gyro's scale and bias; those of its noise in a move are ``ALONE`` and the next."""
+OF_TOLD_X: Final = _number(2)
+OF_TOLD_Y: Final = _number(4)
+OF_TOLD_HEADING: Final = _number(6)
+"""Peers of the pairs of numbers of the errors of a start as a robot is told it."""
 
 _M0: Final = 0xD2511F53
 _M1: Final = 0xCD9E8D57

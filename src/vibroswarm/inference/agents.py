@@ -28,6 +28,7 @@ from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.bayes import GATES
 from vibroswarm.strategies.belief_cache import beliefs
@@ -93,7 +94,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
     decision, arena = scenario.decision, scenario.arena
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
     positive, negative = 0.0, 0.0
-    if decision.boundary_of == "tiles":
+    if decision.boundary_of == "tiles" or strategy_of(scenario.strategy.name).knows_error_rates:
         own = error_rates(scenario.sensor)
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
         positive, negative = (

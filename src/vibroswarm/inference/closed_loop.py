@@ -14,10 +14,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
+from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replayer import NO_VALUES, replayer_of
-from vibroswarm.inference.sample_rows import Readings, Rows, Stops
+from vibroswarm.inference.sample_rows import NO_ESTIMATES, Readings, Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
+from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
@@ -123,6 +125,12 @@ class ClosedLoop:
     """Follows runs of a scenario, one after the other."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
+        if is_estimated(scenario):
+            raise InputError(
+                "robots that estimate their places are simulated by whole runs, not step by step yet: "
+                'leave localisation.method at "true" for strategies that steer, searches, and run.stop = "all_decided"',
+                field="localisation.method",
+            )
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_of(scenario.strategy.name)
@@ -138,6 +146,7 @@ class ClosedLoop:
             buffer.y_m,
             buffer.heading_rad,
             NO_VALUES,
+            NO_ESTIMATES,
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, read_only, signed, unsigned
 from vibroswarm.core.rng import ALONE, MESSAGE, uniform
 from vibroswarm.inference.agents import loss_uniform
-from vibroswarm.inference.sample_rows import Deliveries, Rows, Stops
+from vibroswarm.inference.sample_rows import NO_ESTIMATES, Deliveries, Rows, Stops
 from vibroswarm.inference.sender_positions import Tracks, tracks_of
+from vibroswarm.localisation.locate import estimate, is_estimated
 from vibroswarm.motion.source import Motion
 from vibroswarm.scenario.scenario import Scenario
 
@@ -88,6 +89,8 @@ class Timeline:
     _message_uniforms: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     _reach: dict[tuple[int, float], Reach] = field(default_factory=dict, repr=False)
 
+    _estimates: dict[Any, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+
     deliveries: dict[Any, Deliveries] = field(default_factory=dict, repr=False)
     """Cache, keyed by everything that they depend on; see ``deliveries_of``."""
 
@@ -137,6 +140,21 @@ class Timeline:
                 seed, self.runs, self.bounds, self.robot, self.sample
             )
         return self._message_uniforms[seed]
+
+    def estimates(self, scenario: Scenario, seed: int) -> NDArray[np.float64]:
+        """Return where robots believe they are, the same for all strategies; of no rows if they know it.
+
+        Raises:
+            InputError: they estimate it, and the motion has no moves.
+        """
+        if not is_estimated(scenario):
+            return NO_ESTIMATES
+        key = (scenario.odometry, scenario.localisation, seed)
+        if key not in self._estimates:
+            self._estimates[key] = read_only(
+                estimate(scenario, seed, self.samples, self.stop_start_s, self.time_s, self.moves, self.ends)
+            )
+        return self._estimates[key]
 
     def reach(self, seed: int, loss: float) -> Reach:
         """Return the receivers of each sample's message, the same under every strategy.

@@ -142,6 +142,7 @@ def _advance(
         timeline.y_m,
         timeline.heading_rad,
         read_only(numbers),
+        timeline.estimates(scenario, seed),
     )
     replayer.advance(
         rows_of(timeline),

@@ -35,8 +35,17 @@ from vibroswarm.inference.default_hooks import (
     views,
 )
 from vibroswarm.inference.deliveries import HEARD_ROWS, LAST_OWN, OTHERS, Reach, in_lane
-from vibroswarm.inference.sample_rows import DOES_NOT_SEND, DONE, Counts, Deliveries, Log, Readings, Rows
-from vibroswarm.strategies.world import Reading, World
+from vibroswarm.inference.sample_rows import (
+    DOES_NOT_SEND,
+    DONE,
+    Counts,
+    Deliveries,
+    Log,
+    Readings,
+    Rows,
+    own_reading,
+)
+from vibroswarm.strategies.world import World
 
 
 @inlined
@@ -170,15 +179,7 @@ def take(
     """Process the sample of row ``k`` by robot ``i``; return whether it sends."""
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
-    x = Reading(
-        signed(readings.observation[k]),
-        rows.time_s[k],
-        number,
-        readings.x_m[k] if readings.x_m.size > 0 else np.nan,
-        readings.y_m[k] if readings.y_m.size > 0 else np.nan,
-        readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan,
-        0.0,
-    )
+    x = own_reading(readings, k, rows.time_s[k], number)
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
     sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
     if x.t_s >= swarm.failures[e].opposite_from_s:

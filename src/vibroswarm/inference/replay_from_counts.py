@@ -118,7 +118,7 @@ def replay_from_counts(
         row.received += ones + zeros
         on_counts(s, ones, zeros, p, w)
         bit = signed(session.observation[k])
-        x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0)
+        x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0, -1, np.nan, np.nan, 0.0, 0.0)
         on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w)
         row.samples += 1
         row.sent += 1

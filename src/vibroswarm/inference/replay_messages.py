@@ -58,9 +58,10 @@ from vibroswarm.inference.sample_rows import (
     Readings,
     Rows,
     Stops,
+    own_reading,
 )
 from vibroswarm.inference.sender_positions import Tracks, positions_at
-from vibroswarm.strategies.world import Reading, World
+from vibroswarm.strategies.world import World
 
 NEVER = 2**62
 
@@ -293,10 +294,7 @@ def replay(
             else:
                 t_s, number = rows.time_s[k], signed(rows.sample[k])
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
-                x = Reading(
-                    signed(readings.observation[k]),
-                    t_s, number, readings.x_m[k], readings.y_m[k], readings.heading_rad[k], 0.0,
-                )  # fmt: skip
+                x = own_reading(readings, k, t_s, number)
                 known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
                 sends = on_sample(s, a, x, out, sample_draws(seed, run, i, number, known_uniform), p, w)
                 row.samples += 1

@@ -7,8 +7,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import read_only, zero_rows
+from vibroswarm.core.jit import inlined, read_only, signed, zero_rows
 from vibroswarm.inference.inbox import Inbox
+from vibroswarm.strategies.world import Reading
 
 DONE: Final = 0
 DOES_NOT_SEND: Final = 1
@@ -51,6 +52,27 @@ class Readings(NamedTuple):
     heading_rad: NDArray[np.float64]
     uniforms: NDArray[np.float64]
     """Uniform number 0 of each sample."""
+    estimates: NDArray[np.float64]
+    """(rows, 9): places as robots estimate them (``robot.pose_mixture.ESTIMATE``); of no rows if they know the true
+    ones."""
+
+
+NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
+
+
+@inlined
+def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Reading:
+    """Return the reading of row ``k``, as a strategy is given it."""
+    bit, estimates = signed(readings.observation[k]), readings.estimates
+    if estimates.shape[0] > 0:
+        return Reading(
+            bit, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
+            int(estimates[k, 4]), estimates[k, 5], estimates[k, 6], estimates[k, 7], estimates[k, 8],
+        )  # fmt: skip
+    x_m = readings.x_m[k] if readings.x_m.size > 0 else np.nan
+    y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
+    heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
+    return Reading(bit, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
 
 
 class Stops(NamedTuple):

@@ -34,6 +34,7 @@ from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
+from vibroswarm.scenario.localisation_fields import Localisation, Odometry
 
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Duration = Annotated[float, Field(ge=0, le=1e9)]
@@ -316,6 +317,8 @@ class Sections(FrozenModel):
     rays: Rays = Rays()
     walk: Walk = Walk()
     sample: Sample = Sample()
+    odometry: Odometry = Odometry()
+    localisation: Localisation = Localisation()
     sensor: Sensor = Sensor()
     strategy: StrategyChoice = StrategyChoice()
     decision: Decision = Decision()

@@ -118,6 +118,7 @@ class Strategy(Plugin):
         revises: decisions may change if ``decision.revise`` is set.
         boundary_half: it works only for a boundary of readings of 1/2.
         told: what its parameters tell a robot of the task, such as "accuracy"; see ``told`` for the rest.
+        knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
     """
 
     state: type
@@ -137,6 +138,7 @@ class Strategy(Plugin):
     revises: bool = False
     boundary_half: bool = False
     told: tuple[str, ...] = ()
+    knows_error_rates: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -43,7 +43,7 @@ def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
     found = [fact for fact, fields in FACTS.items() if read & set(fields)]
     if strategy.boundary_half and "boundary" not in found:
         found.append("boundary")
-    if boundary_of == "tiles" and read & {*OF_RATES, "boundary", "beliefs"}:
+    if strategy.knows_error_rates or (boundary_of == "tiles" and read & {*OF_RATES, "boundary", "beliefs"}):
         found.append("error rates")
     if read & set(PLACE):
         found.append("place of each reading")

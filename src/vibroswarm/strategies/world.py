@@ -43,7 +43,8 @@ class World(NamedTuple):
     prior_alpha: int
     prior_beta: int
     false_positive: float
-    """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value."""
+    """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value, unless the
+    strategy ``knows_error_rates``."""
     false_negative: float
     hold_s: float
     """How long opinions have to agree."""
@@ -59,11 +60,20 @@ class Reading(NamedTuple):
     number: int
     """Index among the robot's samples, from 0."""
     x_m: float
-    """Where the robot believes it is; its true position if localisation is not simulated."""
+    """Where the robot believes it is (``localisation``); its true position if ``localisation.method`` is "true"."""
     y_m: float
     heading_rad: float
     spread_m: float
-    """Standard deviation of the position, m."""
+    """Standard deviation of the position, m: the root of the mean of the variances in x and y."""
+    lagged_number: int
+    """Index of the sample ``localisation.lag`` before, whose place is known better by now; -1: there is none yet. This
+    sample itself if robots know their true positions."""
+    lagged_x_m: float
+    lagged_y_m: float
+    """Where the robot now believes that sample was taken."""
+    lagged_spread_x_m: float
+    lagged_spread_y_m: float
+    """Standard deviations of that, m."""
 
 
 class Draws(NamedTuple):

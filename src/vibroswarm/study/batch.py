@@ -28,12 +28,11 @@ from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truths
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
-from vibroswarm.networks import network
 from vibroswarm.observation.observe import OBSERVATIONS, Places, Readings, observation_frame
 from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
+from vibroswarm.simulation import check_scenario, floors_of, needs_moves, simulate, steers, versions
 from vibroswarm.study.batch_table import ROWS, WALK, BatchRows, Columns, columns_of, walked
 from vibroswarm.study.plan import Group, Texts, scenario_of
 from vibroswarm.study.spec import Study
@@ -92,8 +91,7 @@ def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutc
         yield _until_all_decided(scenario_of(text), cells, request)
         return
     request.check()
-    names = {scenario_of(text).network.name for inferences in observed for text, _ in inferences}
-    moves = any(network(name).reads_positions for name in names)
+    moves = any(needs_moves(scenario_of(text)) for inferences in observed for text, _ in inferences)
     full = source(request.motion).batch(first, request.seed, request.runs, False, moves)
     motion, end_s = _SharedMotion(first, full, request), first.run.t_end_s
     for inferences in observed:

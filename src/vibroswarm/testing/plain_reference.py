@@ -280,7 +280,8 @@ class _Plain:
         out = self._row(self.strategy.message_type)
         draws = Draws(self.seed, self.number, robot.number, int(Purpose.MESSAGE), number, 0, 0, -1.0)
         x = Reading(
-            self.observation[k], row["time_s"], number, row["x_m"], row["y_m"], row["heading_rad"], 0.0
+            self.observation[k], row["time_s"], number, row["x_m"], row["y_m"], row["heading_rad"], 0.0,
+            number, row["x_m"], row["y_m"], 0.0, 0.0,
         )  # fmt: skip
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1

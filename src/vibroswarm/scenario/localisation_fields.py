@@ -1,0 +1,88 @@
+"""The fields of odometry and localisation: what robots measure of their moves, and where they believe they are.
+
+| field | symbol | unit |
+|---|---|---|
+| odometry.gyro_scale_spread, odometry.gyro_bias_spread_deg_s | not in the paper | -, deg/s |
+| odometry.turn_noise_deg, odometry.gyro_walk_deg_sqrt_s | not in the paper | deg, deg/sqrt(s) |
+| localisation.assumed_speed_factor | mean of s_d | - |
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal, NamedTuple
+
+from pydantic import Field
+
+from vibroswarm.core.frozen_model import FrozenModel
+
+
+class GyroErrors(NamedTuple):
+    """Standard deviations of a gyro's errors."""
+
+    scale: float
+    """Of its scale about 1, one a robot and run."""
+    bias_deg_s: float
+    """Of its bias, one a robot and run, deg/s."""
+    turn_deg: float
+    """Of each turn in place, deg."""
+    walk_deg_sqrt_s: float
+    """Of the angle, growing with the square root of the time that the robot moves, deg/sqrt(s)."""
+
+
+GYRO_LEVELS: Final = {
+    "good": GyroErrors(0.01, 0.05, 0.5, 0.1),
+    "poor": GyroErrors(0.03, 0.2, 2.0, 0.3),
+}
+Level = Literal["good", "poor"]
+
+
+class Odometry(FrozenModel):
+    """What robots measure of their own moves: times exactly, turns by a gyro with errors. It changes no motion."""
+
+    level: Level = "good"
+    """The gyro's errors: "good" is 1 % of scale, 0.05 deg/s of bias, 0.5 deg a turn and 0.1 deg/sqrt(s) of random walk
+    (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s)."""
+    gyro_scale_spread: Annotated[float, Field(ge=0, le=0.5)] | None = None
+    """Standard deviation of the gyro's scale about 1, one a robot and run. If omitted, that of ``level``."""
+    gyro_bias_spread_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Standard deviation of its bias, one a robot and run, deg/s; likewise."""
+    turn_noise_deg: Annotated[float, Field(ge=0, le=90)] | None = None
+    """Standard deviation of the error of each turn in place, deg; likewise."""
+    gyro_walk_deg_sqrt_s: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Random walk of the angle while the robot moves, deg per square root of a second; likewise."""
+
+    @property
+    def errors(self) -> GyroErrors:
+        """The gyro's errors: those of ``level``, but for those that are given."""
+        given = (
+            self.gyro_scale_spread,
+            self.gyro_bias_spread_deg_s,
+            self.turn_noise_deg,
+            self.gyro_walk_deg_sqrt_s,
+        )
+        level = GYRO_LEVELS[self.level]
+        return GyroErrors(*(own if value is None else value for value, own in zip(given, level, strict=True)))
+
+
+class Localisation(FrozenModel):
+    """Where robots believe they are: what a strategy that reads places is told."""
+
+    method: Literal["true", "mixture", "kalman", "dead_reckoning"] = "true"
+    """"true": robots know their true places. "mixture": each estimates its own, by ``robot.localisation``, from its
+    moves and rays. For comparison, "kalman": the same with one component; "dead_reckoning": from its moves alone."""
+    components: Annotated[int, Field(ge=1, le=1000)] = 16
+    """Components of the mixture."""
+    lag: Annotated[int, Field(ge=1, le=16)] = 4
+    """A sample's place is smoothed by what the robot meets until its next ``lag`` samples."""
+    start: Literal["known", "unknown"] = "known"
+    """Whether robots are told where they start (placed by hand), or may be anywhere, facing anywhere."""
+    start_spread_m: Annotated[float, Field(ge=0, le=10)] = 0.005
+    """Standard deviation of the place that they are told, in x and in y."""
+    start_heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 2.0
+    """Standard deviation of the heading that they are told, deg."""
+    assumed_level: Level | None = None
+    """The odometry's level that robots assume. If omitted, they know its true errors."""
+    assumed_speed_factor: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Mean of the speed factor s_d that robots assume. If omitted, they know its law (mean and standard deviation)."""
+    assumed_speed_spread: Annotated[float, Field(ge=0, le=10)] | None = None
+    """Standard deviation of s_d that they assume; likewise."""

@@ -1,0 +1,257 @@
+"""Places: a robot sends where it sampled, and keeps a map of the floor; it presumes that the grid of tiles is known.
+
+The estimated places are those of ``localisation``: a sample is sent ``localisation.lag`` samples late, smoothed. With
+``localisation.method`` at "true" robots know their places, and the sample is sent at once.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| share of a place on tile t | q_t | - | normal in x and y about the mean, cut off at 4 standard deviations, sum 1 |
+| map | p_t | - | 1 / (1 + exp(-sum of l_jt over trusted senders j)) |
+| expected on tile t | m_t | - | p_t P(r on a vibrating tile) + (1 - p_t) P(r on a still tile) |
+| evidence of reading r | l_jt | - | += ln((q_t P(r, vibrating) + R_t) / (q_t P(r, still) + R_t)) |
+| other tiles | R_t | - | sum over u other than t of q_u m_u |
+| surprise of sender j | s_j | - | (log probability of its readings under the map without them - expected) / std. dev. |
+| trust | - | - | none while s_j < -``trust_limit``; old readings are forgotten, by 1 / ``trust_memory`` each |
+| score | z | - | (x N - sum p_t) / sqrt(v sum p_t (1 - p_t)), x the boundary, N the number of tiles |
+| belief | - | - | normal distribution function of z: that less than x of the tiles vibrate |
+| decision | - | - | once the belief is past p_c on either side, with ``min_samples`` readings heard and own |
+
+From the share ``falls_from`` of the run on, the score needed falls to 0 at its end, so that nobody stays undecided.
+
+- Message: sender and reading (1 byte), number (1), place to 1 mm (2 each), spread to 1 mm (1 each): 8 bytes.
+- Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1.
+- The prior is that each tile vibrates or not as a coin falls. Floors near the boundary are harder than that: errors
+  there are more frequent than 1 - p_c. ``variance_factor`` above 1 is caution against them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["decision", "places"]
+
+FAR: Final = 4.0
+"""Standard deviations at which places are cut off."""
+LEAST_SPREAD_M: Final = 1e-4
+RATE: Final = 1e-3
+"""Error rates are taken to be at least this."""
+STEP_M: Final = 0.001
+"""Resolution of places in messages."""
+
+
+class Params:
+    """Caution, patience and trust."""
+
+    variance_factor: Annotated[
+        float, Field(ge=0.01, le=100, description="Factor v of the variance of the score: caution.")
+    ] = 1.0
+    min_samples: Annotated[
+        int, Field(ge=0, le=10**9, description="Least number of readings, own and heard, to decide.")
+    ] = 25
+    falls_from: Annotated[
+        float,
+        Field(ge=0, le=1, description="Share of the run after which the score needed falls to 0; 1: never."),
+    ] = 1.0
+    spread_factor: Annotated[
+        float, Field(ge=0, le=100, description="Factor of the standard deviations of places.")
+    ] = 1.0
+    trust_limit: Annotated[
+        float,
+        Field(ge=0, le=1000, description="Surprise at which a sender is no longer trusted; 1000: never."),
+    ] = 5.0
+    trust_memory: Annotated[
+        int, Field(ge=1, le=10**6, description="Readings over which a sender's surprise is averaged.")
+    ] = 60
+
+
+class State:
+    """Own readings not sent yet (the latest is the lowest bit), readings in the map, and the decision."""
+
+    bits: int
+    heard: int
+    needed: float
+    decision: int
+
+
+class Arrays:
+    """Log odds of each tile by sender, how surprising each sender is, and scratch: a place's share of each column and
+    row."""
+
+    odds = array("float64", "robots*tiles")
+    surprise = array("float64", "robots")
+    variance = array("float64", "robots")
+    of_column = array("float64", "columns")
+    of_row = array("float64", "rows")
+
+
+class Message:
+    """A sample: its reading, and its place with standard deviations, m."""
+
+    bit: int
+    number: int
+    at_x_m: float
+    at_y_m: float
+    spread_x_m: float
+    spread_y_m: float
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Begin with an empty map, undecided."""
+    s.decision, s.needed = -1, score_at(w.credible_threshold)
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Add another robot's sample to the map."""
+    add_sample(s, a, sender, m.bit, m.at_x_m, m.at_y_m, m.spread_x_m, m.spread_y_m, p, w)
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Add and send the sample whose place is known by now, and decide."""
+    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFF
+    sends = x.lagged_number >= 0
+    if sends:
+        out.bit = (s.bits >> (x.number - x.lagged_number)) & 1
+        out.number = x.lagged_number
+        out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
+        out.spread_x_m, out.spread_y_m = rounded(x.lagged_spread_x_m), rounded(x.lagged_spread_y_m)
+        add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
+    if s.decision == -1 and s.heard >= p.min_samples:
+        z, part = score(a, p, w), x.t_s / w.t_end_s
+        needed = s.needed
+        if part > p.falls_from:
+            needed *= max((1.0 - part) / (1.0 - p.falls_from), 0.0)
+        if abs(z) > needed:
+            s.decision = 0 if z > 0.0 else 1
+    return sends
+
+
+def belief(s: Row, a: Row, p: Row, w: World) -> float:
+    """Return the belief that less than the boundary's share of the tiles vibrates."""
+    return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
+
+
+def rounded(length_m: float) -> float:
+    """Return a length as messages hold it."""
+    return STEP_M * math.floor(length_m / STEP_M + 0.5)
+
+
+def score_at(probability: float) -> float:
+    """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
+    low, high = 0.0, 10.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if 0.5 * math.erfc(-middle * math.sqrt(0.5)) < probability:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def total_odds(a: Row, tile: int, p: Row, w: World) -> float:
+    """Return the log odds of a tile, of trusted senders."""
+    total = 0.0
+    for j in range(w.robots):
+        if a.surprise[j] >= -p.trust_limit * math.sqrt(a.variance[j]):
+            total += a.odds[j * w.rows * w.columns + tile]
+    return total
+
+
+def logistic(odds: float) -> float:
+    """Return the probability of log odds."""
+    return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
+
+
+def score(a: Row, p: Row, w: World) -> float:
+    """Return z."""
+    tiles = w.rows * w.columns
+    vibrating, variance = 0.0, 0.0
+    for t in range(tiles):
+        probability = logistic(total_odds(a, t, p, w))
+        vibrating += probability
+        variance += probability * (1.0 - probability)
+    return (w.decision_boundary * tiles - vibrating) / math.sqrt(p.variance_factor * max(variance, 1e-12))
+
+
+def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
+    """Return the share of a place's distribution below an edge."""
+    return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
+
+
+def add_sample(
+    s: Row,
+    a: Row,
+    j: int,
+    bit: int,
+    x_m: float,
+    y_m: float,
+    spread_x_m: float,
+    spread_y_m: float,
+    p: Row,
+    w: World,
+) -> None:
+    """Add a sample of sender ``j`` to the map."""
+    s.heard += 1
+    of_x_m = max(spread_x_m * p.spread_factor, LEAST_SPREAD_M)
+    of_y_m = max(spread_y_m * p.spread_factor, LEAST_SPREAD_M)
+    top_m = w.bottom_m + w.rows * w.tile_height_m
+    left = min(max(int((x_m - FAR * of_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
+    right = min(max(int((x_m + FAR * of_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
+    upper = min(max(int((top_m - y_m - FAR * of_y_m) / w.tile_height_m), 0), w.rows - 1)
+    lower = min(max(int((top_m - y_m + FAR * of_y_m) / w.tile_height_m), 0), w.rows - 1)
+    all_x, all_y = 0.0, 0.0
+    for c in range(left, right + 1):
+        edge_m = w.left_m + c * w.tile_width_m
+        a.of_column[c] = share_below(edge_m + w.tile_width_m, x_m, of_x_m) - share_below(edge_m, x_m, of_x_m)
+        all_x += a.of_column[c]
+    for r in range(upper, lower + 1):
+        edge_m = top_m - r * w.tile_height_m
+        a.of_row[r] = share_below(edge_m, y_m, of_y_m) - share_below(edge_m - w.tile_height_m, y_m, of_y_m)
+        all_y += a.of_row[r]
+    if all_x * all_y < 1e-9:
+        return  # beyond the floor
+    if_vibrating = max(1.0 - w.false_negative, RATE) if bit == 1 else max(w.false_negative, RATE)
+    if_still = max(w.false_positive, RATE) if bit == 1 else max(1.0 - w.false_positive, RATE)
+    tiles, expected, before = w.rows * w.columns, 0.0, 0.0
+    for r in range(upper, lower + 1):
+        for c in range(left, right + 1):
+            share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
+            odds, own = total_odds(a, t, p, w), a.odds[j * tiles + t]
+            expected += share * (if_still + (if_vibrating - if_still) * logistic(odds))
+            if a.surprise[j] >= -p.trust_limit * math.sqrt(a.variance[j]):
+                odds -= own
+            before += share * (if_still + (if_vibrating - if_still) * logistic(odds))
+    for r in range(upper, lower + 1):
+        for c in range(left, right + 1):
+            share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
+            own = share * (if_still + (if_vibrating - if_still) * logistic(total_odds(a, t, p, w)))
+            rest = max(expected - own, 0.0)
+            a.odds[j * tiles + t] += math.log((share * if_vibrating + rest) / (share * if_still + rest))
+    judge(a, j, before, p)
+
+
+def judge(a: Row, j: int, probability: float, p: Row) -> None:
+    """Add a reading of sender ``j``, of this probability under the map without it, to its surprise."""
+    kept = 1.0 - 1.0 / p.trust_memory
+    chance = min(max(probability, RATE), 1.0 - RATE)
+    by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
+    ratio = math.log(chance / (1.0 - chance))
+    a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
+    a.variance[j] = kept * kept * a.variance[j] + chance * (1.0 - chance) * ratio * ratio
+
+
+places = register(
+    strategy_in(
+        __name__,
+        "places",
+        bytes_on_air=8,
+        knows_error_rates=True,
+        about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
+    )
+)
