@@ -58,7 +58,7 @@ def simulate(
         runs: how many runs (0, 1, ...), or which.
         motion: the source of motion, by name.
         segments: also keep the table from which poses at any time can be had. moves: also keep that of drives, turns,
-            avoidances and stops, a row each; it is kept in any case if the network or localisation reads it, for a replay.
+            avoidances and stops, a row each; it is kept in any case if the network or localisation reads it.
         energies: also keep the energies of the samples.
         progress: called with the share of the work done.
     Raises:

@@ -53,7 +53,7 @@ SMALL = {
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
     "sweep": ["--runs", "4", "--no-confirm", "--no-pictures"],
     "merge": ["--no-confirm", "--no-pictures"],
-    "league": ["--runs", "4", "--belief-runs", "2", "--patterns", "stripe", "--strategy", "none,soft"],
+    "league": ["--runs", "4", "--belief-runs", "2", "--fault-runs", "2", "--patterns", "stripe", "--strategy", "none,soft"],
     "tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
     "detect": ["--runs", "4"],
     "tradeoff": ["--runs", "4"],
