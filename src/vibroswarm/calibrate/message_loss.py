@@ -180,9 +180,12 @@ class _Table:
 
     def log_likelihood(self, model: Bursts, spacing_s: float) -> float:
         """Return the log likelihood of all counts."""
+        from scipy.special import ndtr
+
         most_received = int(self.received.max())
         chances = passing(model, int(self.sent.max()) + 2 * MOST_SHIFTED, most_received, spacing_s)
-        weight = np.exp(-0.5 * (self.shifts / model.shift) ** 2)
+        edges = np.append(self.shifts - 0.5, MOST_SHIFTED + 0.5)
+        weight = np.diff(ndtr(edges / model.shift))
         weight /= weight.sum()
         b = model.bad_share
         receivers = self.sent.shape[1]
