@@ -80,6 +80,9 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.flawed_robots", "strategy.asdf.flawed_accuracy", "strategy.asdf.period",
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
+        "strategy.places.variance_factor", "strategy.places.min_samples", "strategy.places.falls_from",
+        "strategy.places.spread_factor", "strategy.places.trust_limit", "strategy.places.trust_memory",
+        "localisation.components", "localisation.lag",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -224,6 +227,9 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
         "decision.assumed_false_positive", "decision.assumed_false_negative", "network.loss.share",
+        "odometry.gyro_scale_spread", "odometry.gyro_bias_spread_deg_s", "odometry.turn_noise_deg",
+        "odometry.gyro_walk_deg_sqrt_s", "localisation.assumed_level", "localisation.assumed_speed_factor",
+        "localisation.assumed_speed_spread",
     }  # fmt: skip
     of_others = {name for name in field_names() if name.startswith("strategy.") and name.count(".") == 2}
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
@@ -345,7 +351,9 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "network.loss.share", "decision.hold_s", "strategy.totals.threshold", "strategy.bayes_bots.sender_timeout_s",
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
-    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance",
+    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.places.min_samples",
+    "strategy.places.falls_from", "strategy.places.spread_factor", "strategy.places.trust_limit",
+    "localisation.start_spread_m", "localisation.start_heading_spread_deg",
 }  # fmt: skip
 
 
