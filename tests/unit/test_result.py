@@ -25,7 +25,7 @@ SHORT: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def result() -> Result:
     """Two runs out of order, with everything."""
-    scenario = Scenario().with_values(SHORT | {"faults.stuck_at_1": [2]})
+    scenario = Scenario().with_values({**SHORT, "faults.stuck_at_1": [2], "localisation.method": "mixture"})
     return simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
 
 
@@ -82,8 +82,10 @@ def test_without_segments_and_energies(tmp_path: Path) -> None:
 
 
 def test_a_run_in_which_nobody_sampled(tmp_path: Path) -> None:
-    result = simulate(Scenario().with_values({"run.t_end_s": 0.5}), 3)
+    result = simulate(Scenario().with_values({"run.t_end_s": 0.5, "localisation.method": "mixture"}), 3)
     assert result.motion.height == 0
+    assert result.places is not None
+    assert result.places.height == 0
     assert result.robots.height == 5
     result.write(tmp_path / "r")
     assert Result.read(tmp_path / "r") == result

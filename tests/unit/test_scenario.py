@@ -83,6 +83,9 @@ def test_units_stand_in_the_names() -> None:
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
         "strategy.distrust.threshold",
         *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
+        "strategy.places.variance_factor", "strategy.places.min_samples", "strategy.places.falls_from",
+        "strategy.places.spread_factor", "strategy.places.trust_limit", "strategy.places.trust_memory",
+        "localisation.components", "localisation.lag",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -227,6 +230,9 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
         "decision.assumed_false_positive", "decision.assumed_false_negative", "network.loss.share",
+        "odometry.gyro_scale_spread", "odometry.gyro_bias_spread_deg_s", "odometry.turn_noise_deg",
+        "odometry.gyro_walk_deg_sqrt_s", "localisation.assumed_level", "localisation.assumed_speed_factor",
+        "localisation.assumed_speed_spread",
     }  # fmt: skip
     optional |= {name for name in field_names() if name.startswith("faults.")}
     of_others = {name for name in field_names() if name.startswith("strategy.") and name.count(".") == 2}
@@ -351,7 +357,9 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
     "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.distrust.threshold",
-    *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])),
+    *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])), "strategy.places.min_samples",
+    "strategy.places.falls_from", "strategy.places.spread_factor", "strategy.places.trust_limit",
+    "localisation.start_spread_m", "localisation.start_heading_spread_deg",
 }  # fmt: skip
 
 

@@ -72,7 +72,7 @@ class Localisation(FrozenModel):
     moves and rays. For comparison, "kalman": the same with one component; "dead_reckoning": from its moves alone."""
     components: Annotated[int, Field(ge=1, le=1000)] = 16
     """Components of the mixture."""
-    lag: Annotated[int, Field(ge=1, le=16)] = 4
+    lag: Annotated[int, Field(ge=1, le=24)] = 4
     """A sample's place is smoothed by what the robot meets until its next ``lag`` samples."""
     start: Literal["known", "unknown"] = "known"
     """Whether robots are told where they start (placed by hand), or may be anywhere, facing anywhere."""

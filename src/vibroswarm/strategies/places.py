@@ -114,7 +114,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Add and send the sample whose place is known by now, and decide."""
-    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFF
+    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF
     sends = x.lagged_number >= 0
     if sends:
         out.bit = (s.bits >> (x.number - x.lagged_number)) & 1

@@ -1,0 +1,129 @@
+"""What robots measure of their moves: pieces joined, stops without turns, and the gyro's errors of their stated law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.localisation.odometry import ODOMETER, known_moves, measure_moves
+from vibroswarm.motion.source import ENDS, MOVES
+from vibroswarm.scenario.scenario import Scenario
+
+EXACT = {
+    "odometry.gyro_scale_spread": 0.0,
+    "odometry.gyro_bias_spread_deg_s": 0.0,
+    "odometry.turn_noise_deg": 0.0,
+    "odometry.gyro_walk_deg_sqrt_s": 0.0,
+}
+DAY = [
+    # start_s, kind, turned_rad, ray_m
+    (0.0, "stop", 0.0, None),
+    (0.02, "drive", 0.1, None),
+    (2.0, "drive", 0.05, None),  # blocked: speed 0, another move of the table
+    (2.5, "drive", 0.02, None),
+    (4.0, "avoid", 1.0, 0.05),
+    (4.5, "avoid", -0.5, 0.04),  # another obstacle
+    (5.0, "stop", 0.0, None),
+    (6.02, "avoid", 0.25, None),  # goes on
+    (6.5, "drive", 0.3, None),
+    (8.0, "turn", 2.0, None),
+    (9.0, "turn", -1.0, None),
+]
+
+
+def moves_of(runs: int, robots: int, day: list[tuple[float, str, float, float | None]] = DAY) -> pl.DataFrame:
+    """A table of moves in which every robot has the same ones."""
+    rows = [
+        {
+            "run": run, "robot": robot, "start_s": start_s, "x_m": 0.5, "y_m": 0.5, "heading_rad": 0.0,
+            "speed_m_s": 0.0, "turn_rate_rad_s": 0.0, "kind": kind, "turned_rad": turned_rad, "ray_m": ray_m,
+        }
+        for run in range(runs) for start_s, kind, turned_rad, ray_m in day for robot in range(robots)
+    ]  # fmt: skip
+    return pl.DataFrame(rows, schema=MOVES)
+
+
+def ends_of(runs: int, robots: int, end_s: float = 10.0) -> pl.DataFrame:
+    rows = [{"run": run, "robot": robot, "end_s": end_s} for run in range(runs) for robot in range(robots)]
+    return pl.DataFrame(rows, schema=ENDS)
+
+
+def test_without_errors_turns_are_those_of_the_moves() -> None:
+    scenario = Scenario().with_values({**EXACT, "swarm.robots": 2})
+    measured = measure_moves(scenario, 1, moves_of(2, 2), ends_of(2, 2))
+    assert dict(measured.schema) == ODOMETER
+    own = measured.filter((pl.col("run") == 1) & (pl.col("robot") == 1))
+    assert own["kind"].to_list() == [
+        "stop", "drive", "avoid", "avoid", "stop", "avoid", "drive", "turn",
+    ]  # fmt: skip
+    turned = [0.0, 0.17, 1.0, -0.5, 0.0, 0.25, 0.3, 1.0]
+    assert own["gyro_rad"].to_list() == pytest.approx(turned, abs=1e-12)
+    durations = [0.02, 3.98, 0.5, 0.5, 1.02, 0.48, 1.5, 2.0]
+    assert own["duration_s"].to_list() == pytest.approx(durations, abs=1e-9)
+    assert own["ray_m"].to_list() == [None, None, 0.05, 0.04, None, None, None, None]
+
+
+def errors_of(scenario: Scenario, seed: int, day: list[tuple[float, str, float, float | None]]) -> np.ndarray:
+    """Gyro less truth of each move, (runs, moves)."""
+    runs = 3000
+    scenario = scenario.with_values({"swarm.robots": 1})
+    measured = measure_moves(scenario, seed, moves_of(runs, 1, day), ends_of(runs, 1))
+    truth = np.array([turned for _, _, turned, _ in day])
+    return measured["gyro_rad"].to_numpy().reshape(runs, -1) - truth
+
+
+@pytest.mark.parametrize("level", ["good", "poor"])
+def test_errors_have_the_stated_law(level: str) -> None:
+    """Standard deviations within 6 % of the law's (4.6 standard errors), and those of the other level not."""
+    day = [(0.0, "stop", 0.0, None), (1.0, "drive", 0.5, None), (5.0, "turn", 3.0, None)]
+    found = errors_of(Scenario().with_values({"odometry.level": level}), 5, day)
+    assert (found[:, 0] == 0.0).all()
+    laws = {"good": (0.01, 0.05, 0.5, 0.1), "poor": (0.03, 0.2, 2.0, 0.3)}
+
+    def spreads(scale: float, bias: float, turn: float, walk: float) -> list[float]:
+        drive = math.hypot(0.5 * scale, math.radians(bias) * 4.0, math.radians(walk) * 2.0)
+        full = math.hypot(
+            3.0 * scale, math.radians(bias) * 5.0, math.radians(turn), math.radians(walk) * 5**0.5
+        )
+        return [drive, full]
+
+    spread = found[:, 1:].std(axis=0)
+    assert spread == pytest.approx(spreads(*laws[level]), rel=0.06)
+    other = laws["poor" if level == "good" else "good"]
+    assert not (abs(spread / spreads(*other) - 1.0) < 0.06).any()
+    assert abs(found[:, 1:].mean(axis=0) / spread).max() < 4.0 / math.sqrt(3000)
+
+
+def test_scale_and_bias_are_one_a_robot() -> None:
+    """Without noise of turns, two equal moves of a robot err alike; those of another robot otherwise."""
+    quiet = {**EXACT, "odometry.gyro_scale_spread": None, "odometry.gyro_bias_spread_deg_s": None}
+    day = [
+        (0.0, "drive", 0.5, None),
+        (1.0, "turn", 0.5, None),
+        (2.0, "drive", 0.5, None),
+        (3.0, "stop", 0.0, None),
+    ]
+    found = errors_of(Scenario().with_values(quiet), 5, day)
+    assert found[:, 0] == pytest.approx(found[:, 1], abs=1e-12)
+    assert found[:, 0] == pytest.approx(found[:, 2], abs=1e-12)
+    assert np.unique(found[:, 0]).size == found.shape[0]
+
+
+def test_noise_is_addressed() -> None:
+    """A run's measurements do not depend on the other runs, and change with the seed."""
+    scenario = Scenario().with_values({"swarm.robots": 2})
+    both = measure_moves(scenario, 3, moves_of(2, 2), ends_of(2, 2))
+    second = moves_of(2, 2).filter(pl.col("run") == 1)
+    alone = measure_moves(scenario, 3, second, ends_of(2, 2).filter(pl.col("run") == 1))
+    assert both.filter(pl.col("run") == 1).equals(alone)
+    other = measure_moves(scenario, 4, second, ends_of(2, 2).filter(pl.col("run") == 1))
+    assert not other["gyro_rad"].equals(alone["gyro_rad"])
+
+
+def test_without_moves_it_is_refused() -> None:
+    with pytest.raises(InputError, match=r"localisation\.method.*simulate with moves"):
+        known_moves(None)
