@@ -11,6 +11,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.message_log import (
+    LOST,
+    NOT_DUE,
+    OWN,
+    RECEIVED,
+    MessageLog,
+    message_log,
+)
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.cli.verdict_text import decision_words
 from vibroswarm.motion.pose import pose
@@ -36,6 +44,19 @@ class Moment:
     y_m: NDArray[np.float64]
     belief: NDArray[np.float64]
     decision: NDArray[np.int64]
+    radio: Radio | None = None
+
+
+@dataclass(frozen=True)
+class Radio:
+    """What was sent until one time."""
+
+    lost: NDArray[np.int64]
+    """(robots,): messages to each robot that are lost."""
+    addressed: NDArray[np.int64]
+    """(robots,): messages to it."""
+    latest: NDArray[np.uint8]
+    """(receivers, senders): state of the sender's latest message there; ``OWN`` if there is none."""
 
 
 class Playback:
@@ -47,6 +68,7 @@ class Playback:
         self.robots = result.ends.height
         self.end_s = float(result.ends["end_s"][0])
         joined = result.motion.join(result.inference, on=["run", "robot", "sample"], maintain_order="left")
+        self.log = self._message_log()
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
 
     def at(self, time_s: float) -> Moment:
@@ -63,7 +85,24 @@ class Playback:
                     samples["belief_below"][done - 1],
                     samples["decision"][done - 1],
                 )
-        return Moment(at, poses[:, 0], poses[:, 1], belief, decision)
+        return Moment(at, poses[:, 0], poses[:, 1], belief, decision, self._radio(at))
+
+    def _message_log(self) -> MessageLog | None:
+        """Return the run's messages unless all hear all."""
+        return None if self.scenario.network.name == "ideal" else message_log(self.result, 0)
+
+    def _radio(self, time_s: float) -> Radio | None:
+        """Return what was sent until a time."""
+        if self.log is None:
+            return None
+        sent = int(np.searchsorted(self.log.time_s, time_s, side="right"))
+        state, sender = self.log.state[:sent], self.log.sender[:sent]
+        latest = np.full((self.robots, self.robots), OWN, dtype=np.uint8)
+        for i in range(self.robots):
+            own = np.flatnonzero(sender == i)
+            if own.size:
+                latest[:, i] = state[own[-1]]
+        return Radio((state == LOST).sum(axis=0), (state != OWN).sum(axis=0), latest)
 
     def _prior_belief(self) -> float:
         from scipy.special import betainc
@@ -98,7 +137,9 @@ def line(moment: Moment) -> str:
         for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True))
     )
     decided = int((moment.decision != -1).sum())
-    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}  belief in 'less' {beliefs}"
+    radio = moment.radio
+    lost = "" if radio is None else f"  lost {radio.lost.sum()}/{radio.addressed.sum()}"
+    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}{lost}  belief in 'less' {beliefs}"
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
@@ -115,7 +156,11 @@ def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
     )
     arena = Panel(Text("\n".join(arena_rows(playback, moment))), title="arena", expand=False)
     beliefs = Panel(Text("\n".join(belief_rows(playback, moment))), title="belief", expand=False)
-    return Group(head, Columns([arena, beliefs]))
+    panels = [arena, beliefs]
+    if moment.radio is not None:
+        rows = radio_rows(moment.radio)
+        panels.append(Panel(Text("\n".join(rows)), title="radio: who hears whom", expand=False))
+    return Group(head, Columns(panels))
 
 
 def _has_unicode() -> bool:
@@ -139,6 +184,20 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
     for robot in range(playback.robots):
         cells[row[robot], column[robot]] = SYMBOLS[robot % len(SYMBOLS)]
     return ["".join(cells[r]) for r in range(rows)]
+
+
+def radio_rows(radio: Radio) -> list[str]:
+    """Return a row for each receiver: a mark for each sender's latest message, heard or lost, and what was lost."""
+    heard, lost = ("●", "x") if _has_unicode() else ("o", "x")
+    robots = radio.lost.size
+    shown = robots if robots <= len(SYMBOLS) else 0  # a larger swarm: the counts alone
+    marks = {RECEIVED: heard, LOST: lost, NOT_DUE: "-", OWN: " "}
+    rows = [f"{'':3}{' '.join(SYMBOLS[:shown])}{'   lost' if shown else 'lost'}"]
+    for robot in range(robots):
+        row = " ".join(marks[int(state)] for state in radio.latest[robot, :shown])
+        counts = f"{radio.lost[robot]} of {radio.addressed[robot]}"
+        rows.append(f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{row}{'   ' if shown else ''}{counts}")
+    return rows
 
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:

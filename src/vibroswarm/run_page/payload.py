@@ -22,6 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import betainc
 
+from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
@@ -123,6 +124,8 @@ class RunRecord:
     answers: tuple[str, str] | None = None
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     details: dict[str, str] = field(default_factory=dict)
+    radio: MessageLog | None = None
+    """The run's messages; None: all hear all, or it is not known who heard them."""
 
     def __post_init__(self) -> None:
         for table, columns in COLUMNS.items():
@@ -234,6 +237,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
         "poses": _poses(record),
+        "radio": None if record.radio is None else _radio(record.radio),
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
 
@@ -296,6 +300,12 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
         .with_columns(pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN))
     )
     return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
+
+
+def _radio(log: MessageLog) -> dict[str, Any]:
+    """Return the messages as packed columns: sender, time_s, and the state at each robot, message by message."""
+    columns = {"sender": log.sender.astype(np.uint16), "time_s": log.time_s, "state": log.state.ravel()}
+    return {name: packed_column(column) for name, column in columns.items()}
 
 
 def _poses(record: RunRecord) -> dict[str, Any]:
