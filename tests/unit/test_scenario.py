@@ -80,6 +80,8 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.flawed_robots", "strategy.asdf.flawed_accuracy", "strategy.asdf.period",
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
+        "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good",
+        "network.tree.message_bytes", "network.tree.log_bytes",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -223,9 +225,11 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
-        "decision.assumed_false_positive", "decision.assumed_false_negative", "network.loss.share",
+        "decision.assumed_false_positive", "decision.assumed_false_negative",
     }  # fmt: skip
-    of_others = {name for name in field_names() if name.startswith("strategy.") and name.count(".") == 2}
+    of_others = {
+        name for name in field_names() if name.startswith(("strategy.", "network.")) and name.count(".") == 2
+    }
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
 
 
@@ -316,7 +320,8 @@ def test_an_unknown_section_is_refused() -> None:
 
 @pytest.mark.parametrize("name", FLOATS)
 def test_what_is_no_sensible_number_is_refused(name: str) -> None:
-    all_are_refused(name, [math.nan, math.inf, -math.inf, 1e300, -1e300, "5", "", True, None, [1.0], {}])
+    too_large = [] if name == "network.range.range_m" else [math.inf, 1e300]  # a range may be unlimited
+    all_are_refused(name, [math.nan, *too_large, -math.inf, -1e300, "5", "", True, None, [1.0], {}])
 
 
 @pytest.mark.parametrize("name", INTS)
@@ -345,7 +350,10 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "network.loss.share", "decision.hold_s", "strategy.totals.threshold", "strategy.bayes_bots.sender_timeout_s",
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
-    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance",
+    "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "network.bursts.bad_s",
+    "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good", "network.delay.fixed_s",
+    "network.delay.random_s", "network.tree.frame_ms", "network.tree.log_bytes", "network.tree.message_bytes",
+    "network.tree.retry_ms",
 }  # fmt: skip
 
 
