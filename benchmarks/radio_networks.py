@@ -1,6 +1,6 @@
 """Does any of the package's networks give what the real experiments showed? Decision times over each, by swarm size.
 
-    python benchmarks/radio_networks.py [--runs 500] [--seed 1] [--out DIR] [--fit-tree]
+    python benchmarks/radio_networks.py [--runs 500] [--seed 1] [--column calibrated] [--out DIR] [--fit-tree]
 
 The study's experiments: 5 to 10 robots on one floor, 1000 s at most, 15 experiments a size, all three strategies at
 once. Here the same floor, and the settings that the experiments may have had (two presets, three thresholds, two
@@ -182,6 +182,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--column", choices=COLUMNS, action="append", help="preset; default: all")
     parser.add_argument("--fit-tree", action="store_true")
     asked = parser.parse_args()
     if asked.fit_tree:
@@ -189,7 +190,8 @@ def main() -> None:
         return
     times: dict[Key, NDArray[np.float64]] = {}
     lost: dict[tuple[str, str, int], float] = {}
-    for column, robots in product(COLUMNS, sizes()):
+    columns = asked.column or COLUMNS
+    for column, robots in product(columns, sizes()):
         parts = times_of(column, robots, asked.runs, asked.seed)
         times |= {key: np.concatenate(batches) for key, batches in parts.items()}
         base = scenario_for(column, robots, THRESHOLDS[0], GATES[0])
@@ -201,7 +203,7 @@ def main() -> None:
     print("published:", ", ".join(f"{a} - {b} {published_gap(a, b):.0f} s" for a, b in PAIRS))
     print("share_lost:", [round(100 * share_lost(n), 1) for n in sizes()])
     rows = []
-    for setting in product(COLUMNS, THRESHOLDS, GATES):
+    for setting in product(columns, THRESHOLDS, GATES):
         print("\n" + ", ".join(map(str, setting)))
         for label in networks_for(5):
             row = compare(times, setting, label)

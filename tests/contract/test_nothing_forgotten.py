@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import Field
 
-from helpers.scenario_fields import changed, default
+from helpers.scenario_fields import OTHERS, changed, default
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
@@ -59,6 +59,8 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
     if len(part) == 3:  # a parameter matters where its table is the chosen one
         base = base.with_values({f"{part[0]}.name": part[1]})
         value = value_of(base, name)
+        if name in OTHERS:
+            return base, base.with_values({name: OTHERS[name]})
         if kind_of(name) is bool:
             return base, base.with_values({name: not value})
         return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})

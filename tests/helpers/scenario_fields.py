@@ -53,6 +53,10 @@ OTHERS = {
     "rays.angle_deg": (0.0, 27.0, -28.0),
     "strategy.name": "soft",
     "network.name": "loss",
+    "network.range.range_m": 0.7,
+    "network.tree.parents": (-1, -1, -1, -1, 0),
+    "network.tree.message_bytes": 100,
+    "network.tree.log_bytes": 100,
 }
 MODEL: dict[str, Any] = {"sensor.vibrating_energies": [1.0, 2.0], "sensor.still_energies": [0.5]}
 

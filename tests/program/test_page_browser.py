@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
 
@@ -195,6 +196,29 @@ def test_numbers_of_now_are_those_of_the_tables(open_page: Open, record: RunReco
         assert card.locator(".card-p").text_content() == _said(row["belief_below"])
         decided += row["decision"] >= 0
     assert page.text_content("#now-decided") == str(decided)
+
+
+def test_lost_messages_are_drawn_and_counted(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """A record whose even messages are lost at robot 0; without that nothing is said of losses."""
+    rows = record.motion.sort("time_s", "robot")
+    sender, tick = (
+        rows["robot"].to_numpy().astype(np.int64),
+        np.rint(rows["time_s"].to_numpy() / 0.02).astype(np.int64),
+    )
+    arrival = np.repeat(tick[:, None] + 1, 5, axis=1)
+    arrival[::2, 0] = -1
+    arrival[np.arange(sender.size), sender] = -1
+    log = MessageLog(0.02, sender, tick, arrival, np.full(5, 10**9))
+    file = tmp_path / "radio.html"
+    write_page(replace(record, radio=log), file)
+    page = open_page(file=file)
+    for time_s in (60.0, 101.37):
+        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+        counts = log.counts(time_s)["lost"].to_list()
+        assert counts[0] > 0
+        assert page.locator("#roster [data-column=lost]").all_text_contents() == list(map(str, counts))
+    assert page.locator("#legend").text_content().endswith("heardlost")
+    assert open_page().locator("#roster [data-column=lost]").count() == 0
 
 
 def test_the_table_is_the_table(open_page: Open, record: RunRecord) -> None:

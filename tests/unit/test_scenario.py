@@ -86,6 +86,8 @@ def test_units_stand_in_the_names() -> None:
         "strategy.places.variance_factor", "strategy.places.min_samples", "strategy.places.falls_from",
         "strategy.places.spread_factor", "strategy.places.trust_limit", "strategy.places.trust_memory",
         "localisation.components", "localisation.lag",
+        "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good",
+        "network.tree.message_bytes", "network.tree.log_bytes",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -229,13 +231,15 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
-        "decision.assumed_false_positive", "decision.assumed_false_negative", "network.loss.share",
+        "decision.assumed_false_positive", "decision.assumed_false_negative",
         "odometry.gyro_scale_spread", "odometry.gyro_bias_spread_deg_s", "odometry.turn_noise_deg",
         "odometry.gyro_walk_deg_sqrt_s", "localisation.assumed_level", "localisation.assumed_speed_factor",
         "localisation.assumed_speed_spread",
     }  # fmt: skip
     optional |= {name for name in field_names() if name.startswith("faults.")}
-    of_others = {name for name in field_names() if name.startswith("strategy.") and name.count(".") == 2}
+    of_others = {
+        name for name in field_names() if name.startswith(("strategy.", "network.")) and name.count(".") == 2
+    }
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
 
 
@@ -326,7 +330,8 @@ def test_an_unknown_section_is_refused() -> None:
 
 @pytest.mark.parametrize("name", FLOATS)
 def test_what_is_no_sensible_number_is_refused(name: str) -> None:
-    all_are_refused(name, [math.nan, math.inf, -math.inf, 1e300, -1e300, "5", "", True, None, [1.0], {}])
+    too_large = [] if name == "network.range.range_m" else [math.inf, 1e300]  # a range may be unlimited
+    all_are_refused(name, [math.nan, *too_large, -math.inf, -1e300, "5", "", True, None, [1.0], {}])
 
 
 @pytest.mark.parametrize("name", INTS)
@@ -360,6 +365,10 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])), "strategy.places.min_samples",
     "strategy.places.falls_from", "strategy.places.spread_factor", "strategy.places.trust_limit",
     "localisation.start_spread_m", "localisation.start_heading_spread_deg",
+    "network.bursts.bad_s",
+    "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good", "network.delay.fixed_s",
+    "network.delay.random_s", "network.tree.frame_ms", "network.tree.log_bytes", "network.tree.message_bytes",
+    "network.tree.retry_ms",
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ late, so that a message may be counted a window early or late.
 | share of bad | b | - | stationary |
 | correlation, in messages | c | - | of the chain |
 | probability of loss | h_z | - | given the state |
-| shift of a window's edge | e | messages | normal with spread s, rounded, at most ``MOST_SHIFTED`` |
+| shift of a window's edge | e | messages | -3 to 3, with probability proportional to exp(-e^2 / (2 s^2)) |
 | messages of window k | m_k | - | sent_k + e_k - e_(k-1) |
 
 The likelihood of a receiver is that of its counts, summed over states and shifts (forward algorithm). Receivers are
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from vibroswarm.result import Result
 
 MOST_SHIFTED: Final = 3
+SHIFTS: Final = np.arange(-MOST_SHIFTED, MOST_SHIFTED + 1)
 STEPS: Final = (1, 2, 3, 5, 10, 20)
 """Smallest size of each class of gaps, messages."""
 
@@ -57,7 +58,7 @@ class Bursts:
     lost_in_bad: float
     lost_in_good: float
     shift: float
-    """Spread of the shifts s, messages."""
+    """The s of the shifts, messages."""
     log_likelihood: float
     parameters: int
 
@@ -163,6 +164,12 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
     }
 
 
+def _weights(spread: float) -> NDArray[np.float64]:
+    """Return the probabilities of the shifts."""
+    weight = np.exp(-0.5 * (SHIFTS / spread) ** 2)
+    return np.asarray(weight / weight.sum())
+
+
 class _Table:
     """The windows of all receivers side by side, for a forward algorithm in one go."""
 
@@ -174,22 +181,16 @@ class _Table:
         for k, w in enumerate(windows):
             size = w.sent.size
             self.sent[:size, k], self.received[:size, k], self.is_there[:size, k] = w.sent, w.received, True
-        e = np.arange(-MOST_SHIFTED, MOST_SHIFTED + 1)
-        self.shifts = e
-        self.change = e[None, :] - e[:, None]  # of the window, by shift before and after
+        self.change = SHIFTS[None, :] - SHIFTS[:, None]  # of the window, by shift before and after
 
     def log_likelihood(self, model: Bursts, spacing_s: float) -> float:
         """Return the log likelihood of all counts."""
-        from scipy.special import ndtr
-
         most_received = int(self.received.max())
         chances = passing(model, int(self.sent.max()) + 2 * MOST_SHIFTED, most_received, spacing_s)
-        edges = np.append(self.shifts - 0.5, MOST_SHIFTED + 0.5)
-        weight = np.diff(ndtr(edges / model.shift))
-        weight /= weight.sum()
+        weight = _weights(model.shift)
         b = model.bad_share
         receivers = self.sent.shape[1]
-        forward = np.zeros((receivers, 2, self.shifts.size))
+        forward = np.zeros((receivers, 2, SHIFTS.size))
         forward[:, :, MOST_SHIFTED] = [1.0 - b, b]
         total = 0.0
         for sent, received, is_there in zip(self.sent, self.received, self.is_there, strict=True):
@@ -270,8 +271,8 @@ def simulated(windows: Sequence[Windows], model: Bursts, spacing_s: float, draw:
                 is_bad = bool(bad[k])
             states[k] = is_bad
         heard = rng.random(count) >= np.where(states, model.lost_in_bad, model.lost_in_good)
-        shift = np.clip(np.rint(rng.normal(0.0, model.shift, w.sent.size)), -MOST_SHIFTED, MOST_SHIFTED)
-        edges = np.clip(np.cumsum(w.sent) + shift.astype(np.int64), 0, count)
+        shift = rng.choice(SHIFTS, w.sent.size, p=_weights(model.shift))
+        edges = np.clip(np.cumsum(w.sent) + shift, 0, count)
         total = np.append(0, np.cumsum(heard))
         made.append(replace(w, received=np.diff(total[np.maximum.accumulate(edges)], prepend=0)))
     return made

@@ -173,7 +173,9 @@ def add_scenario_options(
         help="what robots send each other: none, positive, soft, a published strategy, or FILE.py:NAME",
     )
     group.add_argument(
-        "--network", metavar="NAME", help="which messages arrive: ideal, loss, or FILE.py:NAME"
+        "--network",
+        metavar="NAME",
+        help="which messages arrive, and when: ideal, loss, loss_by_size, bursts, range, delay, tree, or FILE.py:NAME",
     )
     group.add_argument("--task", metavar="NAME", help="question about the floor: fill_ratio, or FILE.py:NAME")
     group.add_argument(

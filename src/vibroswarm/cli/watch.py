@@ -11,6 +11,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.message_log import (
+    LOST,
+    NOT_DUE,
+    OWN,
+    RECEIVED,
+    MessageLog,
+    message_log,
+)
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.cli.verdict_text import decision_words
 from vibroswarm.faults.assignment import fault_words
@@ -39,6 +47,19 @@ class Moment:
     decision: NDArray[np.int64]
     faults: list[str]
     """Of each robot, in words; empty while it has none."""
+    radio: Radio | None = None
+
+
+@dataclass(frozen=True)
+class Radio:
+    """What was sent until one time."""
+
+    lost: NDArray[np.int64]
+    """(robots,): messages to each robot that are lost."""
+    addressed: NDArray[np.int64]
+    """(robots,): messages to it."""
+    latest: NDArray[np.uint8]
+    """(receivers, senders): state of the sender's latest message there; ``OWN`` if there is none."""
 
 
 class Playback:
@@ -50,6 +71,7 @@ class Playback:
         self.robots = result.ends.height
         self.end_s = float(result.ends["end_s"][0])
         joined = result.motion.join(result.inference, on=["run", "robot", "sample"], maintain_order="left")
+        self.log = self._message_log()
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
 
     def at(self, time_s: float) -> Moment:
@@ -66,7 +88,7 @@ class Playback:
                     samples["belief_below"][done - 1],
                     samples["decision"][done - 1],
                 )
-        return Moment(at, poses[:, 0], poses[:, 1], belief, decision, self._faults(at))
+        return Moment(at, poses[:, 0], poses[:, 1], belief, decision, self._faults(at), self._radio(at))
 
     def _faults(self, time_s: float) -> list[str]:
         words = [list[str]() for _ in range(self.robots)]
@@ -75,6 +97,23 @@ class Playback:
             for row in begun.to_dicts():
                 words[row["robot"]].append(fault_words(row["fault"]))
         return [", ".join(own) for own in words]
+
+    def _message_log(self) -> MessageLog | None:
+        """Return the run's messages unless all hear all."""
+        return None if self.scenario.network.name == "ideal" else message_log(self.result, 0)
+
+    def _radio(self, time_s: float) -> Radio | None:
+        """Return what was sent until a time."""
+        if self.log is None:
+            return None
+        sent = int(np.searchsorted(self.log.time_s, time_s, side="right"))
+        state, sender = self.log.state[:sent], self.log.sender[:sent]
+        latest = np.full((self.robots, self.robots), OWN, dtype=np.uint8)
+        for i in range(self.robots):
+            own = np.flatnonzero(sender == i)
+            if own.size:
+                latest[:, i] = state[own[-1]]
+        return Radio((state == LOST).sum(axis=0), (state != OWN).sum(axis=0), latest)
 
     def _prior_belief(self) -> float:
         from scipy.special import betainc
@@ -113,7 +152,9 @@ def line(moment: Moment) -> str:
     decided = int((moment.decision != -1).sum())
     failed = sum(bool(faults) for faults in moment.faults)
     note = f"  with a fault (!): {failed}" if failed else ""
-    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}  belief in 'less' {beliefs}{note}"
+    radio = moment.radio
+    lost = "" if radio is None else f"  lost {radio.lost.sum()}/{radio.addressed.sum()}"
+    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}{lost}  belief in 'less' {beliefs}{note}"
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
@@ -130,7 +171,11 @@ def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
     )
     arena = Panel(Text("\n".join(arena_rows(playback, moment))), title="arena", expand=False)
     beliefs = Panel(Text("\n".join(belief_rows(playback, moment))), title="belief", expand=False)
-    return Group(head, Columns([arena, beliefs]))
+    panels = [arena, beliefs]
+    if moment.radio is not None:
+        rows = radio_rows(moment.radio)
+        panels.append(Panel(Text("\n".join(rows)), title="radio: who hears whom", expand=False))
+    return Group(head, Columns(panels))
 
 
 def _has_unicode() -> bool:
@@ -154,6 +199,20 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
     for robot in range(playback.robots):
         cells[row[robot], column[robot]] = SYMBOLS[robot % len(SYMBOLS)]
     return ["".join(cells[r]) for r in range(rows)]
+
+
+def radio_rows(radio: Radio) -> list[str]:
+    """Return a row for each receiver: a mark for each sender's latest message, heard or lost, and what was lost."""
+    heard, lost = ("●", "x") if _has_unicode() else ("o", "x")
+    robots = radio.lost.size
+    shown = robots if robots <= len(SYMBOLS) else 0  # a larger swarm: the counts alone
+    marks = {RECEIVED: heard, LOST: lost, NOT_DUE: "-", OWN: " "}
+    rows = [f"{'':3}{' '.join(SYMBOLS[:shown])}{'   lost' if shown else 'lost'}"]
+    for robot in range(robots):
+        row = " ".join(marks[int(state)] for state in radio.latest[robot, :shown])
+        counts = f"{radio.lost[robot]} of {radio.addressed[robot]}"
+        rows.append(f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{row}{'   ' if shown else ''}{counts}")
+    return rows
 
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:

@@ -34,7 +34,7 @@ class Params:
 
     bad_share: Annotated[float, Field(ge=0, le=1, description="Share of time in the bad state.")] = 0.0129
     bad_s: Annotated[
-        float, Field(ge=0, description="Mean time in the bad state, s; 0: losses are independent.")
+        float, Field(ge=0, le=1e9, description="Mean time in the bad state, s; 0: losses are independent.")
     ] = 10.3
     lost_in_bad: Annotated[
         float, Field(ge=0, le=1, description="Probability that a message is lost in the bad state.")

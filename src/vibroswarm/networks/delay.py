@@ -27,10 +27,14 @@ MOST_TICKS = 1e15
 class Params:
     """How late messages are."""
 
-    fixed_s: Annotated[float, Field(ge=0, description="Part of the delay that all messages have, s.")] = 1.0
+    fixed_s: Annotated[
+        float, Field(ge=0, le=1e9, description="Part of the delay that all messages have, s.")
+    ] = 1.0
     random_s: Annotated[
         float,
-        Field(ge=0, description="Mean of the exponential part, drawn for each message and receiver, s."),
+        Field(
+            ge=0, le=1e9, description="Mean of the exponential part, drawn for each message and receiver, s."
+        ),
     ] = 0.0
 
 

@@ -22,6 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import betainc
 
+from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import InputError
 from vibroswarm.faults.assignment import fault_words
 from vibroswarm.floors.floor import Floor
@@ -127,6 +128,8 @@ class RunRecord:
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
     details: dict[str, str] = field(default_factory=dict)
+    radio: MessageLog | None = None
+    """The run's messages; None: all hear all, or it is not known who heard them."""
 
     def __post_init__(self) -> None:
         for table, columns in COLUMNS.items():
@@ -242,6 +245,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
             {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
             for robot, words, from_s, stops in record.faults
         ],
+        "radio": None if record.radio is None else _radio(record.radio),
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
 
@@ -312,6 +316,12 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
         .with_columns(pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN))
     )
     return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
+
+
+def _radio(log: MessageLog) -> dict[str, Any]:
+    """Return the messages as packed columns: sender, time_s, and the state at each robot, message by message."""
+    columns = {"sender": log.sender.astype(np.uint16), "time_s": log.time_s, "state": log.state.ravel()}
+    return {name: packed_column(column) for name, column in columns.items()}
 
 
 def _poses(record: RunRecord) -> dict[str, Any]:

@@ -10,13 +10,15 @@ import math
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.message_log import MessageLog, message_log
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
+from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import RunRecord, fault_rows, payload
@@ -35,6 +37,7 @@ SCRIPTS = (
     "samples_layer.js",
     "trails.js",
     "robots.js",
+    "radio.js",
     "arena.js",
     "belief_axes.js",
     "belief_chart.js",
@@ -133,6 +136,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         inference=result.inference.filter(of_run),
         robots=result.robots.filter(of_run),
         faults=() if result.faults is None else fault_rows(result.faults.filter(of_run)),
+        radio=_radio_of(result, run),
         min_observations=decision.min_observations,
         gate=decision.gate,
         credible_threshold=decision.credible_threshold,
@@ -157,6 +161,19 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
             **{name: result.versions[name] for name in names if name in result.versions},
         },
     )
+
+
+MAX_RADIO: Final = 2_000_000
+"""Messages times robots of which a page shows who heard them; one byte each."""
+
+
+def _radio_of(result: Result, run: int) -> MessageLog | None:
+    """Return a run's messages, if not all robots hear all at once and the tables tell."""
+    network = network_of(result.scenario.network.name)
+    if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
+        return None
+    log = message_log(result, run)
+    return log if log.state.size <= MAX_RADIO else None
 
 
 def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:

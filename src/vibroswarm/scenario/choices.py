@@ -195,12 +195,13 @@ class StrategyChoice(Choice):
 
 
 class NetworkChoice(Choice):
-    """Who hears what; by name: ``ideal``: all hear all, ``loss``: messages may be lost."""
+    """Who hears what, and when; by name: ``ideal``: all hear all, ``loss``: messages may be lost, and others."""
 
     kind = "network"
     known = staticmethod(known_networks)
     name: str = "ideal"
-    """All hear all (ideal), or each message is lost to each receiver with a probability (loss)."""
+    """All hear all (ideal); each message is lost to each receiver with a probability (loss), as in the study
+    (loss_by_size), or in bursts (bursts); robots hear those near them (range); late (delay); by relays (tree)."""
 
 
 class TaskChoice(Choice):

@@ -41,6 +41,7 @@ function drawArena(t, followed, speed) {
   const poses = robots.map((robot) => poseAt(robot, t));
   drawTrails(context, view, t, followed);
   drawFresh(context, view, t);
+  drawRadio(context, view, poses, t, followed, flashTime(speed));
   drawRays(context, view, poses);
   robots.forEach((robot, i) => {
     if (poses[i] && !standsForGood(robot, poses[i], t)) drawDoing(context, view, robot, poses[i], t);
@@ -67,6 +68,7 @@ const LEGEND = [
   ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
   ["too near", (c) => legendRay(c)],
   ...(run.faults.length ? [["has a fault", (c) => drawFault(c, 11, 9, 5)]] : []),
+  ...(radio ? [["heard", (c) => drawLink(c, 2, 9, 20, 9, false)], ["lost", (c) => drawLink(c, 2, 9, 22, 9, true)]] : []),
 ];
 
 function legendTile(context, shakes) {

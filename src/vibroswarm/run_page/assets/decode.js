@@ -56,5 +56,7 @@ function readRun() {
   const samples = {};
   for (const [name, packed] of Object.entries(data.samples)) samples[name] = decodeColumn(packed);
   const tracks = new Map(data.poses.robots.map((packed) => [packed.robot, decodeTrack(packed, data.poses)]));
-  return { ...data, samples, tracks };
+  const radio = data.radio && Object.fromEntries(
+    Object.entries(data.radio).map(([name, packed]) => [name, decodeColumn(packed)]));
+  return { ...data, samples, tracks, radio };
 }

@@ -1,7 +1,7 @@
 // The table, robot by robot: what it does now, what it decided, and its counts over the run.
 
 const ROSTER_HEADS = [
-  ["", ["#"]], ["Now", ["doing", "p"]], ["Decision", ["", "after", "p then"]],
+  ["", ["#"]], ["Now", radio ? ["doing", "p", "lost"] : ["doing", "p"]], ["Decision", ["", "after", "p then"]],
   ["By the end", ["\u03b1", "\u03b2", "samples", "sent", "received"]],
 ];
 const rosterRows = [];
@@ -39,13 +39,14 @@ function rosterRow(robot, onChoose) {
   const head = make("th", "", choose);
   head.scope = "row";
   const state = cell("state", "", "first words"), belief = cell("belief", "");
-  row.append(head, state, belief,
+  const lost = radio ? [cell("lost", "")] : [];
+  row.append(head, state, belief, ...lost,
     cell("decision", verdictOf(final), "first words"),
     cell("decision_time_s", final.decision_time_s === null ? "\u2013" : exactSeconds(final.decision_time_s)),
     cell("belief_at_decision", final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision)),
     cell("alpha", String(final.alpha), "first"));
   for (const name of ["beta", "samples", "sent", "messages_received"]) row.append(cell(name, String(final[name])));
-  rosterRows.push({ robot, row, choose, state, belief });
+  rosterRows.push({ robot, row, choose, state, belief, lost });
   return row;
 }
 
@@ -60,10 +61,11 @@ function verdictOf(final) {
 }
 
 function drawRoster(t, followed) {
-  for (const { robot, row, choose, state, belief } of rosterRows) {
+  for (const { robot, row, choose, state, belief, lost } of rosterRows) {
     const mind = mindAt(robot, t), pose = poseAt(robot, t);
     say(state, pose ? doingWords(robot, pose, t) : "\u2013");
     say(belief, probability(mind.belief));
+    for (const element of lost) say(element, String(lostBy(robot, t)));
     choose.dataset.decision = mind.decision;
     choose.setAttribute("aria-pressed", String(robot === followed));
     row.classList.toggle("followed", robot === followed);
