@@ -19,7 +19,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, longest_step_m
 
 SECTIONS = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
-"""The sections of a scenario on which motion depends."""
+"""The sections of a scenario on which motion depends, and of ``faults`` those of ``MotionFaults``."""
 APART = ("run.stop", "sample.signal_ms")
 """Fields of these sections that are of no matter to motion."""
 ROBOT_STEPS = 2_000_000
@@ -65,6 +65,7 @@ def random_values(choose: Choice, ray_counts: Sequence[int] = RAY_COUNTS) -> dic
         "rays": partial(rays_values, counts=ray_counts),
         "walk": walk_values,
         "sample": sample_values,
+        "faults": fault_values,
     }
     values: dict[str, Any] = place_values(choose)
     for section, make in makers.items():
@@ -156,6 +157,17 @@ def sample_values(choose: Choice) -> dict[str, Any]:
         "stop_ms": choose.one([0.0, 1000.0, logarithmic(choose, 1.0, 10_000.0)]),
         "timer": choose.one(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
         "interrupts_avoidance": choose.one([True, False]),
+    }
+
+
+def fault_values(choose: Choice) -> dict[str, Any]:
+    """Robots that stop for good."""
+    early_s, late_s = sorted(logarithmic(choose, 0.1, 2000.0) for _ in range(2))
+    return {
+        "stopped": choose.one([0.0, 0.0, choose.between(0.0, 1.0)]),
+        "stopped_from_s": choose.one([early_s, [early_s, late_s]]),
+        "battery_empty": choose.one([0.0, 0.0, choose.between(0.0, 1.0)]),
+        "battery_life_s": choose.one([[early_s, late_s], late_s]),
     }
 
 

@@ -25,6 +25,7 @@ from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, r
 from twins import judge
 from vibroswarm.motion.event.engine import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, preset
 
 BASE = preset("paper-empirical")
@@ -256,7 +257,11 @@ def test_wide_scenarios_draw_every_field_that_motion_depends_on():
             for name, value in fields.items():
                 drawn.setdefault(f"{section}.{name}", set()).add(repr(value))
     for name, values in drawn.items():
-        if name.partition(".")[0] in SECTIONS and name not in APART:
+        section, _, field = name.partition(".")
+        if (section in SECTIONS and name not in APART) or (section, field in MotionFaults.model_fields) == (
+            "faults",
+            True,
+        ):
             assert len(values) >= CHOICES.get(name, 30), f"{name} is hardly drawn: {values}"
 
 

@@ -127,7 +127,11 @@ def test_robots_that_fail_are_named(capsys):
     assert "robot 3 stopped from 30 s" in said
     assert "stuck at 1" in said
     assert run(*SHORT, "--set", "faults.stuck_at_1=0.05") == 0
-    assert "none of 5 robots failed" in capsys.readouterr().out, "a share that is less than half a robot"
+    said = capsys.readouterr()
+    assert "none of 5 robots failed" in said.out, "a share that is less than half a robot"
+    assert "0.05 of 5 robots is 0.25; none of them have the fault" in said.err
+    assert run(*SHORT, "--set", "faults.biased=0.2") == 0
+    assert "faults.biased has no effect" in capsys.readouterr().err
     assert run(*SHORT, "--set", "faults.stuck_at_1=3") == 2
     assert "more than the whole swarm" in capsys.readouterr().err
 

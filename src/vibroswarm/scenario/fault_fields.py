@@ -215,3 +215,23 @@ def check_faults(faults: Faults, robots: int) -> None:
             f"{counts[0]} robots stuck at 0 and {counts[1]} at 1 are more than {robots} robots",
             field="faults.stuck_at_1",
         )
+
+
+def fault_warnings(faults: Faults, robots: int) -> list[str]:
+    """Return warnings about valid but probably unintended faults: shares that are no whole robots, biases of 0."""
+    found = []
+    for kind in faults.kinds:
+        affected = getattr(faults, kind)
+        if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
+            rounded = robots_of_share(affected, robots)
+            found.append(
+                f"faults.{kind}: {affected:g} of {robots} robots is {affected * robots:.4g}; "
+                f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
+            )
+    shifts = (
+        faults.false_positive_shift, faults.false_negative_shift, faults.false_positive_drift_per_h,
+        faults.false_negative_drift_per_h,
+    )  # fmt: skip
+    if faults.biased and not any(shifts):
+        found.append("faults.biased has no effect: neither a shift nor a drift of the error rates is set")
+    return found

@@ -153,6 +153,7 @@ distrust = register(
     strategy_in(
         __name__,
         "distrust",
+        bytes_on_air=2,
         about="distrust: a robot sends its reading, and leaves out senders whose bits are too improbable",
     )
 )
