@@ -8,10 +8,13 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.league.belief_calibration import AS_PLAYED, AT_95, COMMON, OWN
-from vibroswarm.league.fault_curves import MARGIN, borne
+from vibroswarm.league.report_sections import (
+    belief_sentences,
+    beliefs_section,
+    faults_section,
+    limits_text,
+)
 from vibroswarm.league.standings import Standings
-from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
@@ -32,8 +35,6 @@ _COLUMNS = {
     "worst_floor": Column("worst floor"),
     "worst_floor_error": Column("error on it", percent=True),
     "told": Column("told to a robot"),
-    "believed": PERCENT,
-    "decided": PERCENT,
 }
 
 
@@ -95,8 +96,8 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
             (ReportTable(_side_by_side(differences), {"name": Column("entry")}, name="differences"),),
         ),
         *_fronts_section(fronts),
-        *_beliefs_section(tables.get("beliefs")),
-        *_faults_section(tables.get("faults")),
+        *beliefs_section(tables.get("beliefs")),
+        *faults_section(tables.get("faults")),
         Section(
             "Floor by floor",
             (_floors_text(tables["floor_differences"]),),
@@ -179,7 +180,7 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
             f"At the forced error of {best['reference']}, the fastest front is that of {best['strategy']}: "
             f"{best['time_at_equal_error_s']:.0f} s, against {best['reference_time_s']:.0f} s."
         )
-    found += _belief_sentences(tables.get("beliefs"))
+    found += belief_sentences(tables.get("beliefs"))
     return tuple(found)
 
 
@@ -198,110 +199,6 @@ def _floors_text(floors: pl.DataFrame) -> str:
     return (
         f"Forced errors against {reference} floor by floor, at p < 0.05 after Holm over strategies and {count} floors: "
         f"{'; '.join(parts)}."
-    )
-
-
-def _belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
-    """Say which strategies are right less often than they believe, at a 95 % threshold without a gate."""
-    if beliefs is None or not beliefs.height:
-        return []
-    rows = beliefs.drop_nulls(["right_high", "believed_low"])
-    too_sure = pl.col("right_high") < pl.col("believed_low")
-    found = []
-    for prior, words in ((OWN, "on floors from their own prior"), (COMMON, "on floors of independent tiles")):
-        names = rows.filter((pl.col("prior") == prior) & (pl.col("settings") == AS_PLAYED) & too_sure)["name"]
-        found.append(f"{words}: {', '.join(names) or 'none shown'}")
-    return [f"Robots that are right less often than they believe, {'; '.join(found)}."]
-
-
-def _faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section on faulty robots: a picture for each kind of fault."""
-    if curves is None or not curves.height:
-        return ()
-    text = (
-        "Forced error of the working robots of the smallest swarm when others are faulty, on random floors on both "
-        "sides of 1/2; runs are paired. A strategy bears a fault if the 95 % interval of the rise lies below "
-        f"{100 * MARGIN:.0f} points, for that number of faulty robots and all smaller ones."
-    )
-    parts: list[Any] = []
-    for kind in curves["kind"].unique(maintain_order=True):
-        words = kind.replace("_", " ")
-        marks = curves.filter(pl.col("kind") == kind).select(
-            x="name",
-            series=pl.format("{} robots " + words, "faulty"),
-            estimate="forced_error",
-            low="forced_error_low",
-            high="forced_error_high",
-        )
-        picture = draw_error_bars(
-            marks, label="forced error of the others", percent=True, title=words.capitalize(), style="page"
-        )
-        parts.append(picture_of(picture, f"faults-{kind}"))
-    table = borne(curves).rename({"borne": "robots borne", "open": "more: not shown either way"})
-    return (
-        Section(
-            "Faulty robots",
-            (text,),
-            (ReportTable(table, {"name": Column("entry")}, name="borne"), *parts),
-        ),
-        Section(
-            "Faulty robots, all figures",
-            parts=(
-                ReportTable(
-                    curves, {"name": Column("entry"), "forced_error": PERCENT, "rise": PERCENT}, name="faults"
-                ),
-            ),
-            folded=True,
-        ),
-    )
-
-
-def _beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section that compares beliefs with outcomes."""
-    if beliefs is None or not beliefs.height:
-        return ()
-    text = (
-        "Robots that decided: the mean belief in their decisions, and the share of them that were right. Over floors "
-        "as the strategy expects them (its own prior of the fill ratio), and over floors whose tiles vibrate "
-        f"independently. '{AT_95}': at p_c = 0.95 and O_c = 0. Strategies without a belief are left out."
-    )
-    marks = [
-        {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
-        | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
-        for row in beliefs.iter_rows(named=True)
-        for name in ("believed", "right")
-    ]
-    picture = draw_error_bars(
-        pl.DataFrame(marks, infer_schema_length=None),
-        label="robots that decided",
-        interval="95 % jackknife interval over motions",
-        percent=True,
-        style="page",
-    )
-    columns = ("name", "settings", "prior", "believed", "right", "decided")
-    table = pl.DataFrame(
-        [
-            {
-                **{name: row[name] for name in columns[:3]},
-                **{
-                    key: value
-                    for name in columns[3:5]
-                    for key, value in (
-                        (name, row[name]),
-                        (f"{name}, 95 %", _limits(row, name, 100, ".1f")),
-                    )
-                },
-                "decided": row["decided"],
-            }
-            for row in beliefs.iter_rows(named=True)
-        ]
-    )
-    return (
-        Section(
-            "Belief and truth",
-            (text,),
-            (picture_of(picture, "beliefs"), ReportTable(table, _COLUMNS, name="beliefs")),
-        ),
     )
 
 
@@ -332,9 +229,9 @@ def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
             "strategy": row["strategy"],
             "entries on its front": row["points"],
             "time at equal error (s)": row["time_at_equal_error_s"],
-            "time, 95 %": _limits(row, "time_at_equal_error_s", 1, ".0f"),
+            "time, 95 %": limits_text(row, "time_at_equal_error_s", 1, ".0f"),
             "error at equal time (%)": _times_100(row["error_at_equal_time"]),
-            "error, 95 %": _limits(row, "error_at_equal_time", 100, ".1f"),
+            "error, 95 %": limits_text(row, "error_at_equal_time", 100, ".1f"),
         }
         for row in fronts.iter_rows(named=True)
     ]
@@ -361,7 +258,7 @@ def _side_by_side(differences: pl.DataFrame) -> pl.DataFrame:
         rows.setdefault(row["name"], {"name": row["name"], "reference": row["reference"]}).update(
             {
                 title: scale * row["difference"],
-                f"{what}, 95 %": _limits(row, "difference", scale, form),
+                f"{what}, 95 %": limits_text(row, "difference", scale, form),
                 f"{what}, p": row["p_holm"],
             }
         )
@@ -378,24 +275,19 @@ def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
         {
             "name": row["name"],
             "forced_error": row["forced_error"],
-            "forced error, 95 %": _limits(row, "forced_error", 100, ".1f"),
+            "forced error, 95 %": limits_text(row, "forced_error", 100, ".1f"),
             "right": row["right"],
             "wrong": row["wrong"],
             "undecided": row["undecided"],
             "decision_time_s": row["decision_time_s"],
-            "time, 95 %": _limits(row, "decision_time_s", 1, ".0f"),
+            "time, 95 %": limits_text(row, "decision_time_s", 1, ".0f"),
             "worst_floor": row["worst_floor"],
             "worst_floor_error": row["worst_floor_error"],
-            "error on it, 95 %": _limits(row, "worst_floor_error", 100, ".1f"),
+            "error on it, 95 %": limits_text(row, "worst_floor_error", 100, ".1f"),
         }
         for row in table.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)
-
-
-def _limits(row: Mapping[str, float], name: str, scale: float, form: str) -> str:
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return "-" if low is None or high is None else f"{scale * low:{form}} to {scale * high:{form}}"
 
 
 def _settings(standings: Standings) -> pl.DataFrame:

@@ -1,0 +1,132 @@
+"""Sections of a league's report on beliefs and on faulty robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.league.belief_calibration import AS_PLAYED, AT_95, COMMON, OWN
+from vibroswarm.league.fault_curves import MARGIN, borne
+from vibroswarm.plots.error_bars import draw_error_bars
+from vibroswarm.report.html import Column, ReportTable, Section, picture_of
+
+PERCENT: Final = Column(percent=True)
+
+
+def belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
+    """Say which strategies are right less often than they believe, at a 95 % threshold without a gate."""
+    if beliefs is None or not beliefs.height:
+        return []
+    rows = beliefs.drop_nulls(["right_high", "believed_low"])
+    too_sure = pl.col("right_high") < pl.col("believed_low")
+    found = []
+    for prior, words in ((OWN, "on floors from their own prior"), (COMMON, "on floors of independent tiles")):
+        names = rows.filter((pl.col("prior") == prior) & (pl.col("settings") == AS_PLAYED) & too_sure)["name"]
+        found.append(f"{words}: {', '.join(names) or 'none shown'}")
+    return [f"Robots that are right less often than they believe, {'; '.join(found)}."]
+
+
+def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section on faulty robots: a picture for each kind of fault."""
+    if curves is None or not curves.height:
+        return ()
+    text = (
+        "Forced error of the working robots of the smallest swarm when others are faulty, on random floors on both "
+        "sides of 1/2; runs are paired. A strategy bears a fault if the 95 % interval of the rise lies below "
+        f"{100 * MARGIN:.0f} points, for that number of faulty robots and all smaller ones."
+    )
+    parts: list[Any] = []
+    for kind in curves["kind"].unique(maintain_order=True):
+        words = kind.replace("_", " ")
+        marks = curves.filter(pl.col("kind") == kind).select(
+            x="name",
+            series=pl.format("{} robots " + words, "faulty"),
+            estimate="forced_error",
+            low="forced_error_low",
+            high="forced_error_high",
+        )
+        picture = draw_error_bars(
+            marks, label="forced error of the others", percent=True, title=words.capitalize(), style="page"
+        )
+        parts.append(picture_of(picture, f"faults-{kind}"))
+    table = borne(curves).rename({"borne": "robots borne", "open": "more: not shown either way"})
+    return (
+        Section(
+            "Faulty robots",
+            (text,),
+            (ReportTable(table, {"name": Column("entry")}, name="borne"), *parts),
+        ),
+        Section(
+            "Faulty robots, all figures",
+            parts=(
+                ReportTable(
+                    curves, {"name": Column("entry"), "forced_error": PERCENT, "rise": PERCENT}, name="faults"
+                ),
+            ),
+            folded=True,
+        ),
+    )
+
+
+def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section that compares beliefs with outcomes."""
+    if beliefs is None or not beliefs.height:
+        return ()
+    text = (
+        "Robots that decided: the mean belief in their decisions, and the share of them that were right. Over floors "
+        "as the strategy expects them (its own prior of the fill ratio), and over floors whose tiles vibrate "
+        f"independently. '{AT_95}': at p_c = 0.95 and O_c = 0. Strategies without a belief are left out."
+    )
+    marks = [
+        {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
+        | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
+        for row in beliefs.iter_rows(named=True)
+        for name in ("believed", "right")
+    ]
+    picture = draw_error_bars(
+        pl.DataFrame(marks, infer_schema_length=None),
+        label="robots that decided",
+        interval="95 % jackknife interval over motions",
+        percent=True,
+        style="page",
+    )
+    columns = ("name", "settings", "prior", "believed", "right", "decided")
+    table = pl.DataFrame(
+        [
+            {
+                **{name: row[name] for name in columns[:3]},
+                **{
+                    key: value
+                    for name in columns[3:5]
+                    for key, value in (
+                        (name, row[name]),
+                        (f"{name}, 95 %", limits_text(row, name, 100, ".1f")),
+                    )
+                },
+                "decided": row["decided"],
+            }
+            for row in beliefs.iter_rows(named=True)
+        ]
+    )
+    return (
+        Section(
+            "Belief and truth",
+            (text,),
+            (
+                picture_of(picture, "beliefs"),
+                ReportTable(
+                    table,
+                    {"name": Column("entry"), **dict.fromkeys(("believed", "right", "decided"), PERCENT)},
+                    name="beliefs",
+                ),
+            ),
+        ),
+    )
+
+
+def limits_text(row: Mapping[str, float], name: str, scale: float, form: str) -> str:
+    """Return the limits of a figure as text: ``9.7 to 16.4``; a dash if there are none."""
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return "-" if low is None or high is None else f"{scale * low:{form}} to {scale * high:{form}}"
