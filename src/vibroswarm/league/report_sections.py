@@ -13,6 +13,7 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.report.html import Column, ReportTable, Section, picture_of
 
 PERCENT: Final = Column(percent=True)
+COLUMNS: Final = {"name": Column("entry"), **dict.fromkeys(("believed", "right", "decided"), PERCENT)}
 
 
 def belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
@@ -118,7 +119,7 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
                 picture_of(picture, "beliefs"),
                 ReportTable(
                     table,
-                    {"name": Column("entry"), **dict.fromkeys(("believed", "right", "decided"), PERCENT)},
+                    COLUMNS,
                     name="beliefs",
                 ),
             ),
