@@ -25,6 +25,7 @@ from vibroswarm.run_page.payload import payload
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
+from vibroswarm.testing.runs import equals_plain
 
 BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
 TABLES = ("inference", "robots", "runs")
@@ -95,6 +96,14 @@ def test_messages_are_conserved(
     assert counts["received"].to_list() == result.robots["messages_received"].to_list()
     others = counts["sent"].sum() - counts["sent"]
     assert (counts["received"] + counts["lost"] + counts["not_due"]).to_list() == others.to_list()
+
+
+@pytest.mark.parametrize("network", ["bursts", "delay", "loss_by_size", "range", "tree"])
+def test_kernels_do_what_plain_python_does(network: str) -> None:
+    """Tick by tick, with the functions of the network uncompiled."""
+    params = {"bursts": {"bad_share": 0.3}, "range": {"range_m": 0.4}, "tree": {"frame_ms": 20.0}}
+    scenario = over(network, robots=6, **params.get(network, {})).with_values({"run.t_end_s": 40.0})
+    assert list(equals_plain(iter([(network, scenario)]))) == []
 
 
 def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[MessageLog]:

@@ -248,7 +248,10 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
     for arguments, words in (
         (["evnt"], "unknown strategy, network, task or motion source 'evnt', did you mean 'event'?"),
         (["softt", "--kind", "strategy"], "unknown strategy 'softt', did you mean 'soft'?"),
-        (["soft", "--kind", "network"], "unknown network 'soft' (network: ideal, loss; or FILE.py:NAME)"),
+        (
+            ["soft", "--kind", "network"],
+            "unknown network 'soft' (network: bursts, delay, range, ideal, loss, loss_by_size, tree; or FILE.py:NAME)",
+        ),
         ([f"{tmp_path / 'no.py'}:mine"], "no.py"),
     ):
         assert main(["check", *arguments]) == 2

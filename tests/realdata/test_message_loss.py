@@ -19,6 +19,7 @@ from vibroswarm.calibrate.message_loss import (
     by_size,
     expected_by_size,
     fit_independent,
+    lost_for_good,
     lost_in_long_windows,
     second_s,
     windows_of,
@@ -66,6 +67,19 @@ def test_gaps_are_as_bursts_have_them(windows: list[Windows]) -> None:
     others = np.arange(found.size) != 1
     assert (np.abs(found - bursts[0]) < 3.5 * np.maximum(bursts[1], 1.0))[others].all()
     assert found[3:].sum() >= 10 > 10 * independent[0, 3:].sum()
+
+
+def test_receivers_lose_by_themselves(windows: list[Windows]) -> None:
+    """What two robots lose in the same minute is not alike; a sender's failures would be lost by all."""
+    correlations = []
+    for run in (0, 1, 2):
+        by_minute = []
+        for one in (w for w in windows if w.run == run):
+            minute = (np.cumsum(one.length_s) // 60.0).astype(int)
+            by_minute.append(np.bincount(minute, lost_for_good(one), minlength=21)[:20])
+        correlations += np.corrcoef(by_minute)[np.triu_indices(5, 1)].tolist()
+    assert len(correlations) == 30
+    assert -0.15 < np.mean(correlations) < 0.0
 
 
 def test_a_robot_that_hears_nothing_does_not_sample_either(windows: list[Windows]) -> None:

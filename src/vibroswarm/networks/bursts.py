@@ -14,7 +14,7 @@ States change as a Markov chain in time, so that a burst lasts as long in a larg
 With T = 0 every message finds a state of its own, and losses are independent, with probability
 b lost_in_bad + (1 - b) lost_in_good. Gilbert (1960) and Elliott (1963) have the chain step at each bit sent; in the
 recordings bursts end by time. The defaults are fitted to the recordings of the study's robots
-(``calibrate.radio``, docs/networks.md).
+(``calibrate.message_loss``, docs/networks.md).
 """
 
 from __future__ import annotations

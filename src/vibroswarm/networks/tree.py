@@ -21,7 +21,7 @@ not sent again. A message reserves the nodes of its way when it is sent, so that
 interleave. A robot hears the radio also while it samples.
 
 By the radio's data sheet a frame of 32 bytes at 1 Mbit/s with its acknowledgement takes 0.7 ms on air, the least that
-``frame_ms`` can be. The default is fitted to the published shares of lost packets (``benchmarks/networks.py``).
+``frame_ms`` can be. The default is fitted to the published shares of lost packets (``benchmarks/radio_networks.py``).
 """
 
 from __future__ import annotations

@@ -320,7 +320,7 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
 
 def _radio(log: MessageLog) -> dict[str, Any]:
     """Return the messages as packed columns: sender, time_s, and the state at each robot, message by message."""
-    columns: dict[str, NDArray[Any]] = {
+    columns: dict[str, NDArray[np.generic]] = {
         "sender": log.sender.astype(np.uint16),
         "time_s": log.time_s,
         "state": log.state.ravel(),

@@ -1,0 +1,35 @@
+"""``vibroswarm calibrate bursts``: the table for recordings or simulations, and what cannot be fitted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.calibrate.message_loss import STEPS
+from vibroswarm.cli import main
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.simulation import simulate
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 3})
+
+
+def test_a_fit_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulate(SHORT.with_values({"network.name": "loss", "network.loss.share": 0.3}), 2, 2).write(
+        tmp_path / "lossy"
+    )
+    assert main(["calibrate", "bursts", str(tmp_path / "lossy"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told["fits"]) == {"independent", "bursts"}
+    assert 0.1 < told["fits"]["independent"]["lost_in_good"] < 0.5
+    assert told["fits"]["bursts"]["log_likelihood"] >= told["fits"]["independent"]["log_likelihood"] - 0.1
+    assert len(told["gaps"]["found"]) == len(STEPS)
+    assert sum(told["gaps"]["found"]) > 5
+
+
+def test_without_losses_there_is_nothing_to_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulate(SHORT, 2, 1).write(tmp_path / "ideal")
+    assert main(["calibrate", "bursts", str(tmp_path / "ideal")]) == 2
+    assert "no message is lost; there is nothing to fit" in capsys.readouterr().err
+    assert main(["calibrate", "bursts", str(tmp_path / "none")]) == 2
