@@ -223,6 +223,20 @@ def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_n
         assert result.ends["stop_start_s"].is_null()[0] == hears
 
 
+def test_robots_that_are_steered_may_stop_too() -> None:
+    load_file("strategy", f"{VOTER.with_name('avoider.py')}:avoider")
+    try:
+        scenario = faulty(SENSORS | BODIES, strategy__name="avoider")
+        one, other = (simulate(scenario, 3, [0, 1], motion=name) for name in ("event", "fixed-step"))
+        for name in ("decision", "samples", "messages_received"):
+            assert one.robots[name].to_list() == other.robots[name].to_list()
+        assert one.ends["stop_start_s"].equals(other.ends["stop_start_s"])
+        (found,) = outcomes_of([scenario], 3, [0, 1])
+        assert found.decision.ravel().tolist() == one.robots["decision"].to_list()
+    finally:
+        forget("avoider")
+
+
 def test_without_faults_nothing_is_written_about_them() -> None:
     result = simulate(faulty({}), 8, [0])
     assert result.faults is None

@@ -126,6 +126,8 @@ def test_robots_that_fail_are_named(capsys):
     assert "of 5 robots failed" in said
     assert "robot 3 stopped from 30 s" in said
     assert "stuck at 1" in said
+    assert run(*SHORT, *faults[:4], "--json") == 0
+    assert json.loads(capsys.readouterr().out)["faults"] == [{"robot": 3, "fault": "stopped", "from_s": 30.0}]
     assert run(*SHORT, "--set", "faults.stuck_at_1=0.05") == 0
     said = capsys.readouterr()
     assert "none of 5 robots failed" in said.out, "a share that is less than half a robot"
