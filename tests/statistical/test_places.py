@@ -10,6 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.analysis.floor_maps import floor_maps, map_cells
+from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.localisation.locate import PLACES, locate
@@ -124,9 +126,26 @@ def test_a_result_holds_its_places_and_motion_stays_as_it_was() -> None:
     assert infer(GOOD, SEED, timeline, with_places.observations)[0].equals(with_places.inference)
 
 
-@pytest.mark.parametrize("stop", ["all_decided"])
-def test_step_by_step_it_is_refused(stop: str) -> None:
-    from vibroswarm.errors import InputError
-
+def test_step_by_step_it_is_refused() -> None:
     with pytest.raises(InputError, match=r"localisation\.method"):
-        simulate(GOOD.with_values({"run.stop": stop}), SEED, 1)
+        simulate(GOOD.with_values({"run.stop": "all_decided"}), SEED, 1)
+
+
+def test_maps_show_the_floor_and_scores_come_from_them() -> None:
+    """After 20 minutes of five robots nearly all of 25 tiles are as they are; beliefs follow from the robots' maps."""
+    result = simulate(GOOD, SEED, 2)
+    maps = floor_maps(result)
+    assert maps.height == 2 * 6 * 25
+    right = (maps["vibrating"] > 0.5).cast(pl.UInt8) == maps["vibrates"]
+    assert right.mean() > 0.9  # type: ignore[operator]
+    robot = maps.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
+    p = robot["vibrating"].to_numpy()
+    assert robot["spread"].to_numpy() == pytest.approx(np.sqrt(p * (1.0 - p)))
+    cells = map_cells(maps, 1, 2)
+    top_left = robot.filter((pl.col("row") == 0) & (pl.col("column") == 0))["vibrating"].item()
+    assert cells.filter((pl.col("x") == 1) & (pl.col("y") == 5))["value"].item() == top_left
+    assert map_cells(maps, 0).height == 25
+    with pytest.raises(InputError, match="no map of run 7"):
+        map_cells(maps, 7)
+    with pytest.raises(InputError, match="'none' keeps no map"):
+        floor_maps(replace(result, scenario=Scenario()))
