@@ -54,7 +54,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     swarm = replay_to_end(scenario, result.seed, timeline, result.observations["observation"].to_numpy())
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     odds = swarm.arrays.odds.reshape(len(runs), robots, robots, -1)
-    limit = scenario.strategy.params.trust_limit  # type: ignore[attr-defined]
+    limit = scenario.strategy.params.trust_limit
     shape = (len(runs), robots, robots)
     surprise, variance = (array.reshape(shape) for array in (swarm.arrays.surprise, swarm.arrays.variance))
     trusted = surprise >= -limit * np.sqrt(variance)
