@@ -72,6 +72,12 @@ class MessageLog:
         return pl.DataFrame({"robot": robots, **columns, "not_due": not_due})
 
 
+def log_size(result: Result, run: int = 0) -> int:
+    """Return messages times robots of a run."""
+    sent = result.robots.filter(pl.col("run") == run)["sent"].sum()
+    return int(sent) * result.scenario.swarm.robots
+
+
 def message_log(result: Result, run: int = 0) -> MessageLog:
     """Return the messages of a run of a simulation.
 

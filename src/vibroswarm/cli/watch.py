@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.message_log import (
     LOST,
+    MAX_ENTRIES,
     NOT_DUE,
     OWN,
     RECEIVED,
     MessageLog,
+    log_size,
     message_log,
 )
 from vibroswarm.analysis.verdict import answers_of
@@ -99,8 +101,10 @@ class Playback:
         return [", ".join(own) for own in words]
 
     def _message_log(self) -> MessageLog | None:
-        """Return the run's messages unless all hear all."""
-        return None if self.scenario.network.name == "ideal" else message_log(self.result, 0)
+        """Return the run's messages, unless all hear all or there are too many to list."""
+        if self.scenario.network.name == "ideal" or log_size(self.result) > MAX_ENTRIES:
+            return None
+        return message_log(self.result)
 
     def _radio(self, time_s: float) -> Radio | None:
         """Return what was sent until a time."""

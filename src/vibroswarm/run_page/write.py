@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.message_log import MessageLog, message_log
+from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
@@ -163,7 +163,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     )
 
 
-MAX_RADIO: Final = 2_000_000
+MAX_RADIO: Final = 4_000_000
 """Messages times robots of which a page shows who heard them; one byte each."""
 
 
@@ -172,8 +172,7 @@ def _radio_of(result: Result, run: int) -> MessageLog | None:
     network = network_of(result.scenario.network.name)
     if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
         return None
-    log = message_log(result, run)
-    return log if log.state.size <= MAX_RADIO else None
+    return message_log(result, run) if log_size(result, run) <= MAX_RADIO else None
 
 
 def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
