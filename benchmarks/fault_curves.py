@@ -1,9 +1,10 @@
 """How many robots that fail the strategies bear: the tables of docs/faults.md.
 
-    python benchmarks/fault_curves.py [--runs 400] [--seed 1] [--cost]
+    python benchmarks/fault_curves.py [--runs 400] [--seed 1] [--cost | --gate]
 
 Five robots at the paper's optimised settings, random floors of 48 % and 52 %; judged are the robots that work. With
-``--cost``, distrust against no feedback where nobody is faulty, on the paper's floors.
+``--cost``, distrust against no feedback where nobody is faulty, on the paper's floors; with ``--gate``, how
+late robots have to decide for it to help.
 """
 
 from __future__ import annotations
@@ -82,10 +83,25 @@ def cost(runs: int, seed: int) -> None:
             )
 
 
+def gates(runs: int, seed: int) -> None:
+    """Print the robots that work and are wrong, %, with 0, 1 and 2 of five stuck at 1, f = 0.48."""
+    print("| O_c | none | distrust at 1e-2 | 1e-4 | 1e-6 | 1e-9 |")
+    for least in (40, 100, 150, 200, 300, 381):
+        cells = []
+        for threshold in (None, 1e-2, 1e-4, 1e-6, 1e-9):
+            values: dict[str, Any] = {"decision.min_observations": least, "strategy.name": "none"}
+            if threshold is not None:
+                values |= {"strategy.name": "distrust", "strategy.distrust.threshold": threshold}
+            curve = fault_curve(preset("paper").with_values(values), "stuck_at_1", SHARES, seed, runs)
+            cells.append(", ".join(f"{100 * wrong:.0f}" for wrong in curve["wrong"]))
+        print(f"| {least} | " + " | ".join(cells) + " |", flush=True)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cost", action="store_true")
+    parser.add_argument("--gate", action="store_true")
     given = parser.parse_args()
-    (cost if given.cost else table)(given.runs, given.seed)
+    (cost if given.cost else gates if given.gate else table)(given.runs, given.seed)

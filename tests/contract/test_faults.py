@@ -75,6 +75,19 @@ def test_every_way_gives_the_same_run(case: str, strategy: str, network: str) ->
         np.testing.assert_array_equal(getattr(found, name), getattr(by_tables, name), err_msg=name)
 
 
+@pytest.mark.parametrize("case", ["radio", "all"])
+def test_dead_radios_on_a_network_that_knows_places(case: str) -> None:
+    """Messages of such networks have times of arrival, which another loop reads."""
+    load_file("network", f"{VOTER.parents[1] / 'networks' / 'near.py'}:near")
+    near = {"network.name": "near", "network.near.range_m": 0.6}
+    scenario = faulty(CASES[case], strategy__name="voter").with_values(near)
+    for run in range(4):
+        result = simulate(scenario, 8, [run], moves=True)
+        plain = plain_run(scenario, 8, result.motion, result.ends, result.observations, result.moves)
+        assert list(differences(result, plain)) == []
+    assert list(in_pieces([("", scenario)])) == []
+
+
 def test_the_swarm_settles_when_those_that_work_agree() -> None:
     """A robot that never votes leaves the others' decision to them; without knowing it failed, there is none."""
     scenario = faulty(

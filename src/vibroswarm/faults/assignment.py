@@ -115,4 +115,4 @@ def fault_frame(scenario: Scenario, seed: int, runs: Sequence[int]) -> pl.DataFr
 
 def fault_words(kind: str) -> str:
     """Return a kind of fault in words: ``stuck at 1``."""
-    return kind.replace("_", " ")
+    return "sends the opposite" if kind == "opposite" else kind.replace("_", " ")
