@@ -82,7 +82,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
         "strategy.places.variance_factor", "strategy.places.min_samples", "strategy.places.falls_from",
         "strategy.places.spread_factor", "strategy.places.trust_limit", "strategy.places.trust_memory",
-        "localisation.components", "localisation.lag",
+        "strategy.places.broken_prior", "localisation.components", "localisation.lag",
     }  # fmt: skip
     without = {name for name in FLOATS + INTS if not name.endswith(units)}
     assert {name for name in without if not name.startswith("sensor.")} == plain
@@ -353,7 +353,7 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
     "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.places.min_samples",
     "strategy.places.falls_from", "strategy.places.spread_factor", "strategy.places.trust_limit",
-    "localisation.start_spread_m", "localisation.start_heading_spread_deg",
+    "strategy.places.broken_prior", "localisation.start_spread_m", "localisation.start_heading_spread_deg",
 }  # fmt: skip
 
 
