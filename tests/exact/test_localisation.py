@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import truncnorm
 
@@ -117,6 +117,7 @@ def test_a_correction_is_that_of_the_joint_state() -> None:
     assert f.past_covariances[0].reshape(-1, STATES) == pytest.approx(joint[STATES:, :STATES])
 
 
+@settings(deadline=None)
 @given(st.floats(-2.9, 4.9), st.floats(0.01, 2.0))
 def test_learning_that_a_number_is_beyond_matches_its_moments(cut: float, spread: float) -> None:
     f = begun(program())
@@ -130,6 +131,7 @@ def test_learning_that_a_number_is_beyond_matches_its_moments(cut: float, spread
     assert f.covariances[0, X, X] == pytest.approx(law.var(), rel=1e-4, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(st.floats(0.06, 0.94), st.floats(0.06, 0.94), st.floats(-10.0, 10.0))
 def test_rays_meet_walls_where_geometry_says(x_m: float, y_m: float, heading_rad: float) -> None:
     of = program()

@@ -2,7 +2,7 @@
 
 | name | equation |
 |---|---|
-| vibrating | p of a tile: 1 / (1 + exp(-log odds)), of the senders that the robot trusts |
+| vibrating | p of a tile: 1 / (1 + exp(-log odds)), of all senders as the robot weighs them |
 | spread | sqrt(p (1 - p)) |
 | pooled | p from what each robot knows by its own samples, all of them trusted |
 """
@@ -54,11 +54,8 @@ def floor_maps(result: Result) -> pl.DataFrame:
     swarm = replay_to_end(scenario, result.seed, timeline, result.observations["observation"].to_numpy())
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     odds = swarm.arrays.odds.reshape(len(runs), robots, robots, -1)
-    limit = scenario.strategy.params.trust_limit
-    shape = (len(runs), robots, robots)
-    surprise, variance = (array.reshape(shape) for array in (swarm.arrays.surprise, swarm.arrays.variance))
-    trusted = surprise >= -limit * np.sqrt(variance)
-    by_robot = (odds * trusted[..., None]).sum(axis=2)
+    weight = swarm.arrays.weight.reshape(len(runs), robots, robots)
+    by_robot = (odds * weight[..., None]).sum(axis=2)
     own = odds[:, np.arange(robots), np.arange(robots)].sum(axis=1)
     frames = []
     for r, run in enumerate(runs):

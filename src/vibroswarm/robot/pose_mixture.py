@@ -27,6 +27,8 @@ ESTIMATE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_sample", "la
 """What ``sampled`` gives: where the robot believes it is, the standard deviation of that (the root of the mean of those
 in x and in y), and the number (-1: none yet) and place of the sample ``lag`` ago, with standard deviations."""
 
+UNKNOWN: Final = 0.4
+"""Standard deviation of a component at an unknown start, as a share of half the range: overlapping ones find more."""
 WORD: Final = 0xFFFFFFFF
 
 
@@ -139,7 +141,6 @@ def begin(
     """
     count = f.weights.size
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
-    share = count ** (-1.0 / 3.0)
     for i in range(count):
         for j in range(STATES):
             f.means[i, j] = 0.0
@@ -153,8 +154,8 @@ def begin(
             f.means[i, X] = program.width_m * ((0.5 + 0.8191725133961645 * i) % 1.0)
             f.means[i, Y] = program.height_m * ((0.5 + 0.6710436067037893 * i) % 1.0)
             f.means[i, HEADING] = 2.0 * math.pi * ((0.5 + 0.5497004779019703 * i) % 1.0)
-            spread_x_m, spread_y_m = 0.5 * program.width_m * share, 0.5 * program.height_m * share
-            spread_rad = math.pi * share
+            spread_x_m, spread_y_m = UNKNOWN * 0.5 * program.width_m, UNKNOWN * 0.5 * program.height_m
+            spread_rad = UNKNOWN * math.pi
         f.covariances[i, X, X] = spread_x_m * spread_x_m
         f.covariances[i, Y, Y] = spread_y_m * spread_y_m
         f.covariances[i, HEADING, HEADING] = spread_rad * spread_rad

@@ -6,17 +6,19 @@ The estimated places are those of ``localisation``: a sample is sent ``localisat
 | name | symbol | unit | equation |
 |---|---|---|---|
 | share of a place on tile t | q_t | - | normal in x and y about the mean, cut off at 4 standard deviations, sum 1 |
-| map | p_t | - | 1 / (1 + exp(-sum of l_jt over trusted senders j)) |
+| map | p_t | - | 1 / (1 + exp(-sum over senders j of w_j l_jt)) |
 | expected on tile t | m_t | - | p_t P(r on a vibrating tile) + (1 - p_t) P(r on a still tile) |
 | evidence of reading r | l_jt | - | += ln((q_t P(r, vibrating) + R_t) / (q_t P(r, still) + R_t)) |
 | other tiles | R_t | - | sum over u other than t of q_u m_u |
 | surprise of sender j | s_j | - | (log probability of its readings under the map without them - expected) / std. dev. |
-| trust | - | - | none while s_j < -``trust_limit``; old readings are forgotten, by 1 / ``trust_memory`` each |
+| suspicion | b_j | - | log probability of j's readings if they show its own share of ones anywhere, less as above |
+| weight of sender j | w_j | - | 1 / (1 + prior odds of being broken * exp(b_j)); 0 while s_j < -``trust_limit`` |
 | score | z | - | (x N - sum p_t) / sqrt(v sum p_t (1 - p_t)), x the boundary, N the number of tiles |
 | belief | - | - | normal distribution function of z: that less than x of the tiles vibrate |
 | decision | - | - | once the belief is past p_c on either side, with ``min_samples`` readings heard and own |
 
-From the share ``falls_from`` of the run on, the score needed falls to 0 at its end, so that nobody stays undecided.
+Of surprise and suspicion 1 / ``trust_memory`` is forgotten at each reading. From the share ``falls_from`` of the run
+on, the score needed falls to 0 at its end, so that nobody stays undecided.
 
 - Message: sender and reading (1 byte), number (1), place to 1 mm (2 each), spread to 1 mm (1 each): 8 bytes.
 - Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1.
@@ -66,6 +68,9 @@ class Params:
         float,
         Field(ge=0, le=1000, description="Surprise at which a sender is no longer trusted; 1000: never."),
     ] = 5.0
+    broken_prior: Annotated[
+        float, Field(ge=0, lt=1, description="Share of robots presumed to read alike everywhere; 0: none.")
+    ] = 0.1
     trust_memory: Annotated[
         int, Field(ge=1, le=10**6, description="Readings over which a sender's surprise is averaged.")
     ] = 60
@@ -87,6 +92,10 @@ class Arrays:
     odds = array("float64", "robots*tiles")
     surprise = array("float64", "robots")
     variance = array("float64", "robots")
+    suspicion = array("float64", "robots")
+    ones = array("float64", "robots")
+    readings = array("float64", "robots")
+    weight = array("float64", "robots")
     of_column = array("float64", "columns")
     of_row = array("float64", "rows")
 
@@ -105,6 +114,8 @@ class Message:
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Begin with an empty map, undecided."""
     s.decision, s.needed = -1, score_at(w.credible_threshold)
+    for j in range(w.robots):
+        a.weight[j] = 1.0 - p.broken_prior
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -154,12 +165,11 @@ def score_at(probability: float) -> float:
     return 0.5 * (low + high)
 
 
-def total_odds(a: Row, tile: int, p: Row, w: World) -> float:
-    """Return the log odds of a tile, of trusted senders."""
+def total_odds(a: Row, tile: int, w: World) -> float:
+    """Return the log odds of a tile."""
     total = 0.0
     for j in range(w.robots):
-        if a.surprise[j] >= -p.trust_limit * math.sqrt(a.variance[j]):
-            total += a.odds[j * w.rows * w.columns + tile]
+        total += a.weight[j] * a.odds[j * w.rows * w.columns + tile]
     return total
 
 
@@ -173,7 +183,7 @@ def score(a: Row, p: Row, w: World) -> float:
     tiles = w.rows * w.columns
     vibrating, variance = 0.0, 0.0
     for t in range(tiles):
-        probability = logistic(total_odds(a, t, p, w))
+        probability = logistic(total_odds(a, t, w))
         vibrating += probability
         variance += probability * (1.0 - probability)
     return (w.decision_boundary * tiles - vibrating) / math.sqrt(p.variance_factor * max(variance, 1e-12))
@@ -222,28 +232,36 @@ def add_sample(
     for r in range(upper, lower + 1):
         for c in range(left, right + 1):
             share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
-            odds, own = total_odds(a, t, p, w), a.odds[j * tiles + t]
+            odds, own = total_odds(a, t, w), a.odds[j * tiles + t]
             expected += share * (if_still + (if_vibrating - if_still) * logistic(odds))
-            if a.surprise[j] >= -p.trust_limit * math.sqrt(a.variance[j]):
-                odds -= own
+            odds -= a.weight[j] * own
             before += share * (if_still + (if_vibrating - if_still) * logistic(odds))
     for r in range(upper, lower + 1):
         for c in range(left, right + 1):
             share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
-            own = share * (if_still + (if_vibrating - if_still) * logistic(total_odds(a, t, p, w)))
+            own = share * (if_still + (if_vibrating - if_still) * logistic(total_odds(a, t, w)))
             rest = max(expected - own, 0.0)
             a.odds[j * tiles + t] += math.log((share * if_vibrating + rest) / (share * if_still + rest))
-    judge(a, j, before, p)
+    judge(a, j, bit, before, p)
 
 
-def judge(a: Row, j: int, probability: float, p: Row) -> None:
-    """Add a reading of sender ``j``, of this probability under the map without it, to its surprise."""
+def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
+    """Weigh sender ``j`` anew after a reading of this probability under the map without it."""
     kept = 1.0 - 1.0 / p.trust_memory
     chance = min(max(probability, RATE), 1.0 - RATE)
     by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
     ratio = math.log(chance / (1.0 - chance))
     a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
     a.variance[j] = kept * kept * a.variance[j] + chance * (1.0 - chance) * ratio * ratio
+    if_broken = (a.ones[j] + 0.5) / (a.readings[j] + 1.0)
+    if bit == 0:
+        if_broken = 1.0 - if_broken
+    a.suspicion[j] = kept * a.suspicion[j] + math.log(if_broken / chance)
+    a.ones[j], a.readings[j] = kept * a.ones[j] + bit, kept * a.readings[j] + 1.0
+    broken = p.broken_prior / (1.0 - p.broken_prior) * math.exp(min(a.suspicion[j], 500.0))
+    a.weight[j] = 1.0 / (1.0 + broken)
+    if a.surprise[j] < -p.trust_limit * math.sqrt(a.variance[j]):
+        a.weight[j] = 0.0
 
 
 places = register(
