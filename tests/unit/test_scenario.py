@@ -31,7 +31,7 @@ from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting, preset, value_of
 from vibroswarm.simulation import simulate
 
-PAPER_HASH = "0e4fd2d397741d4f"
+PAPER_HASH = "fa70de1fe0d9dd1d"
 """Of the preset ``paper``. It changes only when what the paper's simulations did is understood otherwise, or
 with the schema; results that were written before then no longer match their scenario."""
 
