@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tomli_w
 
-from vibroswarm.scenario import choices, fields
+from vibroswarm.scenario import choices, fields, localisation_fields
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario
 
@@ -39,7 +39,7 @@ name = "soft"
 
 def field_docs() -> dict[str, dict[str, str]]:
     """The docstring below each field of each section, by class name."""
-    texts = (Path(module.__file__).read_text(encoding="utf-8") for module in (fields, choices))
+    texts = (Path(module.__file__).read_text(encoding="utf-8") for module in (fields, localisation_fields, choices))
     found: dict[str, dict[str, str]] = {}
     for node in (node for text in texts for node in ast.parse(text).body):
         if not isinstance(node, ast.ClassDef):
