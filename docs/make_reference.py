@@ -39,7 +39,9 @@ name = "soft"
 
 def field_docs() -> dict[str, dict[str, str]]:
     """The docstring below each field of each section, by class name."""
-    texts = (Path(module.__file__).read_text(encoding="utf-8") for module in (fields, localisation_fields, choices))
+    texts = (
+        Path(module.__file__).read_text(encoding="utf-8") for module in (fields, localisation_fields, choices)
+    )
     found: dict[str, dict[str, str]] = {}
     for node in (node for text in texts for node in ast.parse(text).body):
         if not isinstance(node, ast.ClassDef):
