@@ -27,8 +27,8 @@ FACTS: Final[dict[str, tuple[str, ...]]] = {
 """What a robot knows if its strategy reads one of these fields of ``World``."""
 OF_RATES: Final = ("false_positive", "false_negative")
 """Fields of error rates. The boundary of readings follows from them too."""
-PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m")
-"""Fields of ``Reading`` that say where it was taken."""
+PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_x_m", "lagged_y_m")
+"""Fields of ``Reading`` that say where it, or an earlier one, was taken."""
 WORLD, READING = "w", "x"
 
 
