@@ -245,25 +245,16 @@ def test_the_error_of_strategies_that_read_nothing_is_known(tmp_path: Path) -> N
 
 
 SMALL = [
-    "--runs",
-    "4",
-    "--belief-runs",
-    "2",
-    "--patterns",
-    "stripe",
-    "--fills",
-    "0.48",
-    "--robots",
-    "4",
-    "--strategy",
-    "none,soft",
+    *("--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4"),
+    *("--strategy", "none,soft"),
 ]
+FEW = ["--belief-runs", "2", "--fault-runs", "2"]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
 def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a league"
-    line = ["league", *SMALL, *QUICK, "--out", str(folder)]
+    line = ["league", *FEW, *SMALL, *QUICK, "--out", str(folder)]
     assert main(line) == 0
     said = capsys.readouterr().out
     assert said.startswith("Smallest forced error: ")
@@ -295,7 +286,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     ],
 )
 def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["league", *SMALL, *QUICK, *line.split()]) == 2
+    assert main(["league", *FEW, *SMALL, *QUICK, *line.split()]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert field in said.err
@@ -305,12 +296,12 @@ def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture
 def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "settings.toml"
     file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")
-    assert main(["league", *SMALL, *QUICK[:-1], "--settings", str(file), "--json"]) == 0
+    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--settings", str(file), "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
     assert rows["none"]["undecided"] == 1.0
     assert rows["soft"]["undecided"] < 1.0
     file.write_text("none = 3\n", encoding="utf-8")
-    assert main(["league", *SMALL, *QUICK[:-1], "--settings", str(file)]) == 2
+    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--settings", str(file)]) == 2
     assert "none" in capsys.readouterr().err
 
 
@@ -322,7 +313,10 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     code.write_text(GUESSES, encoding="utf-8")
     line = [*SMALL[:-1], f"none,{code}:guess"]
     vary = ["--vary", "guess:strategy.guess.answer=0,1"]
-    assert main(["league", *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "2"]) == 0
+    assert (
+        main(["league", *FEW, *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "2"])
+        == 0
+    )
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
     assert set(rows) == {"none", "guess (answer 0)", "guess (answer 1)"}
     assert rows["guess (answer 1)"]["forced_error"] == 0.5
@@ -334,7 +328,7 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     spaces.write_text('[guess]\n"strategy.guess.answer" = { from = 0.0, to = 1.0 }\n', encoding="utf-8")
     assert main(["tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
     assert set(read_settings(found)) == {"guess"}
-    assert main(["league", *line, *QUICK[:-1], "--settings", str(found), "--json"]) == 0
+    assert main(["league", *FEW, *line, *QUICK[:-1], "--settings", str(found), "--json"]) == 0
 
 
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
@@ -345,10 +339,10 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     }
     assert len(motions) > 1
     assert all(entry.tuned for entry in entries_of(list(settings), settings))
-    assert main(["league", *SMALL, *QUICK[:-1], "--json"]) == 0
+    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--json"]) == 0
     capsys.readouterr()
-    assert main(["league", *SMALL, *QUICK[:-1], "--own-motion", "--fronts", "--json"]) == 0
+    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--own-motion", "--fronts", "--json"]) == 0
     names = [row["name"] for row in json.loads(capsys.readouterr().out)["standings"]]
     assert len(names) == 2 * 24
-    assert main(["league", *SMALL, *QUICK]) == 0
+    assert main(["league", *FEW, *SMALL, *QUICK]) == 0
     assert "Not tuned for a league" in capsys.readouterr().out

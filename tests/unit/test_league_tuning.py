@@ -71,7 +71,7 @@ def test_spaces_are_of_strategies_and_fields_that_exist() -> None:
     for name, space in found.items():
         for field in space:
             assert field in fields, f"{name}: {field}"
-            assert field.startswith(("decision.", f"strategy.{name}."))
+            assert field.startswith(("decision.", f"strategy.{name}.", "localisation."))
 
 
 SMALL = ["--runs", "2", "--patterns", "stripe", "--fills", "0.48", "--robots", "3", "--strategy", "none"]
