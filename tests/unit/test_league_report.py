@@ -83,6 +83,17 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
     assert found[3] == "At the forced error of base, the fastest front is that of sure: 550 s, against 600 s."
 
 
+def test_who_is_told_the_grid_is_said() -> None:
+    told = STANDINGS.with_columns(told=pl.Series(["boundary, grid", "boundary", "boundary"]))
+    tables = {
+        "differences": differences().clear(),
+        "fronts": FRONTS.clear(),
+        "floor_differences": on_floors(),
+    }
+    assert answers(told, tables)[1].endswith("worse than counting on a wrong one: sure.")
+    assert not any("grid" in sentence for sentence in answers(STANDINGS, tables))
+
+
 def test_nothing_is_said_to_differ_where_nothing_is_shown() -> None:
     """Negative control."""
     rows = [("fast", name, -1.0, 0.05) for name in ("forced_error", "decision_time_s")]

@@ -152,6 +152,11 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
         f"{surest['decision_time_s']:.0f} s. Fastest: {fastest['name']}, {fastest['decision_time_s']:.0f} s; its "
         f"forced error is {_share(fastest, 'forced_error')}."
     ]
+    if mapping := [row["name"] for row in table.iter_rows(named=True) if "grid" in (row.get("told") or "")]:
+        found.append(
+            "Told the grid of tiles, which others are not, and worse than counting on a wrong one: "
+            f"{', '.join(mapping)}."
+        )
     if differences.height:
         reference = differences["reference"][0]
         by_entry = {
