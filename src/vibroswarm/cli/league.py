@@ -212,13 +212,12 @@ def players_from(
     """
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.league.entries import FILLS, PATTERNS, floors_of
-    from vibroswarm.strategies import known
 
     for option in ("floor", "tiles"):
         if getattr(arguments, option) is not None:
             raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
     names = (
-        list(known())
+        on_equal_terms()
         if arguments.strategy is None
         else [one.strip() for one in arguments.strategy.split(",")]
     )
@@ -226,6 +225,14 @@ def players_from(
     robots, arguments.strategy, arguments.robots = tuple(arguments.robots or (5, 10)), None, None
     floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
     return names, scenario_from(arguments), floors, robots
+
+
+def on_equal_terms() -> list[str]:
+    """Return the strategies that play by default: all but those that are told the grid of tiles."""
+    from vibroswarm.strategies import known
+    from vibroswarm.strategies.told import told
+
+    return [name for name, one in known().items() if "grid" not in told(one, "tiles")]
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
