@@ -1,7 +1,7 @@
 """Write each strategy's rows of two leagues into ``strategies.md``: the lines that begin with "- **League**".
 
-vibroswarm league --seed 2 --out out/league
-vibroswarm league --own-motion --seed 2 --out out/own-motion
+vibroswarm league --runs 1000 --seed 2 --out out/league
+vibroswarm league --own-motion --runs 300 --seed 2 --out out/own-motion
 python docs/make_league.py out/league out/own-motion
 """
 
