@@ -122,6 +122,7 @@ def test_the_model_draws_bits_as_the_likelihood_says() -> None:
             "run": np.zeros(count * each, np.uint32),
             "robot": np.repeat(robot, each).astype(np.uint16),
             "sample": np.arange(count * each, dtype=np.uint32),
+            "time_s": np.arange(count * each, dtype=np.float64),
             "x_m": np.repeat(x, each),
             "y_m": np.repeat(y, each),
         }
