@@ -31,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = preset("paper-empirical").with_values({
         "floor.tiles": ("01", "10"), "floor.source": "ours", "strategy.name": "positive", "swarm.robots": 3,
         "decision.min_observations": 10, "decision.gate": "own", "run.t_end_s": 100.0,
-        "faults.stuck_at_0": [1],
+        "faults.stuck_at_0": [1], "localisation.method": "mixture",
     })  # fmt: skip
     result = simulate(scenario, 7, 2, segments=True, moves=True)
     result.write(folder / "result")
