@@ -268,6 +268,18 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
 
 
+@pytest.mark.parametrize("few", ["--runs 1", "--robots 2", "--robots 1", "--robots 6,2"])
+def test_few_runs_and_robots_leave_gaps_and_no_error(
+    few: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One motion measures no worst floor; of one robot, none can be faulty."""
+    line = ["league", *FEW, *SMALL, *QUICK, *few.split(), "--out", str(tmp_path / "few")]
+    assert main(line) == 0
+    said = capsys.readouterr().out
+    assert ("Faulty robots" in said) == (few != "--robots 1")
+    assert (tmp_path / "few" / "report.html").exists()
+
+
 @pytest.mark.parametrize(
     ("line", "field"),
     [

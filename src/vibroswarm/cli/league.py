@@ -17,7 +17,7 @@ from vibroswarm.cli.options import (
     real,
     whole,
 )
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
     import polars as pl
@@ -135,11 +135,14 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.league.fault_curves import KINDS, fault_curves
     from vibroswarm.league.fronts import front_table
     from vibroswarm.league.report import write_league_report
+    from vibroswarm.scenario.fault_fields import FAULTS
 
     league, plain = league_from(arguments)
     if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
         known = ", ".join(f"'{one.label}'" for one in league.entries)
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
+    for kind in arguments.faults or ():  # before anything is simulated
+        check_choice(kind, "--faults", FAULTS)
     how = {"workers": arguments.workers, "executor": arguments.executor}
     with study_progress("simulating") as progress:
         standings = league.play(arguments.out, progress=progress, mixed=arguments.mixed, **how)
@@ -278,7 +281,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
                 values_text(row, "forced_error", 100, ".1f", " %"),
                 *(f"{100 * row[name]:.1f} %" for name in ("right", "wrong", "undecided")),
                 values_text(row, "decision_time_s", 1, ".0f", " s"),
-                f"{100 * row['worst_floor_error']:.1f} %",
+                "-" if row["worst_floor_error"] is None else f"{100 * row['worst_floor_error']:.1f} %",
                 f"{row['sent']:.0f}",
                 f"{row['bytes_sent']:.0f}",
             ]
@@ -292,40 +295,11 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         rows = [_difference(row) for row in differences.iter_rows(named=True)]
         print_table(["", "figure", "difference", "p"], rows, texts=2)
     if "beliefs" in tables and tables["beliefs"].height:
-        print()
-        print("Robots that decided: what they believed, and how often they were right")
-        print_table(
-            ["", "settings", "floors", "believed", "right", "decided"],
-            [
-                [
-                    row["name"],
-                    row["settings"],
-                    row["prior"],
-                    values_text(row, "believed", 100, ".1f", " %"),
-                    values_text(row, "right", 100, ".1f", " %"),
-                    f"{100 * row['decided']:.0f} %",
-                ]
-                for row in tables["beliefs"].iter_rows(named=True)
-            ],
-            texts=3,
-        )
-    if "faults" in tables:
+        print_beliefs(tables["beliefs"])
+    if "faults" in tables and tables["faults"].height:
         print_faults(tables["faults"])
     if (tables["fronts"]["points"] > 1).any():
-        print()
-        print("At equal error, and at equal time")
-        print_table(
-            ["", "entries on front", "time at its error", "error at its time"],
-            [
-                [
-                    row["strategy"],
-                    row["points"],
-                    values_text(row, "time_at_equal_error_s", 1, ".0f", " s"),
-                    values_text(row, "error_at_equal_time", 100, ".1f", " %"),
-                ]
-                for row in tables["fronts"].iter_rows(named=True)
-            ],
-        )
+        print_fronts(tables["fronts"])
     print()
     untuned = [entry.label for entry in league.entries if not entry.tuned]
     if untuned:
@@ -335,6 +309,49 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "
         "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. The worst floor is "
         "chosen by other motions than those that measure it. Messages and bytes: per robot and run."
+    )
+
+
+def print_beliefs(beliefs: pl.DataFrame) -> None:
+    """Print what robots believed when they decided, and how often they were right."""
+    from vibroswarm.cli.output import print_table
+
+    print()
+    print("Robots that decided: what they believed, and how often they were right")
+    print_table(
+        ["", "settings", "floors", "believed", "right", "decided"],
+        [
+            [
+                row["name"],
+                row["settings"],
+                row["prior"],
+                values_text(row, "believed", 100, ".1f", " %"),
+                values_text(row, "right", 100, ".1f", " %"),
+                f"{100 * row['decided']:.0f} %",
+            ]
+            for row in beliefs.iter_rows(named=True)
+        ],
+        texts=3,
+    )
+
+
+def print_fronts(fronts: pl.DataFrame) -> None:
+    """Print time at equal error and error at equal time."""
+    from vibroswarm.cli.output import print_table
+
+    print()
+    print("At equal error, and at equal time")
+    print_table(
+        ["", "entries on front", "time at its error", "error at its time"],
+        [
+            [
+                row["strategy"],
+                row["points"],
+                values_text(row, "time_at_equal_error_s", 1, ".0f", " s"),
+                values_text(row, "error_at_equal_time", 100, ".1f", " %"),
+            ]
+            for row in fronts.iter_rows(named=True)
+        ],
     )
 
 

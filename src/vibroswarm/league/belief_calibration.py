@@ -83,7 +83,7 @@ def belief_calibration(
         league,
         entries=tuple(both),
         floors=tuple(floors),
-        robots=league.robots[:1],
+        robots=(min(league.robots),),
         runs=runs,
         seed=league.seed + 1,
     )

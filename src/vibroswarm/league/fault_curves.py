@@ -54,7 +54,7 @@ def fault_curves(
     folder: Path | None = None,
     *,
     kinds: Sequence[str] = KINDS,
-    most: int = MOST,
+    most: int | None = None,
     runs: int = 100,
     **how: Any,
 ) -> pl.DataFrame:
@@ -62,16 +62,21 @@ def fault_curves(
 
     Args:
         league: its entries, base and smallest swarm; other floors and another seed than its own.
-        folder: where its runs are kept; those that are there are not repeated. kinds: of faults. most: faulty robots.
+        folder: where its runs are kept; those that are there are not repeated. kinds: of faults. most: faulty
+            robots; by default ``MOST``, but never the whole swarm.
         runs: of each fault, number and floor.
         how: workers and progress, as of ``League.play``.
-    Returns: see the module; ``name`` is the entry's, limits have ``_low`` and ``_high``.
+    Returns: see the module; ``name`` is the entry's, limits have ``_low`` and ``_high``. Empty for single robots.
     Raises:
         InputError: an unknown kind, or as many faulty robots as robots.
     """
     for kind in kinds:
         check_choice(kind, "faults", FAULTS)
     robots = min(league.robots)
+    if most is None:
+        most = min(MOST, robots - 1)
+        if most == 0:
+            return pl.DataFrame()
     if not 1 <= most < robots:
         raise InputError(
             f"{most} of {robots} robots cannot all be faulty; from 1 to {robots - 1}", field="faults"
