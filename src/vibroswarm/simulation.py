@@ -18,13 +18,12 @@ from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.faults.assignment import fault_frame
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.deliveries import Timeline, timeline_of
+from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import infer, outcomes
 from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.source import Motion, join, source
-from vibroswarm.networks import network
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result, floor_frame
@@ -143,11 +142,6 @@ def places_of(scenario: Scenario, seed: int, timeline: Timeline) -> pl.DataFrame
     if not is_estimated(scenario):
         return None
     return place_frame(timeline.samples, timeline.estimates(scenario, seed))
-
-
-def needs_moves(scenario: Scenario) -> bool:
-    """Return whether a scenario's network or localisation reads the table of moves."""
-    return network(scenario.network.name).reads_positions or is_estimated(scenario)
 
 
 MAX_RUNS = 100_000_000

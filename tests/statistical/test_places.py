@@ -164,11 +164,6 @@ def test_a_result_holds_its_places_and_motion_stays_as_it_was() -> None:
     assert infer(GOOD, SEED, timeline, with_places.observations)[0].equals(with_places.inference)
 
 
-def test_step_by_step_it_is_refused() -> None:
-    with pytest.raises(InputError, match=r"localisation\.method"):
-        simulate(GOOD.with_values({"run.stop": "all_decided"}), SEED, 1)
-
-
 def test_maps_show_the_floor_and_scores_come_from_them() -> None:
     """After 20 minutes of five robots nearly all of 25 tiles are as they are; beliefs follow from the robots' maps."""
     result = simulate(GOOD, SEED, 2)

@@ -27,10 +27,9 @@ from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.faults.assignment import working
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import as_series, numbers, run_columns
 from vibroswarm.motion.source import source
-from vibroswarm.networks import network
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fault_fields import FAULTS, MOTION_FAULTS, robots_of_share
 from vibroswarm.scenario.scenario import Scenario
@@ -148,7 +147,7 @@ def _tables(
     if kind in MOTION_FAULTS or steers(first):
         results = (simulate(point, seed, runs, energies=False) for point in points)
         return [(result.robots, result.runs) for result in results]
-    motion = source("event").batch(first, seed, runs, False, network(first.network.name).reads_positions)
+    motion = source("event").batch(first, seed, runs, False, needs_moves(first))
     timeline, floors = timeline_of(first, motion), floors_of(first, seed, runs)
     return [
         summarise(point, seed, floors, timeline, observe(point, seed, motion.samples, floors, energies=False))

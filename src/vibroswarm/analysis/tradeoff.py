@@ -27,9 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.analysis.cell_summary import run_figures, summary
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
 from vibroswarm.errors import InputError
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.motion.source import source
-from vibroswarm.networks import network
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_runs, floors_of, summarise
@@ -103,7 +102,7 @@ def _replayed(
     """Yield the tables of each batch of runs; motion and observations are shared by all points."""
 
     def one(part: Sequence[int]) -> Tables:
-        moves = network(base.network.name).reads_positions
+        moves = needs_moves(base)
         motion = source("event").batch(base, seed, part, False, moves)
         timeline, floors = timeline_of(base, motion), floors_of(base, seed, part)
         observations = observe(base, seed, motion.samples, floors, energies=False)

@@ -14,16 +14,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
-from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replayer import NO_VALUES, replayer_of
-from vibroswarm.inference.sample_rows import NO_ESTIMATES, Readings, Rows, Stops
+from vibroswarm.inference.sample_rows import Readings, Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.localisation.locate import is_estimated
+from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
 from vibroswarm.observation.observe import SensedFloor, read
+from vibroswarm.robot.pose_mixture import ESTIMATE
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -125,16 +126,12 @@ class ClosedLoop:
     """Follows runs of a scenario, one after the other."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        if is_estimated(scenario):
-            raise InputError(
-                "robots that estimate their places are simulated by whole runs, not step by step yet: "
-                'leave localisation.method at "true" for strategies that steer, searches, and run.stop = "all_decided"',
-                field="localisation.method",
-            )
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_of(scenario.strategy.name)
         self.buffer = empty_sample_buffer(robots, capacity)
+        self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
+        self.estimates = np.zeros((capacity if self.localisation else 0, len(ESTIMATE)))
         self.ends_s: list[float] = []
         """Ends of its runs, for callers."""
         self.entry: Callable[..., int] | None = None
@@ -146,7 +143,7 @@ class ClosedLoop:
             buffer.y_m,
             buffer.heading_rad,
             NO_VALUES,
-            NO_ESTIMATES,
+            read_only(self.estimates),
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
@@ -174,17 +171,23 @@ class ClosedLoop:
         self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
-        self.is_new = True
+        self.is_new, self.located = True, 0
+        if self.localisation is not None:
+            self.localisation.begin(run)
 
     @property
-    def reads_positions(self) -> bool:
-        """Whether the network reads robot positions; ``add_moves`` must then be called before ``catch_up``."""
-        return self.replayer.reads_positions
+    def needs_moves(self) -> bool:
+        """Whether the network or the localisation reads the moves; ``add_moves`` must then be called before
+        ``catch_up``."""
+        return self.replayer.reads_positions or self.localisation is not None
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
         """Append moves (``motion.moves.MOVE_ROW``) that have ended or are under way; the latter are given again
         later."""
-        self.moves.append(rows.copy())
+        if self.replayer.reads_positions:
+            self.moves.append(rows.copy())
+        if self.localisation is not None:
+            self.localisation.add_moves(rows)
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
         """Append new samples (``motion.recorder.SAMPLE_ROW``)."""
@@ -211,7 +214,12 @@ class ClosedLoop:
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        if self.reads_positions:
+        if self.localisation is not None:
+            new = slice(self.located, int(self.bounds[1]))
+            columns = (self.buffer.robot, self.buffer.stop_tick, self.buffer.time_s, self.estimates)
+            self.localisation.locate(*(column[new] for column in columns))
+            self.located = int(self.bounds[1])
+        if self.replayer.reads_positions:
             self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
@@ -285,8 +293,6 @@ def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float
     """Advance a run to ``until_s``, and replay it in the loops of several scenarios with the same motion.
 
     Returns the new motion as tables if the source gives nothing else, otherwise None.
-
-    Returns the new motion as tables if the source gives nothing else, otherwise None.
     """
     tick_ms = loop[0].tick_ms
     if isinstance(state, KernelRun):
@@ -295,10 +301,10 @@ def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float
             for member in loop:
                 member.add_samples(rows)
 
-        if any(member.reads_positions for member in loop):
+        if any(member.needs_moves for member in loop):
             rest = state.hand_over(until_s, take)
             for member in loop:
-                if member.reads_positions and rest.moves is not None:
+                if member.needs_moves and rest.moves is not None:
                     member.add_moves(rest.moves)
         else:
             state.go_on(until_s, take)
@@ -317,7 +323,7 @@ def add_piece(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[
     rows = sample_rows(piece.samples, tick_ms)
     for member in loop:
         member.add_samples(rows)
-        if member.reads_positions:
+        if member.needs_moves:
             member.add_moves(move_rows(piece.moves, tick_ms))
     standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)

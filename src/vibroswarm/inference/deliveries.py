@@ -24,6 +24,7 @@ from vibroswarm.inference.sample_rows import NO_ESTIMATES, Deliveries, Rows, Sto
 from vibroswarm.inference.sender_positions import Tracks, tracks_of
 from vibroswarm.localisation.locate import estimate, is_estimated
 from vibroswarm.motion.source import Motion
+from vibroswarm.networks import network
 from vibroswarm.scenario.scenario import Scenario
 
 LANES, LANE_BITS = 4, 16
@@ -168,6 +169,11 @@ class Timeline:
                 seed, self.runs, self.bounds, self.robot, self.sample, self.heard, self.heard_at_end, loss
             ))  # fmt: skip
         return self._reach[seed, loss]
+
+
+def needs_moves(scenario: Scenario) -> bool:
+    """Return whether a scenario's network or localisation reads the table of moves."""
+    return network(scenario.network.name).reads_positions or is_estimated(scenario)
 
 
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:

@@ -31,6 +31,8 @@ from vibroswarm.strategies.world import u
 FOLDER: Final = Path(__file__).parent
 PACKAGE: Final = "vibroswarm_generated"
 """Prefix of the names of generated modules."""
+STRATEGIES: Final = "vibroswarm.strategies."
+"""Functions of these modules may be called by any strategy."""
 IMPORT: Final = "from vibroswarm.inference.default_hooks import"
 
 HEADER: Final = """from typing import Any, NamedTuple
@@ -220,8 +222,13 @@ def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
     return {name: function.__globals__[name] for name in sorted(names) if name in function.__globals__}
 
 
+def _is_hook_code(function: FunctionType, module: str) -> bool:
+    """Return whether a function that is called from a module is to be compiled with it."""
+    return function.__module__ == module or function.__module__.startswith(STRATEGIES)
+
+
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:
-    """Compile a function for use in a kernel, and the plain functions of its module that it calls.
+    """Compile a function for use in a kernel, and the plain functions of its module and of strategies that it calls.
 
     Raises:
         InputError: functions that call themselves, directly or not.
@@ -238,7 +245,7 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
     called = {
         name: compiled_hook(value, compiled)
         for name, value in globals_of(function).items()
-        if isinstance(value, FunctionType) and value.__module__ == function.__module__
+        if isinstance(value, FunctionType) and _is_hook_code(value, function.__module__)
     }
     rebound = function
     if called:

@@ -95,10 +95,6 @@ def steer_on(
     """Advance to the next sample or to ``until_s``, and let the strategy steer the robots that sampled.
 
     Returns whether any robot sampled.
-
-    Returns whether any robot sampled.
-
-    Gives whether anyone sampled.
     """
     before = int(loop.bounds[1])
 
@@ -112,7 +108,7 @@ def steer_on(
         if take_moves is not None:
             take_moves(rows)
 
-    asks = loop.reads_positions
+    asks = loop.needs_moves
     sampled = state.to_sample(until_s, both, both_moves if asks else take_moves, take_segments)
     if asks:
         loop.add_moves(state.moves_under_way())

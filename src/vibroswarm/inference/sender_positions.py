@@ -104,7 +104,7 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
 
 
 def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
-    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``), as far as tracks need them.
+    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``), as far as tracks and odometry need them.
 
     Raises:
         InputError: there is no such table.
@@ -113,7 +113,7 @@ def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
     rows = zero_rows(table.height, MOVE_ROW)
     rows["tick"] = np.rint(table["start_s"].to_numpy() * (1000.0 / tick_ms))
     rows["kind"] = table["kind"].to_physical().to_numpy()
-    for name in ("robot", "x_m", "y_m", "heading_rad", "speed_m_s"):
+    for name in ("robot", "x_m", "y_m", "heading_rad", "speed_m_s", "turned_rad", "ray_m"):
         rows[name] = table[name].to_numpy()
     rows["rate_rad_s"] = table["turn_rate_rad_s"].to_numpy()
     return rows

@@ -112,11 +112,12 @@ def estimate(
     columns = [kind, *(odometer[name].to_numpy() for name in ("start_s", "duration_s", "gyro_rad", "ray_m"))]
     columns += [rows, stop_start_s, time_s]
     poses = starts.select("x_m", "y_m", "heading_rad").to_numpy(order="c")
+    sampled_s = np.zeros(agents.size)
     bounds = np.stack(
         [np.searchsorted(of, agents + after) for of in (moved, whose[rows]) for after in (0, 1)], axis=1
     )
     mixture, program = empty_mixture(components, scenario.localisation.lag), program_of(scenario)
-    forward_m = np.resize(np.array(scenario.rays.forward_each_m or scenario.rays.forward_m), robots)
+    forward_m = ray_forward_m(scenario)
     for each_m in np.unique(forward_m):  # robots with the same rays together
         of = np.flatnonzero(forward_m[agents % robots] == each_m)
         locate_robots(
@@ -127,11 +128,18 @@ def estimate(
             read_only(agents[of]),
             read_only(poses[of]),
             read_only(bounds[of]),
+            True,
+            sampled_s[: of.size],
             scenario.tick_s,
             out,
             *(read_only(column) for column in columns),
         )
     return out
+
+
+def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:
+    """Return how far ahead of its centre each robot's rays begin, m, (robots,)."""
+    return np.resize(np.array(scenario.rays.forward_each_m or scenario.rays.forward_m), scenario.swarm.robots)
 
 
 @lru_cache(maxsize=32)
@@ -193,6 +201,8 @@ def locate_robots(
     agents: NDArray[np.int64],
     starts: NDArray[np.float64],
     bounds: NDArray[np.int64],
+    from_start: bool,
+    sampled_s: NDArray[np.float64],
     tick_s: float,
     out: NDArray[np.float64],
     kind: NDArray[np.int64],
@@ -209,18 +219,20 @@ def locate_robots(
     Args:
         agents: run * robots + robot of each. starts: (agents, 3): true poses at time 0. bounds: (agents, 4): the moves
             of an agent are the rows from the first to the second, its samples in ``rows`` those from the third to the
-            fourth. out: (samples, 9), written. kind to ray_m: (moves,). rows: of the other columns, by agent.
-            stop_start_s, time_s: (samples,).
+            fourth. from_start: begin at ``starts``, not where ``f`` is, just after a stop. sampled_s: (agents,): time
+            of each one's last sample so far, changed. out: (samples, 9), written. kind to ray_m: (moves,). rows: of the
+            other columns, by agent. stop_start_s, time_s: (samples,).
     """
     for e in range(agents.size):
         run, i = agents[e] // robots, agents[e] % robots
-        begin_robot(f, program, seed, run, i, starts[e, 0], starts[e, 1], starts[e, 2])
         first, end, k, last = bounds[e]
-        sampled_s = 0.0
+        if from_start:
+            begin_robot(f, program, seed, run, i, starts[e, 0], starts[e, 1], starts[e, 2])
+            sampled_s[e] = 0.0
         for m in range(first, end):
             if kind[m] == DRIVE:
                 at_obstacle = m + 1 < end and kind[m + 1] == AVOID
-                drive(f, program, duration_s[m], gyro_rad[m], sampled_s, at_obstacle)
+                drive(f, program, duration_s[m], gyro_rad[m], sampled_s[e], at_obstacle)
             elif kind[m] != STOP:
                 if not math.isnan(ray_m[m]):
                     after_drive = m > first and kind[m - 1] == DRIVE and duration_s[m - 1] > 1.5 * tick_s
@@ -228,7 +240,7 @@ def locate_robots(
                 turn(f, program, duration_s[m], gyro_rad[m])
             elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
                 sampled(f, program, out[rows[k]])
-                sampled_s = time_s[rows[k]]
+                sampled_s[e] = time_s[rows[k]]
                 k += 1
 
 

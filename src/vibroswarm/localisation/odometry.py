@@ -68,10 +68,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
     whose = run.astype(np.int64) * scenario.swarm.robots + robot
     order = np.argsort(whose, kind="stable")  # moves are sorted by run and start
     whose, kind, ray_m = whose[order], kind[order].astype(np.int64), ray_m[order]
-    begins = np.ones(order.size, dtype=np.bool_)
-    begins[1:] = (np.diff(whose) != 0) | (np.diff(kind) != 0) | np.isfinite(ray_m[1:]) | (kind[1:] == STOP)
-    first = np.flatnonzero(begins)
-    turned = np.add.reduceat(moves["turned_rad"].to_numpy()[order], first) if first.size else np.empty(0)
+    first, turned = merged_moves(whose, kind, ray_m, moves["turned_rad"].to_numpy()[order])
     start_s, row_run, row_robot = start_s[order][first], run[order][first], robot[order][first]
     # A row ends where the robot's next begins, or at the end of what is known.
     last = np.append(np.diff(whose[first]) != 0, True)[: first.size]
@@ -81,7 +78,6 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         known_s[r, i] for r, i in zip(row_run[last].tolist(), row_robot[last].tolist(), strict=True)
     ]
     end_s = np.maximum(end_s, start_s)  # of moves after the end of what is known
-    errors = scenario.odometry.errors
     gyro_rad = gyro_readings(
         seed,
         row_run.astype(np.int64),
@@ -89,10 +85,8 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         kind[first],
         end_s - start_s,
         turned,
-        errors.scale,
-        math.radians(errors.bias_deg_s),
-        math.radians(errors.turn_deg),
-        math.radians(errors.walk_deg_sqrt_s),
+        *gyro_errors(scenario),
+        number=0,
     )
     return pl.DataFrame(
         {
@@ -108,6 +102,35 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
     )
 
 
+def merged_moves(
+    whose: NDArray[np.int64],
+    kind: NDArray[np.int64],
+    ray_m: NDArray[np.float64],
+    turned_rad: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Merge the pieces of drives and turns in which a robot was blocked, which it does not notice.
+
+    Args:
+        whose, kind, ray_m, turned_rad: of moves, robot by robot, in order of time, (moves,).
+    Returns: the first move of each row, and the turn of the row, rad.
+    """
+    begins = np.ones(whose.size, dtype=np.bool_)
+    begins[1:] = (np.diff(whose) != 0) | (np.diff(kind) != 0) | np.isfinite(ray_m[1:]) | (kind[1:] == STOP)
+    first = np.flatnonzero(begins)
+    return first, np.add.reduceat(turned_rad, first) if first.size else np.empty(0)
+
+
+def gyro_errors(scenario: Scenario) -> tuple[float, float, float, float]:
+    """Return the standard deviations of the gyro's errors, as ``gyro_readings`` takes them."""
+    errors = scenario.odometry.errors
+    return (
+        errors.scale,
+        math.radians(errors.bias_deg_s),
+        math.radians(errors.turn_deg),
+        math.radians(errors.walk_deg_sqrt_s),
+    )
+
+
 @allocating_kernel
 def gyro_readings(
     seed: int,
@@ -120,22 +143,28 @@ def gyro_readings(
     bias_spread_rad_s: float,
     turn_noise_rad: float,
     walk_rad_sqrt_s: float,
+    number: int,
 ) -> NDArray[np.float64]:
-    """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot."""
+    """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot.
+
+    Args:
+        number: of the first row, among those of its robot.
+    """
     out = np.empty(run.size)
-    number, scale, bias = 0, 0.0, 0.0
+    scale, bias = 0.0, 0.0
     for k in range(run.size):
-        number += 1
         if k == 0 or run[k] != run[k - 1] or robot[k] != robot[k - 1]:
-            number = 0
+            number = number if k == 0 else 0
             scale = scale_spread * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_SCALE)
             bias = bias_spread_rad_s * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_BIAS)
         if kind[k] == STOP:
             out[k] = 0.0
+            number += 1
             continue
         variance = walk_rad_sqrt_s * walk_rad_sqrt_s * duration_s[k]
         if kind[k] != DRIVE:
             variance += turn_noise_rad * turn_noise_rad
         noise = math.sqrt(variance) * normal(seed, run[k], robot[k], ODOMETRY, number, ALONE)
         out[k] = turned_rad[k] * (1.0 + scale) + bias * duration_s[k] + noise
+        number += 1
     return out

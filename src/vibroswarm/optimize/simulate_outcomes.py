@@ -62,7 +62,7 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
             state.start(seed, run)
         else:
             state = source(motion).init(
-                scenarios[0], seed, run, False, any(loop.reads_positions for loop in loops)
+                scenarios[0], seed, run, False, any(loop.needs_moves for loop in loops)
             )
         for course in courses:
             course.loop.begin(run, course.grounds[r])

@@ -222,8 +222,11 @@ def array(kind: str, of: str) -> Array:
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
-    """Return the arrays of a class whose attributes are ``array(...)``."""
-    return {name: value for name, value in vars(declared).items() if isinstance(value, Array)}
+    """Return the arrays of a class whose attributes, or those of the classes it inherits, are ``array(...)``."""
+    found: dict[str, Array] = {}
+    for of in reversed(declared.__mro__):
+        found |= {name: value for name, value in vars(of).items() if isinstance(value, Array)}
+    return found
 
 
 HOOKS: Final = (

@@ -21,7 +21,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, plain
 from vibroswarm.analysis.oracle_posterior import Known, could_be_known, on_both_sides
 from vibroswarm.analysis.sampling import lag_one, packet_loss
 from vibroswarm.errors import InputError
-from vibroswarm.networks import network
+from vibroswarm.inference.deliveries import needs_moves
 from vibroswarm.posterior.boundary_side import needs_chains
 from vibroswarm.result import Result
 from vibroswarm.simulation import replay
@@ -121,7 +121,7 @@ def _runs_of_cell(
         return result.result(cell.number, runs)
     if group.first.run.stop != "t_end":
         return result.result(cell.number, runs)
-    if network(cell.scenario.network.name).reads_positions and made.moves is None:
+    if needs_moves(cell.scenario) and made.moves is None:
         return result.result(cell.number, runs)
     return replay(made, cell.scenario)
 

@@ -24,7 +24,7 @@ from vibroswarm.core.tables import Schema, check_table, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truths
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
@@ -32,7 +32,7 @@ from vibroswarm.observation.observe import OBSERVATIONS, Places, Readings, obser
 from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_scenario, floors_of, needs_moves, simulate, steers, versions
+from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
 from vibroswarm.study.batch_table import ROWS, WALK, BatchRows, Columns, columns_of, walked
 from vibroswarm.study.plan import Group, Texts, scenario_of
 from vibroswarm.study.spec import Study

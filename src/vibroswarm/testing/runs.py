@@ -177,7 +177,7 @@ def _alike(one: Any, other: Any) -> bool:
 def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
     """Feed the samples of a run's tables to a loop, in pieces of this length."""
     tick_ms = loop.tick_ms
-    if loop.reads_positions:
+    if loop.needs_moves:
         loop.add_moves(move_rows(result.moves, tick_ms))
     end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
     last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()

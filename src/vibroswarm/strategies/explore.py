@@ -1,0 +1,175 @@
+"""Explore: ``places``, whose robots drive to where their map is least sure.
+
+After each own sample a robot compares points as far away as it drives between two samples, ahead and all around, by its
+own map and its own estimate of where it is, and turns to the best. Each message names the tile that its sender drives
+to, which is worth less to the others. Map, messages, trust and decision are those of ``places``.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| map | p_t | - | as of ``places`` |
+| uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` once a robot sampled or drives there |
+| step | d | m | mean distance between two samples so far, over 8 samples |
+| points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / ``directions``, ``margin_m`` from walls or farther |
+| worth of a point | - | - | sum over tiles of U_t exp(-distance of the tile's middle / ``range_m``), \
+less the share ``turn_cost`` of it for a half turn |
+
+- Message: as of ``places``, and the tile (1 byte): 9 bytes.
+- Told to a robot: as of ``places``, and the arena.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.strategies import places
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.places import begin as begin_map
+from vibroswarm.strategies.places import belief, logistic, total_odds
+from vibroswarm.strategies.places import on_message as add_heard
+from vibroswarm.strategies.places import on_sample as add_own
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["belief", "decision", "explore"]
+
+STEP_MEMORY: Final = 0.125
+"""Weight of the last distance in the mean step."""
+UNTIL_SAMPLE_MS: Final = 1e6
+"""A leg that the next sample ends."""
+
+
+class Params(places.Params):
+    """Those of ``places``, and how to choose a target."""
+
+    directions: Annotated[int, Field(ge=2, le=360, description="Number of directions compared.")] = 16
+    range_m: Annotated[
+        float, Field(gt=0, le=1000, description="Distance over which a tile's worth falls by a factor e.")
+    ] = 0.1
+    margin_m: Annotated[
+        float, Field(ge=0, le=1000, description="Least distance of the points compared from walls.")
+    ] = 0.07
+    turn_cost: Annotated[
+        float, Field(ge=0, le=1, description="Share of a point's worth that a half turn costs.")
+    ] = 0.3
+    recent_s: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=1e6,
+            description="Time for which a tile is worth half after a robot sampled or drove there, s.",
+        ),
+    ] = 25.0
+    step_m: Annotated[
+        float, Field(gt=0, le=1000, description="Distance between two samples, before it is known.")
+    ] = 0.15
+
+
+class State(places.State):
+    """That of ``places``; the turn to make, the tile that the robot drives to (-1: none), the last place, the step."""
+
+    turn_rad: float
+    target: int
+    last_x_m: float
+    last_y_m: float
+    step_m: float
+
+
+class Arrays(places.Arrays):
+    """Those of ``places``, when a robot last sampled each tile or drove there, and scratch: how unsure each tile is."""
+
+    visited_s = array("float64", "tiles")
+    uncertainty = array("float64", "tiles")
+
+
+class Message(places.Message):
+    """That of ``places``, and where the robot drives to."""
+
+    target: int
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Begin with an empty map, undecided, without targets."""
+    begin_map(s, a, d, p, w)
+    s.target, s.step_m = -1, p.step_m
+    for t in range(w.rows * w.columns):
+        a.visited_s[t] = -p.recent_s
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Add another robot's sample to the map, and heed where it drives to."""
+    if m.target >= 0:
+        a.visited_s[m.target] = t_s
+    add_heard(s, a, m, sender, t_s, d, p, w)
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Add and send the sample whose place is known by now, decide, and choose where to drive."""
+    sends: bool = add_own(s, a, x, out, d, p, w)
+    if x.number > 0:
+        s.step_m += STEP_MEMORY * (math.hypot(x.x_m - s.last_x_m, x.y_m - s.last_y_m) - s.step_m)
+    s.last_x_m, s.last_y_m = x.x_m, x.y_m
+    a.visited_s[tile_at(x.x_m, x.y_m, w)] = x.t_s
+    choose_direction(s, a, x, p, w)
+    out.target = s.target
+    return sends
+
+
+def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
+    """Turn to the best point, if that is not ahead, and drive on until the next sample."""
+    return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
+
+
+def middle_x_m(tile: int, w: World) -> float:
+    """Return x of the middle of a tile."""
+    return w.left_m + (tile % w.columns + 0.5) * w.tile_width_m
+
+
+def middle_y_m(tile: int, w: World) -> float:
+    """Return y of the middle of a tile; row 0 is the top."""
+    return w.bottom_m + (w.rows - 0.5 - tile // w.columns) * w.tile_height_m
+
+
+def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
+    """Set the turn and the tile of the point of the greatest worth; go on as drawn if all are too near walls."""
+    for t in range(w.rows * w.columns):
+        probability = logistic(total_odds(a, t, w))
+        a.uncertainty[t] = probability * (1.0 - probability)
+        if x.t_s - a.visited_s[t] < p.recent_s:
+            a.uncertainty[t] *= 0.5
+    s.target, s.turn_rad, most = -1, 0.0, -1.0
+    for k in range(p.directions):
+        turn_rad = 2.0 * math.pi * k / p.directions
+        if turn_rad > math.pi:
+            turn_rad -= 2.0 * math.pi
+        x_m = x.x_m + s.step_m * math.cos(x.heading_rad + turn_rad)
+        y_m = x.y_m + s.step_m * math.sin(x.heading_rad + turn_rad)
+        if min(x_m, y_m, w.width_m - x_m, w.height_m - y_m) < p.margin_m:
+            continue
+        worth = 0.0
+        for t in range(w.rows * w.columns):
+            away_m = math.hypot(middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m)
+            worth += a.uncertainty[t] * math.exp(-away_m / p.range_m)
+        worth *= 1.0 - p.turn_cost * abs(turn_rad) / math.pi
+        if worth > most:
+            most, s.turn_rad, s.target = worth, turn_rad, tile_at(x_m, y_m, w)
+
+
+def tile_at(x_m: float, y_m: float, w: World) -> int:
+    """Return the tile at a place, or the nearest."""
+    column = min(max(int((x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
+    row = min(max(int(w.rows - (y_m - w.bottom_m) / w.tile_height_m), 0), w.rows - 1)
+    return row * w.columns + column
+
+
+explore = register(
+    strategy_in(
+        __name__,
+        "explore",
+        bytes_on_air=9,
+        knows_error_rates=True,
+        about="explore: places, whose robots drive to where their map is least sure",
+    )
+)
