@@ -12,8 +12,9 @@ import io
 import os
 import re
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -71,13 +72,15 @@ def parser() -> argparse.ArgumentParser:
         tradeoff,
         tune,
     )
+    from vibroswarm.cli.options import add_loudness, add_printing
 
     top = _Parser(
         prog="vibroswarm",
         description="Swarms of small robots that inspect a surface and decide together what it is like.",
         epilog="Run 'vibroswarm COMMAND --help' for more.",
     )
-    top.add_argument("--version", action="store_true", help="show version and exit")
+    top.add_argument("-V", "--version", action="store_true", help="show version and exit")
+    add_loudness(top)
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for module in (
         run, evaluate, sweep, league, tune, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate,
@@ -96,7 +99,19 @@ def parser() -> argparse.ArgumentParser:
             action="store_true",
             help="run as plain, slow Python, for debuggers",
         )
+    for leaf in leaves(top):
+        add_printing(leaf)
     return top
+
+
+def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the parsers of all commands and tasks that do something themselves."""
+    parts = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not parts:
+        yield parser
+    for part in parts:
+        for below in part.choices.values():
+            yield from leaves(below)
 
 
 PLAIN: Final = "--plain"
@@ -166,7 +181,7 @@ def _command(argv: Sequence[str] | None) -> int:
     """Parse the arguments and run the command; return the exit code."""
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
-    from vibroswarm.cli import scenario_options
+    from vibroswarm.cli import scenario_options, terminal
 
     gc.set_threshold(GC_THRESHOLD)
     scenario_options.forget()
@@ -183,16 +198,25 @@ def _command(argv: Sequence[str] | None) -> int:
     if arguments.command is None:
         top.print_help()
         return 0
-    if not arguments.trust:
-        return int(arguments.run(arguments))
-    from vibroswarm.scenario import plugins
+    terminal.use(arguments)
+    with ExitStack() as stack:
+        if arguments.trust:
+            from vibroswarm.scenario import plugins
 
-    with plugins.trust_code():
+            stack.enter_context(plugins.trust_code())
+        if terminal.printing.verbose:
+            from vibroswarm.cli.verbose import verbose
+
+            stack.enter_context(verbose())
         return int(arguments.run(arguments))
 
 
 def _failed(message: str, code: int) -> int:
-    """Print an error message on stderr and return the exit code."""
+    """Print an error message on stderr, after the traceback if verbose, and return the exit code."""
+    from vibroswarm.cli import terminal
+
+    if terminal.printing.verbose and sys.exc_info()[0] is not None:
+        traceback.print_exc()
     # One printable line: the message may quote the content of a file.
     plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in message)
     with suppress(OSError):

@@ -69,7 +69,7 @@ def add_parser(commands: Any) -> None:
 def run_figures(arguments: argparse.Namespace) -> int:
     """Print the figures of results side by side."""
     from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
-    from vibroswarm.cli.output import print_json, print_table
+    from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
     figures = {str(folder): figures_of(read_result(folder), arguments.at) for folder in arguments.folders}
     if arguments.json:
@@ -83,8 +83,10 @@ def run_figures(arguments: argparse.Namespace) -> int:
         [words, *(_scaled(folder_figures[place].interval, scale) for folder_figures in figures.values())]
         for place, (words, scale) in enumerate(FIGURES.values())
     ]
-    print_table(["", *(Path(folder).name for folder in figures)], rows, texts=1 + len(figures))
-    print(f"Errors at a threshold of {arguments.at:g}; in brackets 95 % over sessions; '-': not measurable.")
+    print_table(["figure", *(Path(folder).name for folder in figures)], rows)
+    print_paragraph(
+        f"Errors at a threshold of {arguments.at:g}; in brackets 95 % over sessions; '-': not measurable."
+    )
     return 0
 
 
@@ -126,11 +128,11 @@ def run_compare(arguments: argparse.Namespace) -> int:
 def print_comparison(found: Comparison) -> None:
     """Print similarities, energy distances and what a classifier can tell apart."""
     from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_table, with_interval
+    from vibroswarm.cli.output import print_paragraph, print_table, with_interval
 
-    print("Cosine similarity (published: of all samples; here: at equal counts)")
+    print_paragraph("Cosine similarity (published: of all samples; here: at equal counts)")
     print_table(
-        ["", "published", "null", "here", "ceiling", "session, real-sim", "session, real-real", ""],
+        ["feature", "published", "null", "here", "ceiling", "session, real-sim", "session, real-real", ""],
         [
             [
                 WORDS[similarity.feature],
@@ -145,9 +147,10 @@ def print_comparison(found: Comparison) -> None:
             for similarity in found.similarities
         ],
     )
-    print("\nEnergy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
+    print()
+    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
     print_table(
-        ["", "real - simulated", "real - real"],
+        ["feature", "real - simulated", "real - real"],
         [
             [
                 WORDS[distance.feature],
@@ -156,20 +159,23 @@ def print_comparison(found: Comparison) -> None:
             ]
             for distance in found.distances
         ],
-        texts=3,
     )
     classifier = found.classifier
-    print("\nShare of stretches of 20 samples that a classifier recognises (0.5: chance)")
-    print(
-        f"  real or simulated, robots and sessions not trained on: {with_interval(classifier.simulated, '.3f')}"
+    print()
+    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
+    recognised = {
+        "real or simulated, robots and sessions not trained on": classifier.simulated,
+        "real or simulated, robots not trained on": classifier.simulated_by_robot,
+        "which real session, robots not trained on": classifier.real,
+    }
+    print_table(
+        ["recognised", "share"],
+        [[name, with_interval(share, ".3f")] for name, share in recognised.items() if share is not None],
     )
-    print(
-        f"  real or simulated, robots not trained on: {with_interval(classifier.simulated_by_robot, '.3f')}"
-    )
-    if classifier.real is not None:
-        print(f"  which real session, robots not trained on: {with_interval(classifier.real, '.3f')}")
     if found.missing:
-        print(f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}")
+        print_paragraph(
+            f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}"
+        )
 
 
 def _spread(one: Any) -> str:

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fit, compare and print."""
     from vibroswarm.calibrate import message_loss
     from vibroswarm.cli.options import read_result
-    from vibroswarm.cli.output import print_json, print_table
+    from vibroswarm.cli.output import print_json, print_paragraph, print_table
     from vibroswarm.errors import InputError
 
     windows = [one for folder in arguments.folders for one in message_loss.windows_of(read_result(folder))]
@@ -71,10 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
         f"{len(windows)} receivers, {sum(int(one.sent.sum()) for one in windows):,} messages addressed to them"
     )
     print_table(
-        ["model", "lost", "bad_share", "bad_s", "lost_in_bad", "lost_in_good", "log likelihood", "AIC"],
+        ["model", "lost, %", "bad_share", "bad_s", "lost_in_bad", "lost_in_good", "log likelihood", "AIC"],
         [
             [
-                name, f"{100 * model.lost:.2f} %", f"{model.bad_share:.4f}", f"{model.bad_s:.1f}",
+                name, f"{100 * model.lost:.2f}", f"{model.bad_share:.4f}", f"{model.bad_s:.1f}",
                 f"{model.lost_in_bad:.3f}", f"{model.lost_in_good:.4f}", f"{model.log_likelihood:.1f}",
                 f"{model.aic:.1f}",
             ]
@@ -82,8 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
         ],
     )  # fmt: skip
     if errors:
-        print("standard errors: " + ", ".join(f"{name} {value:.2g}" for name, value in errors.items()))
-    print("\nGaps (messages lost in a row) by size, all receivers; expected +- standard deviation")
+        print_paragraph(
+            "standard errors: " + ", ".join(f"{name} {value:.2g}" for name, value in errors.items())
+        )
+    print()
+    print_paragraph("Gaps (messages lost in a row) by size, all receivers; expected +- standard deviation")
     print_table(
         ["messages", "found", *models],
         [
@@ -98,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         ],
         texts=1,
     )
-    print(
+    print_paragraph(
         f"Intervals of more than twice the median between a robot's own samples hold {100 * sent_in_long:.1f} % of the "
         f"messages and {100 * lost_in_long:.1f} % of the lost ones."
     )

@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
     """Print the figures of both scenarios, and their differences."""
-    from vibroswarm.cli.output import print_table, with_interval
+    from vibroswarm.cli.output import print_paragraph, print_table, with_interval
 
     print_table(
         [
@@ -74,7 +74,10 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
             "scenario",
             "decision time, s",
             "belief in truth",
-            "consensus, %: right, wrong, split, incomplete",
+            "right, %",
+            "wrong, %",
+            "split, %",
+            "incomplete, %",
         ],
         [
             [
@@ -82,16 +85,17 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
-                ", ".join(f"{100 * share:.1f}" for share in shares.values()),
+                *(f"{100 * share:.1f}" for share in shares.values()),
             ]
             for effect in found
             for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
         ],
-        texts=5,
+        names=2,
     )
-    print(f"\n{names[1]} - {names[0]}, paired by run (95 %)")
+    print()
+    print_paragraph(f"{names[1]} - {names[0]}, paired by run (95 %)")
     print_table(
-        ["", "", "", ""],
+        ["strategy", "figure", "difference", ""],
         [
             [
                 effect.strategy,
@@ -104,5 +108,6 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
             for effect in found
             for difference in effect.differences
         ],
+        names=2,
         texts=4,
     )

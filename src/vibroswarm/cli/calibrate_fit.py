@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_json, add_settings, between, toml_file, whole
+from vibroswarm.cli.terminal import printing
 
 if TYPE_CHECKING:
     from vibroswarm.calibrate.cross_validation import Fold
@@ -104,7 +105,7 @@ def scenario_of(name: str, settings: list[str]) -> Scenario:
 
 def share_done(what: str) -> Callable[[float], None] | None:
     """Return a function that shows the share done on a terminal; None elsewhere."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or printing.quiet:
         return None
 
     def progress(share: float) -> None:
@@ -116,17 +117,16 @@ def share_done(what: str) -> Callable[[float], None] | None:
 def print_fit(found: Fit) -> None:
     """Print the fitted figures, the changed fields and the predictive check."""
     from vibroswarm.calibrate.fit import LACKS
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_paragraph, print_table
 
     print(f"Fitted on {found.sessions} sessions, with {found.motion_runs} runs of motion\n")
     print_table(
-        ["figure", "value", "s.e.", "95 %"],
+        ["figure", "value", "s.e."],
         [
             [
                 figure.name,
-                f"{figure.value:.5g}",
+                f"{figure.value:.5g} [{figure.low:.4g}, {figure.high:.4g}]",
                 f"{figure.error:.2g}",
-                f"[{figure.low:.4g}, {figure.high:.4g}]",
             ]
             for figure in found.figures
         ],
@@ -134,12 +134,15 @@ def print_fit(found: Fit) -> None:
     print("\nFields of the scenario")
     for name, value in found.changed.items():
         print(f"  {name} = {_toml(value)}")
-    print("\nPredictive check of avoidance: recorded, and 95 % of single sessions simulated with the fit")
+    print()
+    print_paragraph(
+        "Predictive check of avoidance: recorded, and 95 % of single sessions simulated with the fit"
+    )
     print_table(
-        ["", "", "", ""],
+        ["figure", "recorded", "simulated", ""],
         [
             [
-                f"  {name}",
+                name,
                 f"{recorded:.4f}",
                 f"[{low:.4f}, {high:.4f}]",
                 "" if low <= recorded <= high else "outside",
@@ -149,7 +152,7 @@ def print_fit(found: Fit) -> None:
     )
     print("\nWhat the model lacks:")
     for lack in LACKS:
-        print(f"  {lack}")
+        print_paragraph(f"  {lack}")
 
 
 def _toml(value: Any) -> str:
@@ -161,13 +164,14 @@ def print_folds(judged: list[Fold]) -> None:
     import numpy as np
 
     from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_paragraph, print_table
 
     names = {"fitted": "fitted", "real": "other_sessions", "against": "other_simulator"}
     distances = {"fitted": "distance_fitted", "real": "distance_sessions", "against": "distance_simulator"}
-    print(f"\nFitted on the other sessions, validated on the held-out one: mean over {len(judged)}")
+    print()
+    print_paragraph(f"Fitted on the other sessions, validated on the held-out one: mean over {len(judged)}")
     print_table(
-        ["", *(f"similarity, {kind}" for kind in names), *(f"distance, {kind}" for kind in distances)],
+        ["feature", *(f"similarity, {kind}" for kind in names), *(f"distance, {kind}" for kind in distances)],
         [
             [
                 WORDS[score.feature],
@@ -182,9 +186,11 @@ def print_folds(judged: list[Fold]) -> None:
     accuracy = np.mean([fold.accuracy_fitted for fold in judged])
     other = np.mean([fold.accuracy_simulator for fold in judged])
     versus = f"; from the other simulator's {other:.3f}" if np.isfinite(other) else ""
-    print(
-        f"\nShare of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{versus}\n"
+    print()
+    print_paragraph(
+        f"Share of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{versus}"
     )
+    print()
     rows = []
     for reading in judged[0].readings:
         same = [each for fold in judged for each in fold.readings if each.name == reading.name]
@@ -196,4 +202,5 @@ def print_folds(judged: list[Fold]) -> None:
                 ", ".join(f"{reading.deviation:+.1f}" for reading in same),
             ]
         )
-    print_table(["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"], rows)
+    columns = ["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"]
+    print_table(columns, rows, texts=len(columns))

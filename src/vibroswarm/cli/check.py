@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the checks and print their results; returns 1 if one fails."""
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.testing import check_motion, check_network, check_strategy, check_task
 
     kind, name = _kind_and_name(arguments.kind, arguments.name)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"'{name}' {'fails' if failed else 'passes'}: {count} hold.")
     for result in results:
         mark = "ok  " if result.holds else ("note" if result.is_warning else "FAIL")
-        print(f"  {mark}  {result.what}{f': {result.why}' if result.why else ''}")
+        print_paragraph(f"  {mark}  {result.what}{f': {result.why}' if result.why else ''}")
     return int(failed)
 
 

@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate fills x robots, report what each needs."""
     from vibroswarm.analysis.detection import detection_curve, needed, pairs
     from vibroswarm.cli.detect_output import print_detection
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.cli.study_options import run_study_of
     from vibroswarm.study.precision import share_from
@@ -116,9 +116,11 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print_detection(need, distinguished, base, error, false_alarms)
         if added:
-            print(f"Fill ratios added to count false alarms: {', '.join(f'{fill:g}' for fill in added)}.")
+            print_paragraph(
+                f"Fill ratios added to count false alarms: {', '.join(f'{fill:g}' for fill in added)}."
+            )
         for warning in warnings:
-            print(f"Warning: {warning}")
+            print_paragraph(f"Warning: {warning}")
     sys.stdout.flush()
     return 0
 

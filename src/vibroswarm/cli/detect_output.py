@@ -23,20 +23,24 @@ def print_detection(
     """
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
     if distinguished.is_empty():
-        print(f"All floors are on one side of {100 * boundary:g} %: no pairs of misses and false alarms.")
-    else:
-        print(
-            f"Does more than {100 * boundary:g} % vibrate? With at most {100 * error:g} % misses and "
-            f"{100 * false_alarms:g} % false alarms (upper limits, 95 %):\n"
+        print_paragraph(
+            f"All floors are on one side of {100 * boundary:g} %: no pairs of misses and false alarms."
         )
+    else:
+        print_paragraph(
+            f"Does more than {100 * boundary:g} % vibrate? With at most {100 * error:g} % misses and "
+            f"{100 * false_alarms:g} % false alarms (upper limits, 95 %):"
+        )
+        print()
         print_table(
             ["fill ratio", "robots", "found within", "without false alarms on floors up to", ""],
             [_pair(row, t_end_s) for row in _best(distinguished).iter_rows(named=True)],
+            names=2,
             texts=0,
         )
     print()
     print_table(
-        ["fill ratio", "robots", "runs", "missed", "false alarms", "needed", "clear until"],
+        ["fill ratio", "robots", "runs", "missed, %", "false alarms, %", "needed", "clear until"],
         [
             [
                 f"{row['fill_ratio']:.4g}",
@@ -49,7 +53,9 @@ def print_detection(
             ]
             for row in need.iter_rows(named=True)
         ],
+        names=2,
         texts=0,
+        more=("runs",),
     )
     print_paragraph(
         f"Missed: no right consensus by {t_end_s:g} s; undecided counts. False alarm: a wrong consensus on 'more'. "
@@ -79,7 +85,7 @@ def _pair(row: dict[str, float | None], t_end_s: float) -> list[object]:
 
 
 def _share(share: float | None, high: float | None) -> str:
-    return "-" if share is None or high is None else f"{100 * share:.1f} % (below {100 * high:.1f} %)"
+    return "-" if share is None or high is None else f"{100 * share:.1f} (below {100 * high:.1f})"
 
 
 def _time(time_s: float | None, t_end_s: float) -> str:

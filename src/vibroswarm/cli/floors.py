@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_json, add_out, whole
-from vibroswarm.cli.output import print_json, print_table
+from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
@@ -87,7 +87,8 @@ def _list(args: argparse.Namespace) -> int:
         print_json([_as_json(name, difficulty) for name, difficulty in measured])
         return 0
     _print_measures(measured)
-    print("\nrandom:F, for example random:0.48, is another random floor for each run.")
+    print()
+    print_paragraph("random:F, for example random:0.48, is another random floor for each run.")
     return 0
 
 
@@ -114,10 +115,11 @@ def _list_paper(args: argparse.Namespace) -> int:
             ]
             for entry in table
         ],
-        texts=2,
+        names=2,
     )
-    print(
-        "\n'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor\n"
+    print()
+    print_paragraph(
+        "'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor "
         "alternating:paper-0.46, which has 48 of them, in place of alternating:0.46."
     )
     return 0
@@ -136,7 +138,7 @@ def _show(args: argparse.Namespace) -> int:
 
         draw_floor(args.out, tiles, name, replace=args.force)
     print(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print(_in_words(measure(tiles)))
+    print_paragraph(_in_words(measure(tiles)))
     if args.out is not None:
         print(f"Saved: {args.out}")
     return 0
@@ -183,7 +185,7 @@ def _make(args: argparse.Namespace) -> int:
         )
         return 0 if design.reached else 1
     print(draw(design.tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print(design.words)
+    print_paragraph(design.words)
     if args.out is not None:
         print(f"Saved: {args.out}")
     return 0 if design.reached else 1

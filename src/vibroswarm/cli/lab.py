@@ -136,13 +136,16 @@ def _logs_beliefs(recording: Recording) -> bool:
 
 def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
     """Print what an import repaired and inferred, and where it is saved."""
+    from vibroswarm.cli.output import print_paragraph
     from vibroswarm.recordings.recording import count_lines
 
-    print("\n".join(count_lines(recording)))
-    print(recording.floor_words)
+    for line in count_lines(recording):
+        print_paragraph(line)
+    print_paragraph(recording.floor_words)
     print("\nSettings of the robots, inferred from the logs:")
     for setting in recording.inferred:
-        print(f"  {setting['name']} = {_inferred_value(recording, setting)}\n      {setting['evidence']}")
+        print_paragraph(f"  {setting['name']} = {_inferred_value(recording, setting)}")
+        print_paragraph(f"      {setting['evidence']}")
     print()
     for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
         at = "" if time_s is None else f", by {time_s:.1f} s"
@@ -150,7 +153,9 @@ def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
         print(f"session {run + 1}: {outcome}")
     print(f"Saved in {out}: tables, pictures, pages {', '.join(pages)}")
     if not _logs_beliefs(recording):
-        print("Beliefs are not in the logs; the pages show a replay in which all robots hear all messages.")
+        print_paragraph(
+            "Beliefs are not in the logs; the pages show a replay in which all robots hear all messages."
+        )
 
 
 def _inferred_value(recording: Recording, setting: Any) -> str:

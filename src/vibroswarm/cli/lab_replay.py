@@ -49,7 +49,7 @@ def add_parser(tasks: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay each strategy and compare it with what was logged."""
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph, print_table
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
     from vibroswarm.strategies import names as known_names
@@ -87,14 +87,21 @@ def run(arguments: argparse.Namespace) -> int:
             }
         )
         return 0
+    rows = []
     for session, as_it_was in enumerate(logged):
-        print(f"session {as_it_was.session}")
-        print(_line("as logged", as_it_was, one=True))
-        for name, outcomes_of in outcomes.items():
-            print(_line(name, outcomes_of[session], one=False))
-        print()
-    print(f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws.")
-    print(
+        rows.append(_row("as logged", as_it_was, one=True))
+        rows += [_row(name, of[session], one=False) for name, of in outcomes.items()]
+    print_table(
+        ["session", "strategy", "consensus", "decision time, s", "undecided, %", "belief in truth"],
+        rows,
+        names=2,
+        texts=3,
+    )
+    print()
+    print_paragraph(
+        f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws."
+    )
+    print_paragraph(
         f"Restored {first.put_back} samples without a row; left out {first.unsent:g} messages per draw that nobody "
         "could have sent at that time."
     )
@@ -130,16 +137,19 @@ def _rule(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _line(name: str, told: SessionOutcome, *, one: bool) -> str:
-    """Return one line on a session: its single outcome, or (with ``one`` false) shares over the draws."""
+def _row(name: str, found: SessionOutcome, *, one: bool) -> list[object]:
+    """Return a row on a session: its single outcome, or (with ``one`` false) shares over the draws."""
     consensus = ", ".join(
-        outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in told.consensus.items()
+        outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in found.consensus.items()
     )
-    if told.decision_time_s is None:
-        return f"  {name:<10} {consensus}"
-    spread = "" if one else f" [{told.decision_time_low_s:.0f}, {told.decision_time_high_s:.0f}]"
-    belief = "" if told.belief_in_truth is None else f"; belief in truth {told.belief_in_truth:.3f}"
-    return (
-        f"  {name:<10} {consensus}; decision time {told.decision_time_s:.1f} s{spread}; "
-        f"undecided {100 * told.undecided:.3g} %{belief}"
-    )
+    if found.decision_time_s is None:
+        return [found.session, name, consensus, "-", "-", "-"]
+    spread = "" if one else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
+    return [
+        found.session,
+        name,
+        consensus,
+        f"{found.decision_time_s:.1f}{spread}",
+        f"{100 * found.undecided:.3g}",
+        "-" if found.belief_in_truth is None else f"{found.belief_in_truth:.3f}",
+    ]

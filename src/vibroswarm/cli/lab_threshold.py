@@ -67,7 +67,7 @@ def add_parser(tasks: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Estimate thresholds, print them, write a scenario with one of them."""
     from vibroswarm.cli.calibrate_fit import scenario_of
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.core.atomic_io import whole_file
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
@@ -97,7 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     for threshold in thresholds:
         _print_threshold(threshold, margin_m)
-    print(f"\nErrors by distance to the nearest tile of the other kind, at {thresholds[0].value:.3f}:")
+    print()
+    print_paragraph(
+        f"Errors by distance to the nearest tile of the other kind, at {thresholds[0].value:.3f}:"
+    )
     _print_profile(profile)
     if arguments.out is not None:
         print(f"\nSaved in {arguments.out}: sensor.rms_threshold = {_written(chosen):g} ({chosen.rule}).")
@@ -137,18 +140,18 @@ def _finite(value: Any) -> Any:
 
 def _print_threshold(found: Threshold, margin_m: float) -> None:
     """Print a threshold with its interval and its error rates."""
-    from vibroswarm.cli.output import percent
+    from vibroswarm.cli.output import percent, print_paragraph
 
     interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"
     share = found.share_by_session
     over = "" if math.isnan(share.low) else " over sessions"
-    print(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
-    print(f"  all samples: {_rates(found.all_samples)}")
-    print(
+    print_paragraph(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
+    print_paragraph(f"  all samples: {_rates(found.all_samples)}")
+    print_paragraph(
         f"  farther than {1000 * margin_m:g} mm from a tile of the other kind: {_rates(found.inner_samples)}"
     )
-    print(f"  share of ones, tiles weighted equally: {percent(share)}{over}")
-    print(f"  {found.decidable.says}")
+    print_paragraph(f"  share of ones, tiles weighted equally: {percent(share)}{over}")
+    print_paragraph(f"  {found.decidable.says}")
 
 
 def _rates(rates: Rates) -> str:

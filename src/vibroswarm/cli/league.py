@@ -265,35 +265,36 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
     print()
     print_table(
         [
-            "",
-            "forced error",
-            "right",
-            "wrong",
-            "undecided",
-            "decision time",
-            "worst floor",
+            "strategy",
+            "forced error, %",
+            "right, %",
+            "wrong, %",
+            "undecided, %",
+            "decision time, s",
+            "worst floor, %",
             "messages",
             "bytes",
         ],
         [
             [
                 row["name"],
-                values_text(row, "forced_error", 100, ".1f", " %"),
-                *(f"{100 * row[name]:.1f} %" for name in ("right", "wrong", "undecided")),
-                values_text(row, "decision_time_s", 1, ".0f", " s"),
-                "-" if row["worst_floor_error"] is None else f"{100 * row['worst_floor_error']:.1f} %",
+                values_text(row, "forced_error", 100, ".1f"),
+                *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
+                values_text(row, "decision_time_s", 1, ".0f"),
+                "-" if row["worst_floor_error"] is None else f"{100 * row['worst_floor_error']:.1f}",
                 f"{row['sent']:.0f}",
                 f"{row['bytes_sent']:.0f}",
             ]
             for row in table.iter_rows(named=True)
         ],
+        more=("right, %", "worst floor, %", "messages", "bytes"),
     )
     if tables["differences"].height:
         print()
         differences = tables["differences"]
-        print(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
+        print_paragraph(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
         rows = [_difference(row) for row in differences.iter_rows(named=True)]
-        print_table(["", "figure", "difference", "p"], rows, texts=2)
+        print_table(["strategy", "figure", "difference", "p"], rows, names=2)
     if "beliefs" in tables and tables["beliefs"].height:
         print_beliefs(tables["beliefs"])
     if "faults" in tables and tables["faults"].height:
@@ -314,24 +315,24 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
 
 def print_beliefs(beliefs: pl.DataFrame) -> None:
     """Print what robots believed when they decided, and how often they were right."""
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_paragraph, print_table
 
     print()
-    print("Robots that decided: what they believed, and how often they were right")
+    print_paragraph("Robots that decided: what they believed, and how often they were right")
     print_table(
-        ["", "settings", "floors", "believed", "right", "decided"],
+        ["strategy", "settings", "floors", "believed, %", "right, %", "decided, %"],
         [
             [
                 row["name"],
                 row["settings"],
                 row["prior"],
-                values_text(row, "believed", 100, ".1f", " %"),
-                values_text(row, "right", 100, ".1f", " %"),
-                f"{100 * row['decided']:.0f} %",
+                values_text(row, "believed", 100, ".1f"),
+                values_text(row, "right", 100, ".1f"),
+                f"{100 * row['decided']:.0f}",
             ]
             for row in beliefs.iter_rows(named=True)
         ],
-        texts=3,
+        names=3,
     )
 
 
@@ -342,13 +343,13 @@ def print_fronts(fronts: pl.DataFrame) -> None:
     print()
     print("At equal error, and at equal time")
     print_table(
-        ["", "entries on front", "time at its error", "error at its time"],
+        ["strategy", "entries on front", "time at its error, s", "error at its time, %"],
         [
             [
                 row["strategy"],
                 row["points"],
-                values_text(row, "time_at_equal_error_s", 1, ".0f", " s"),
-                values_text(row, "error_at_equal_time", 100, ".1f", " %"),
+                values_text(row, "time_at_equal_error_s", 1, ".0f"),
+                values_text(row, "error_at_equal_time", 100, ".1f"),
             ]
             for row in fronts.iter_rows(named=True)
         ],
@@ -367,7 +368,7 @@ def print_faults(curves: pl.DataFrame) -> None:
     }
     count = {(row["name"], row["kind"]): row["borne"] for row in borne(curves).iter_rows(named=True)}
     print()
-    print(
+    print_paragraph(
         "Faulty robots that a strategy bears, and the forced error (%) of the others with 0, 1, ... of them"
     )
     rows = []
@@ -377,7 +378,7 @@ def print_faults(curves: pl.DataFrame) -> None:
             found = [text for (n, k, _), text in errors.items() if (n, k) == (name, kind)]
             row.append(f"{count[name, kind]}: {', '.join(found)}" if found else "-")
         rows.append(row)
-    print_table(["", *(kind.replace("_", " ") for kind in kinds)], rows)
+    print_table(["strategy", *(kind.replace("_", " ") for kind in kinds)], rows)
     print_paragraph(
         f"Bears: the 95 % interval of the rise lies below {100 * MARGIN:.0f} points, for that number and all below."
     )
@@ -391,7 +392,7 @@ def _difference(row: dict[str, Any]) -> list[str]:
     return [row["name"], name, values_text(row, "difference", scale, form, unit), p]
 
 
-def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: str) -> str:
+def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: str = "") -> str:
     """Write a figure of a row with its limits: ``44.1 % [41.0, 47.2]``."""
     values = [row[name + end] for end in ("", "_low", "_high")]
     if values[0] is None or values[0] != values[0]:

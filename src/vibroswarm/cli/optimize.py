@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
+from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
     summary = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
-    print(f"{search.settings.method}: {summary}", file=sys.stderr, flush=True)
+    report(f"{search.settings.method}: {summary}")
     with search_progress() as progress:
         result = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
     truth: Truth | None = None
@@ -186,10 +186,11 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
 def _print_saved(folder: Path | None, what: str) -> None:
     """Print where the result is saved and how to open it."""
+    from vibroswarm.cli.output import print_paragraph
     from vibroswarm.optimize.search_report import REPORT
 
     if folder is None:
-        print("Not saved; add --out DIR to save, and to resume later")
+        print_paragraph("Not saved; add --out DIR to save, and to resume later")
         return
     print(f"Saved in {folder}: {what}")
     print(f"Report: open {(folder / REPORT).resolve()} in a browser")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.output import percent, print_table, with_interval
+from vibroswarm.cli.output import percent, print_paragraph, print_table, with_interval
 from vibroswarm.optimize.search_tables import (
     GRID_LUCK,
     failures_said,
@@ -31,17 +31,17 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
         print_truth(truth, found.values, objective)
         for scored in (truth.winner, *truth.others):
             if fresh_failures := fresh_failures_said(scored):
-                print(f"  {fresh_failures}")
+                print_paragraph(f"  {fresh_failures}")
         _print_parts(truth.winner)
         for other, paired in zip(truth.others, truth.against, strict=True):
-            print(
+            print_paragraph(
                 f"{other.name}: {with_interval(other.score, '.2f')}{_unit(objective)}; best - {other.name}: "
                 f"{with_interval(paired, '+.2f')}"
             )
     archive = found.archive
-    print(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
+    print_paragraph(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
     for cause in reasons(archive):
-        print(f"  failed: {cause}")
+        print_paragraph(f"  failed: {cause}")
 
 
 def _unit(objective: Objective) -> str:
@@ -51,43 +51,47 @@ def _unit(objective: Objective) -> str:
 def print_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> None:
     """Print the best values, the score that the search believed, and the true score."""
     unit = _unit(objective)
-    print(f"Best: {values_said(values)}")
-    print(f"  believed by the search  {truth.believed:.4g}{unit}")
-    print(
+    print_paragraph(f"Best: {values_said(values)}")
+    print_paragraph(f"  believed by the search  {truth.believed:.4g}{unit}")
+    print_paragraph(
         f"  true, on fresh runs     {with_interval(truth.winner.score, '.2f')}{unit} ({truth.winner.score.n:,} runs)"
     )
-    print(f"  {truth.words}")
+    print_paragraph(f"  {truth.words}")
 
 
 def _print_front(front: Front) -> None:
     """Print the Pareto front, with the scores on fresh runs."""
-    print(f"{len(front.members)} candidates on the Pareto front of {' and '.join(front.names)}:")
+    print_paragraph(f"{len(front.members)} candidates on the Pareto front of {' and '.join(front.names)}:")
     for member in front.members:
         scores = "; ".join(
             f"believed {believed:.4g}, true {with_interval(true, '.2f')}{f' {unit}'.rstrip()}"
             for believed, true, unit in zip(member.believed, member.true, front.units, strict=True)
         )
-        print(f"  {'  ' if member.stays else '- '}{scores}: {values_said(member.values)}")
+        print_paragraph(f"  {'  ' if member.stays else '- '}{scores}: {values_said(member.values)}")
         if member.failed:
-            print(f"    {member.failed:,} of its fresh runs FAILED and are not counted")
+            print_paragraph(f"    {member.failed:,} of its fresh runs FAILED and are not counted")
     dominated = "" if all(member.stays for member in front.members) else " -: dominated on fresh runs."
-    print(f"  {front.words}{dominated}")
+    print_paragraph(f"  {front.words}{dominated}")
 
 
 def _print_parts(scored: Scored) -> None:
     """Print decision time and errors of a scenario, where they are known."""
     if scored.parts is None:
         return
-    print(f"  decision time {with_interval(scored.parts['decision_time_s'], '.0f')} s")
-    print(f"  wrong decisions {percent(scored.parts['robot_error'])}: {scored.near['robot_error']}")
-    print(f"  undecided {percent(scored.parts['robots_undecided'])}: {scored.near['robots_undecided']}")
+    print_paragraph(f"  decision time {with_interval(scored.parts['decision_time_s'], '.0f')} s")
+    print_paragraph(f"  wrong decisions {percent(scored.parts['robot_error'])}: {scored.near['robot_error']}")
+    print_paragraph(
+        f"  undecided {percent(scored.parts['robots_undecided'])}: {scored.near['robots_undecided']}"
+    )
     if scored.cases:
-        print("  (each in its worst case)")
+        print_paragraph("  (each in its worst case)")
 
 
 def print_grid(nodes: Nodes) -> None:
     """Print the score of every cell of a grid."""
-    print(f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs per cell on shared motion:")
+    print_paragraph(
+        f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs per cell on shared motion:"
+    )
     print_table(
         ["cell", "score", "decision time, s", "wrong, %", "undecided, %", ""],
         [
@@ -102,51 +106,53 @@ def print_grid(nodes: Nodes) -> None:
             for node in nodes.nodes
         ],
     )
-    print(f"* the lowest score; = {GRID_LUCK}")
+    print_paragraph(f"* the lowest score; = {GRID_LUCK}")
 
 
 def print_sensitivity(found: Sensitivity) -> None:
     """Print the Sobol indices of the fields."""
     print_table(
-        ["field", "total", "95 %", "alone", "95 %"],
+        ["field", "total", "alone"],
         [
             [
                 index.name,
-                f"{index.total:.2f}",
-                f"[{index.total_low:.2f}, {index.total_high:.2f}]",
-                f"{index.first:.2f}",
-                f"[{index.first_low:.2f}, {index.first_high:.2f}]",
+                f"{index.total:.2f} [{index.total_low:.2f}, {index.total_high:.2f}]",
+                f"{index.first:.2f} [{index.first_low:.2f}, {index.first_high:.2f}]",
             ]
             for index in found.fields
         ],
     )
-    print("Shares of the variance over the space: with interactions, and of the field alone; 95 % bootstrap.")
+    print_paragraph(
+        "Shares of the variance over the space: with interactions, and of the field alone; 95 % bootstrap."
+    )
     if vague := [index.name for index in found.fields if not index.total_low > 0]:
-        print(
+        print_paragraph(
             f"No significant effect: {', '.join(vague)}. Four times the --budget makes intervals half as wide."
         )
-    print(
+    print_paragraph(
         f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {failures_said(found.failed)}"
     )
-    print(
+    print_paragraph(
         f"Noise of the runs, {100 * found.noise_share:.0f} % of the variance of the points' mean costs, is removed."
     )
 
 
 def print_comparison(found: Checked) -> None:
     """Print the scores of two scenarios and their differences."""
-    print(found.says)
-    print(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
+    print_paragraph(found.says)
+    print_paragraph(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
     for scored in (found.first, found.second):
         failed = f" ({scored.failed:,} runs FAILED)" if scored.failed else ""
-        print(f"  {scored.name}: {with_interval(scored.score, '.2f')}{_unit(found.objective)}{failed}")
+        print_paragraph(
+            f"  {scored.name}: {with_interval(scored.score, '.2f')}{_unit(found.objective)}{failed}"
+        )
         _print_parts(scored)
-    print(
+    print_paragraph(
         f"  difference: {with_interval(found.difference, '+.2f')}; on other seeds "
         f"{with_interval(found.replicate, '+.2f')}"
     )
     for paired in found.figures:
-        print(
+        print_paragraph(
             f"  {paired.figure}: {with_interval(paired.difference, '+.3f')} "
             f"({paired.first:.4g} - {paired.second:.4g})"
         )

@@ -74,6 +74,32 @@ def toml_file(text: str) -> Path:
     return path
 
 
+def add_printing(parser: argparse.ArgumentParser) -> None:
+    """Add the options for how much is printed, which all commands have."""
+    group = parser.add_argument_group("printing")
+    group.add_argument("--wide", action="store_true", help="print all columns and rows of tables")
+    add_loudness(group)
+
+
+def add_loudness(parser: argparse._ActionsContainer) -> None:
+    """Add the options for how much is reported on stderr; without defaults, since two parsers may have them."""
+    loud = parser.add_mutually_exclusive_group()
+    loud.add_argument(
+        "-q",
+        "--quiet",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="report only warnings and errors on stderr: no progress, no plan",
+    )
+    loud.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="report versions, compiled kernels and times on stderr; print the traceback of an error",
+    )
+
+
 def add_json(parser: argparse._ActionsContainer) -> None:
     """Add the option that prints JSON instead of text."""
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")

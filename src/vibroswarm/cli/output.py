@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli import terminal
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from vibroswarm.analysis.intervals import Interval
     from vibroswarm.study.cell_comparison import Compared
     from vibroswarm.study.summary import Outcome
-
-
-TEXT_WIDTH: Final = 100
-"""Of paragraphs."""
-TABLE_WIDTH: Final = 170
-"""Of tables that do not go to a terminal."""
 
 
 def print_json(document: Any) -> None:
@@ -26,41 +19,64 @@ def print_json(document: Any) -> None:
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
-def print_paragraph(text: str) -> None:
-    """Print text, broken into lines."""
+def paragraph(text: str) -> str:
+    """Break text into lines, between words only; all are indented as the first."""
     from textwrap import fill
 
-    print(fill(text, TEXT_WIDTH))
-
-
-def console() -> Console:
-    """Return a console on stdout."""
-    from rich.console import Console
-
-    return Console(
-        file=sys.stdout, highlight=False, markup=False, width=None if sys.stdout.isatty() else TABLE_WIDTH
+    indent = text[: len(text) - len(text.lstrip())]
+    return fill(
+        text,
+        terminal.text_width(),
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 
-def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], *, texts: int = 1) -> None:
-    """Print a table; the first ``texts`` columns are aligned to the left, all others to the right."""
-    print("\n".join(table_lines(columns, rows, texts=texts)))
+def print_paragraph(text: str) -> None:
+    """Print text, broken into lines as by ``paragraph``."""
+    print(paragraph(text))
 
 
-def table_lines(columns: Sequence[str], rows: Iterable[Sequence[object]], *, texts: int = 1) -> list[str]:
+def print_table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    names: int = 1,
+    texts: int = 1,
+    more: Sequence[str] = (),
+) -> None:
+    """Print a table in a layout that fits the terminal (``cli.tables``).
+
+    Args:
+        names: number of first columns that name a row. texts: number of first columns aligned to the left.
+        more: columns that are printed with ``--wide`` only.
+    """
+    print("\n".join(table_lines(columns, rows, names=names, texts=texts, more=more)))
+
+
+def table_lines(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    names: int = 1,
+    texts: int = 1,
+    more: Sequence[str] = (),
+) -> list[str]:
     """Return the lines that ``print_table`` prints."""
-    from rich.table import Table
+    from vibroswarm.cli.tables import layout, table_of
 
-    table = Table(box=None, pad_edge=False, header_style="bold", show_header=any(columns))
-    for place, name in enumerate(columns):
-        is_text = place < texts
-        table.add_column(name, justify="left" if is_text else "right", overflow="fold", no_wrap=not is_text)
-    for row in rows:
-        table.add_row(*map(str, row))
-    out = console()
-    with out.capture() as captured:
-        out.print(table)
-    return [line.rstrip() for line in captured.get().splitlines()]
+    hidden = [] if terminal.printing.wide else [name for name in columns if name in more]
+    shown = [j for j, name in enumerate(columns) if name not in hidden]
+    table = table_of(
+        [columns[j] for j in shown], [[row[j] for j in shown] for row in rows], names=names, texts=texts
+    )
+    lines = layout(table, terminal.width())
+    if hidden:
+        lines += paragraph(
+            f"Also with --wide: {', '.join(name.partition(',')[0] for name in hidden)}."
+        ).splitlines()
+    return lines
 
 
 def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit: str = "") -> str:
@@ -87,16 +103,12 @@ MOST_ROWS = 60
 
 def print_tables(outcome: Outcome) -> None:
     """Print cells, comparisons and warnings."""
-    out = console()
     _print_cells(outcome)
-    if len(outcome.cells) > MOST_ROWS:
-        out.print(f"... and {len(outcome.cells) - MOST_ROWS} more cells, in summary.csv.")
     runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
     count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
-    out.print(
+    print_paragraph(
         f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
-        "whole time.",
-        style="dim",
+        "whole time."
     )
     until, levels = (
         outcome.result.study.until,
@@ -104,19 +116,22 @@ def print_tables(outcome: Outcome) -> None:
     )
     if until is not None and levels:
         levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
-        out.print(
-            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %.",
-            style="dim",
+        print_paragraph(
+            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %."
         )
     if outcome.comparisons:
         _print_comparisons(outcome)
-        out.print(
+        print_paragraph(
             "Differences run by run, 95 % sign-flip intervals; p by Holm over all of them. 'again': on other seeds, "
-            "with fresh motion and floors. No significant difference is not evidence of no difference.",
-            style="dim",
+            "with fresh motion and floors. No significant difference is not evidence of no difference."
         )
     for warning in outcome.warnings:
-        out.print(f"Warning: {warning}")
+        print_paragraph(f"Warning: {warning}")
+
+
+def most_rows() -> int:
+    """Return how many rows of a long table are printed."""
+    return 10**9 if terminal.printing.wide else MOST_ROWS
 
 
 def _print_cells(outcome: Outcome) -> None:
@@ -124,33 +139,36 @@ def _print_cells(outcome: Outcome) -> None:
     print_table(
         [
             "cell",
-            "right",
-            "wrong",
-            "split",
-            "incomplete",
-            "robots undecided",
+            "right, %",
+            "wrong, %",
+            "split, %",
+            "incomplete, %",
+            "robots undecided, %",
             "decision time, s",
             "belief in truth",
         ],
         [
             [
                 cell_outcome.cell.name,
-                *map(
-                    percent,
-                    (
+                *(
+                    with_interval(share, ".1f", scale=100.0)
+                    for share in (
                         cell_outcome.summary.swarm_right,
                         cell_outcome.summary.swarm_wrong,
                         cell_outcome.summary.swarm_split,
                         cell_outcome.summary.swarm_incomplete,
                         cell_outcome.summary.robots_undecided,
-                    ),
+                    )
                 ),
                 with_interval(cell_outcome.summary.decision_time_s, ".0f"),
                 with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
             ]
-            for cell_outcome in outcome.cells[:MOST_ROWS]
+            for cell_outcome in outcome.cells[: most_rows()]
         ],
+        more=("split, %", "incomplete, %", "belief in truth"),
     )
+    if (left := len(outcome.cells) - most_rows()) > 0:
+        print(f"... and {left} more cells (--wide prints all).")
 
 
 def _print_comparisons(outcome: Outcome) -> None:
@@ -161,7 +179,7 @@ def _print_comparisons(outcome: Outcome) -> None:
             comparison.first.figure
         ] = comparison
     rows = []
-    for figures in list(by_pair.values())[:MOST_ROWS]:
+    for figures in list(by_pair.values())[: most_rows()]:
         time, right = figures["decision_time_s"], figures["right_share"]
         rows.append(
             [
@@ -170,7 +188,7 @@ def _print_comparisons(outcome: Outcome) -> None:
                 f"{time.first.wins}/{time.first.ties}/{time.first.losses}",
                 _p(time.first.p_holm),
                 _again(time),
-                percent(right.first.difference, "+.1f"),
+                with_interval(right.first.difference, "+.1f", scale=100.0),
                 _again(right),
             ]
         )
@@ -183,7 +201,9 @@ def _print_comparisons(outcome: Outcome) -> None:
         "robots right, points",
         "again",
     ]
-    print_table(columns, rows)
+    print_table(columns, rows, more=("better/equal/worse", "p"))
+    if (left := len(by_pair) - most_rows()) > 0:
+        print(f"... and {left} more comparisons (--wide prints all).")
 
 
 def _again(one: Compared) -> str:

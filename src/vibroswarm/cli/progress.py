@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from vibroswarm.cli.terminal import printing, report
+
 if TYPE_CHECKING:
     from vibroswarm.optimize.method import SearchProgress
     from vibroswarm.study.runner import StudyProgress
@@ -25,7 +27,7 @@ class _Lines:
         now_s = time.monotonic()
         if now_s - self.latest_s >= LINE_EVERY_S:
             self.latest_s = now_s
-            print(text, file=sys.stderr, flush=True)
+            report(text)
 
 
 @contextmanager
@@ -40,7 +42,7 @@ def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]
 
     count = ("{task.percentage:3.0f} %",) if total else (MofNCompleteColumn(), "runs")
     columns = ("{task.description}", BarColumn(), *count, TimeRemainingColumn(), "{task.fields[note]}")
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=printing.quiet) as bars:
         task = bars.add_task(what, total=total, note="")
         yield lambda **values: bars.update(task, **values)
 
@@ -130,4 +132,4 @@ def say_compiling(*sources: str) -> None:
     if not is_cached(*sources):
         begin()
         duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
-        print(f"compiling the engine, {duration} ...", file=sys.stderr, flush=True)
+        report(f"compiling the engine, {duration} ...")

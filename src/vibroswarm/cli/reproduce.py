@@ -159,7 +159,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 def _print_verdicts(made: Reproduction) -> None:
     """Print how many claims hold, then each claim, then what was skipped."""
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_paragraph, print_table
     from vibroswarm.paper.claims import CHECKED, VERDICTS
     from vibroswarm.paper.reproduction_report import claims_table
 
@@ -178,7 +178,7 @@ def _print_verdicts(made: Reproduction) -> None:
             )
             counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:
-                print(f"{column}, {kind}s: {', '.join(counts)}")
+                print_paragraph(f"{column}, {kind}s: {', '.join(counts)}")
     if table.height:
         print_table(
             ["claim", *columns],
@@ -187,4 +187,4 @@ def _print_verdicts(made: Reproduction) -> None:
         )
     for entry in made.made:
         if entry.skipped:
-            print(f"{entry.item.name}: skipped. {entry.skipped}")
+            print_paragraph(f"{entry.item.name}: skipped. {entry.skipped}")

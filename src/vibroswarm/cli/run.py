@@ -140,7 +140,7 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
     for warning in warnings:
         print_paragraph(f"Warning: {warning}")
     if arguments.out is None:
-        print("Not saved; add --out DIR to save scenario, tables, picture and page")
+        print_paragraph("Not saved; add --out DIR to save scenario, tables, picture and page")
     else:
         print(f"Saved in {arguments.out}: scenario, tables and run.png")
         if result.segments is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_style
+from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -136,10 +137,7 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
             (plan.inferences, "inference"),
         )
     )
-    print(
-        f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; shared per run: {shared}",
-        file=sys.stderr,
-    )
+    report(f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; shared per run: {shared}")
     store = None if out is None else Store.existing(out, study)
     store = Store(Path(), study) if store is None else store
     for damage in store.damaged:
@@ -147,14 +145,12 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
     say_compiling()
     left = expected(store, plan)
     if left.runs == 0:
-        print("Nothing to do: all runs exist.", file=sys.stderr)
+        report("Nothing to do: all runs exist.")
         return
     part = f" (this shard: 1/{job.of} of it)" if job else ""
-    print(
+    report(
         f"To do: {left.runs:,} runs of motion, about {duration(left.core_s)} of one core{part} (estimated from "
-        f"{left.tried} trial runs)",
-        file=sys.stderr,
-        flush=True,
+        f"{left.tried} trial runs)"
     )
 
 
@@ -205,8 +201,10 @@ def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
 
 def _print_saved(arguments: argparse.Namespace) -> None:
     """Print where the study and its report are saved."""
+    from vibroswarm.cli.output import print_paragraph
+
     if arguments.out is None:
-        print("Not saved; add --out DIR to save runs, numbers, pictures and a report")
+        print_paragraph("Not saved; add --out DIR to save runs, numbers, pictures and a report")
         return
     print(f"Saved in {arguments.out}: summary.csv, comparisons.csv, the runs (shards)")
     if not arguments.no_pictures:

@@ -112,28 +112,29 @@ def _picture(curve: pl.DataFrame, style: str) -> Any:
 
 def _print_front(curve: pl.DataFrame) -> None:
     """Print the points on the Pareto front."""
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_paragraph, print_table
 
-    def limits(row: dict[str, float], name: str, scale: float, form: str, unit: str) -> str:
+    def limits(row: dict[str, float], name: str, scale: float, form: str) -> str:
         estimate, low, high = (f"{scale * row[name + end]:{form}}" for end in ("", "_low", "_high"))
-        return f"{estimate}{unit} [{low}, {high}]"
+        return f"{estimate} [{low}, {high}]"
 
     front = curve.filter("pareto").sort("decision_time_s")
-    print(
+    print_paragraph(
         f"Pareto front of {curve.height} settings, {curve['runs'][0]} runs each (95 % intervals over runs):"
     )
     print_table(
-        ["p_c", "O_c", "decision time, s", "robots wrong", "robots undecided"],
+        ["p_c", "O_c", "decision time, s", "robots wrong, %", "robots undecided, %"],
         [
             [
                 f"{row['credible_threshold']:g}",
                 row["min_observations"],
-                limits(row, "decision_time_s", 1, ".0f", ""),
-                limits(row, "error", 100, ".1f", " %"),
-                f"{100 * row['robots_undecided']:.1f} %",
+                limits(row, "decision_time_s", 1, ".0f"),
+                limits(row, "error", 100, ".1f"),
+                f"{100 * row['robots_undecided']:.1f}",
             ]
             for row in front.iter_rows(named=True)
         ],
+        names=2,
         texts=0,
     )
-    print("An undecided robot counts with the whole time, and not as wrong.")
+    print_paragraph("An undecided robot counts with the whole time, and not as wrong.")

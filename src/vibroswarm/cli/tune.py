@@ -80,15 +80,17 @@ def run(arguments: argparse.Namespace) -> int:
         if out is not None:
             out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
     chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
-    print(f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error")
+    print_paragraph(
+        f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error"
+    )
     print()
     print_table(
-        ["", "forced error", "decision time"],
+        ["strategy", "forced error, %", "decision time, s"],
         [
             [
                 row["strategy"],
-                values_text(row, "forced_error", 100, ".1f", " %"),
-                values_text(row, "decision_time_s", 1, ".0f", " s"),
+                values_text(row, "forced_error", 100, ".1f"),
+                values_text(row, "decision_time_s", 1, ".0f"),
             ]
             for row in chosen.iter_rows(named=True)
         ],

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 from vibroswarm import strategies
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict
-from vibroswarm.cli.output import TEXT_WIDTH, table_lines
+from vibroswarm.cli.output import paragraph, table_lines
+from vibroswarm.cli.robot_summary import MOST_ROBOTS, summary_lines
+from vibroswarm.cli.terminal import printing
 from vibroswarm.faults.assignment import fault_words
 from vibroswarm.result import Result
 
@@ -77,8 +77,8 @@ def _range(shares: list[float]) -> str:
 
 def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
     """Return one robot as a row of the table."""
-    at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f} s"
-    sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f} %"
+    at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f}"
+    sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f}"
     estimate = "-"
     if robot.estimate is not None and robot.interval is not None:
         estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
@@ -128,9 +128,15 @@ def verdict_text(result: Result, found: Verdict) -> str:
             f"with {percent(found.decision_boundary)} vibrating tiles."
         )
     lines += fault_lines(result)
-    table = table_lines(
-        ["robot", "decision", "at", "belief", "share of ones (95 %)", "own", "heard"],
+    return "\n".join([*map(paragraph, lines), "", *robot_lines(found), ""])
+
+
+def robot_lines(found: Verdict) -> list[str]:
+    """Return the table of robots: one row each, or of a large swarm one for each decision."""
+    if len(found.robots) > MOST_ROBOTS and not printing.wide:
+        return summary_lines(found)
+    return table_lines(
+        ["robot", "decision", "at, s", "belief, %", "share of ones (95 %)", "own", "heard"],
         [robot_row(robot, found.answers) for robot in found.robots],
         texts=2,
     )
-    return "\n".join([*(fill(line, TEXT_WIDTH) for line in lines), "", *table, ""])

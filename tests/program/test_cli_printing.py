@@ -1,0 +1,69 @@
+"""How much a command prints: ``--wide``, ``--quiet``, ``--verbose``, large swarms, and short options."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibroswarm.cli import leaves, main, parser
+
+RUN = ["run", "--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
+STUDY = ["evaluate", "--runs", "2", "--no-confirm", *RUN[1:]]
+
+
+def test_all_commands_and_tasks_take_the_options():
+    for leaf in leaves(parser()):
+        options = leaf.format_help()
+        for option in ("--wide", "-q, --quiet", "-v, --verbose"):
+            assert option in options, leaf.prog
+
+
+def test_quiet_leaves_results_and_errors(capsys):
+    assert main(STUDY) == 0
+    loud = capsys.readouterr()
+    assert "To do: 2 runs" in loud.err
+    assert main([*STUDY, "--quiet"]) == 0
+    quiet = capsys.readouterr()
+    assert quiet.err == ""
+    assert quiet.out == loud.out
+    assert main(["-q", *STUDY]) == 0, "before the command too"
+    assert capsys.readouterr().err == ""
+    assert main([*STUDY, "-q", "--robots", "0"]) == 2
+    assert "swarm.robots" in capsys.readouterr().err
+    assert main(STUDY) == 0
+    assert "To do: 2 runs" in capsys.readouterr().err, "for one command only"
+
+
+def test_verbose_reports_versions_and_tracebacks(capsys):
+    assert main([*RUN, "-v"]) == 0
+    printed = capsys.readouterr().err
+    assert "vibroswarm 0." in printed
+    assert "cache of compiled kernels" in printed
+    assert "Traceback" not in printed
+    assert main([*RUN, "-v", "--floor", "nothing"]) == 2
+    printed = capsys.readouterr().err
+    assert "Traceback" in printed
+    assert printed.splitlines()[-1].startswith("vibroswarm: error: --floor: 'nothing'")
+    assert main([*RUN, "--floor", "nothing"]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_both_are_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main([*RUN, "-q", "-v"])
+
+
+def test_the_version_in_short(capsys):
+    assert main(["-V"]) == 0
+    assert capsys.readouterr().out.startswith("vibroswarm ")
+
+
+def test_a_large_swarm_is_summarised(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*RUN, "--robots", "60"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 25
+    counted = next(line for line in lines if line.startswith("robots"))
+    assert sum(map(int, counted.split()[1:])) == 60
+    assert main([*RUN, "--robots", "60", "--wide"]) == 0
+    rows = [line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].isdigit()]
+    assert rows[-60:] == [str(robot) for robot in range(60)]
