@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from vibroswarm.analysis.intervals import Interval
-    from vibroswarm.study.cell_comparison import Compared
     from vibroswarm.study.summary import Outcome
 
 
@@ -86,8 +85,11 @@ MOST_ROWS = 60
 
 
 def print_tables(outcome: Outcome) -> None:
-    """Print cells, comparisons and warnings."""
+    """Print the answer, the cells and warnings."""
+    from vibroswarm.cli.answers_text import print_answers, print_effects
+
     out = console()
+    print_answers(outcome)
     _print_cells(outcome)
     if len(outcome.cells) > MOST_ROWS:
         out.print(f"... and {len(outcome.cells) - MOST_ROWS} more cells, in summary.csv.")
@@ -108,13 +110,7 @@ def print_tables(outcome: Outcome) -> None:
             f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %.",
             style="dim",
         )
-    if outcome.comparisons:
-        _print_comparisons(outcome)
-        out.print(
-            "Differences run by run, 95 % sign-flip intervals; p by Holm over all of them. 'again': on other seeds, "
-            "with fresh motion and floors. No significant difference is not evidence of no difference.",
-            style="dim",
-        )
+    print_effects(outcome)
     for warning in outcome.warnings:
         out.print(f"Warning: {warning}")
 
@@ -151,49 +147,3 @@ def _print_cells(outcome: Outcome) -> None:
             for cell_outcome in outcome.cells[:MOST_ROWS]
         ],
     )
-
-
-def _print_comparisons(outcome: Outcome) -> None:
-    """Print decision time and share of right robots for each pair of cells."""
-    by_pair: dict[tuple[int, int], dict[str, Compared]] = {}
-    for comparison in outcome.comparisons:
-        by_pair.setdefault((comparison.cell.number, comparison.reference.number), {})[
-            comparison.first.figure
-        ] = comparison
-    rows = []
-    for figures in list(by_pair.values())[:MOST_ROWS]:
-        time, right = figures["decision_time_s"], figures["right_share"]
-        rows.append(
-            [
-                time.name,
-                with_interval(time.first.difference, "+.0f"),
-                f"{time.first.wins}/{time.first.ties}/{time.first.losses}",
-                _p(time.first.p_holm),
-                _again(time),
-                percent(right.first.difference, "+.1f"),
-                _again(right),
-            ]
-        )
-    columns = [
-        "compared",
-        "decision time, s",
-        "better/equal/worse",
-        "p",
-        "again",
-        "robots right, points",
-        "again",
-    ]
-    print_table(columns, rows)
-
-
-def _again(one: Compared) -> str:
-    """Return whether the comparison was confirmed on other seeds."""
-    if one.replicate is None:
-        return "not tried"
-    if one.replicate.confirmed:
-        return "confirmed"
-    return "-" if one.replicate.says.startswith("the first block") else "not confirmed"
-
-
-def _p(value: float) -> str:
-    return "-" if value != value else ("<0.001" if value < 0.001 else f"{value:.3f}")
