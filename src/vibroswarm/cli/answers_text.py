@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.cli.output import percent, print_paragraph, print_table, with_interval
+from vibroswarm.cli.output import print_paragraph, print_table
 
 if TYPE_CHECKING:
-    from vibroswarm.study.summary import CellOutcome, Outcome
+    from vibroswarm.study.summary import Outcome
 
 MOST_SENTENCES: Final = 12
 MOST_ROWS: Final = 60
@@ -29,8 +29,10 @@ def print_answers(outcome: Outcome) -> None:
 
 def answer_lines(outcome: Outcome) -> list[str]:
     """Return a sentence for each comparison, or for each cell where none are compared."""
+    from vibroswarm.study.answers import cell_sentences
+
     if not outcome.answers:
-        lines = [_cell_sentence(cell) for cell in outcome.cells[:MOST_SENTENCES]]
+        lines = cell_sentences(outcome.cells[:MOST_SENTENCES])
         left = len(outcome.cells) - len(lines)
         return lines + ([f"... and {left} more cells."] if left else [])
     lines = []
@@ -38,20 +40,6 @@ def answer_lines(outcome: Outcome) -> list[str]:
         lines += [answer.sentence, *([answer.at_equal_error] if answer.at_equal_error else [])]
     left = len(outcome.answers) - MOST_SENTENCES
     return lines + ([f"... and {left} more comparisons, below."] if left > 0 else [])
-
-
-def _cell_sentence(cell: CellOutcome) -> str:
-    """Return what became of the robots of a cell."""
-    found = cell.summary
-    shares = ", ".join(
-        f"{percent(share)} {word}"
-        for word, share in (
-            ("right", found.robots_right),
-            ("wrong", found.robots_wrong),
-            ("undecided", found.robots_undecided),
-        )
-    )
-    return f"{cell.cell.name}: robots {shares}; decision time {with_interval(found.decision_time_s, '.0f', unit=' s')}."
 
 
 def print_effects(outcome: Outcome) -> None:

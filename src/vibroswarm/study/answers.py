@@ -11,15 +11,14 @@ better: it is compared at equal error as well (``analysis.matched_error``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
+from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.matched_error import MatchedError, Reached, matched_error, reached
+from vibroswarm.analysis.matched_error import MatchedError
 from vibroswarm.analysis.paired import DIRECTIONS, side
-from vibroswarm.errors import InputError
-from vibroswarm.simulation import steers
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -32,12 +31,6 @@ EFFECTS: Final = {
     "undecided_share": ("undecided", "more undecided", "fewer undecided"),
 }
 """Figures of an answer: its heading, and what a higher and a lower value is called."""
-MATCHED_CELLS: Final = 12
-"""With more cells nothing is compared at equal error."""
-MATCHED_RUNS: Final = 1000
-MATCHED_ROBOTS: Final = 5000
-"""Most robots in all runs that are replayed with each setting."""
-LEAST_RUNS: Final = 20
 MOST_NAMES: Final = 6
 """Cells of a question that are named."""
 
@@ -199,7 +192,8 @@ def answers_of(
     """Return an answer for each pair of cells; of pairs that share all else, the largest difference in time first.
 
     Args:
-        compared: all figures of all pairs. matched: by the numbers of cell and reference (``at_equal_error``).
+        compared: all figures of all pairs. matched: by the numbers of cell and reference
+            (``equal_error.at_equal_error``).
     """
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:
@@ -262,47 +256,10 @@ def _and(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def at_equal_error(
-    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
-) -> dict[tuple[int, int], MatchedError]:
-    """Compare each pair of cells with different strategies at equal error, by replay with other settings.
-
-    Left out are strategies that steer, cells without enough common runs or a right answer, and studies of more than
-    ``MATCHED_CELLS`` such cells.
-
-    Args:
-        progress: called with the share done.
-    """
-    pairs = {
-        (one.cell.number, one.reference.number): (one.cell, one.reference)
-        for one in compared
-        if one.cell.scenario.strategy.name != one.reference.scenario.strategy.name
-        and not steers(one.cell.scenario)
-        and not steers(one.reference.scenario)
-    }
-    cells = {cell.number: cell for pair in pairs.values() for cell in pair}
-    if len(cells) > MATCHED_CELLS:
-        return {}
-    runs = {number: _runs(result, cell) for number, cell in cells.items()}
-    common = sorted(set.intersection(*map(set, runs.values()))) if runs else []
-    if len(common) < LEAST_RUNS:
-        return {}
-    found: dict[int, Reached] = {}
-    for done, (number, cell) in enumerate(cells.items()):
-        try:
-            found[number] = reached(cell.scenario, result.study.seed, common)
-        except InputError:
-            continue
-        if progress is not None:
-            progress((done + 1) / len(cells))
-    return {(a, b): matched_error(found[a], found[b]) for a, b in pairs if a in found and b in found}
-
-
-def _runs(result: StudyResult, cell: Cell) -> list[int]:
-    """List the runs of a cell that are replayed."""
-    return result.runs_there(
-        cell.number, min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, 100))
-    )
+def title(result: StudyResult) -> str:
+    """Return the study's name, or those of its cells."""
+    names = [result.study.cells[number].name for number in result.selected]
+    return result.study.name or (_and(names) if len(names) <= MOST_NAMES else f"{len(names)} cells")
 
 
 def question(result: StudyResult, compared: Sequence[Compared]) -> str:
@@ -316,7 +273,9 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
     floor = "" if "floor.source" in varied else f"floor {first.floor.source}"
     where = ", ".join(words for words in (robots, floor, f"up to {first.run.t_end_s:g} s") if words)
     names = [cell.name for cell in cells]
-    listed = _and(names) if len(names) <= MOST_NAMES else f"{len(names)} cells"
+    listed = (
+        " or ".join((", ".join(names[:-1]), names[-1])) if 1 < len(names) <= MOST_NAMES else title(result)
+    )
     runs = sorted({result.runs_of(cell.number) for cell in cells})
     count = f"{runs[0]:,}" if len(runs) == 1 else f"{runs[0]:,} to {runs[-1]:,}"
     if not compared:
@@ -325,3 +284,41 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
         f"Which decides sooner, and which is wrong more often: {listed}? {where[0].upper()}{where[1:]}; {count} runs "
         f"each, compared run by run."
     )
+
+
+class Figures(Protocol):
+    """What is said of a cell that is not compared."""
+
+    @property
+    def cell(self) -> Cell:
+        """The cell."""
+        ...
+
+    @property
+    def summary(self) -> CellSummary:
+        """Its figures."""
+        ...
+
+
+def cell_sentences(cells: Sequence[Figures]) -> list[str]:
+    """Return what became of the robots of each cell, in a sentence."""
+    sentences = []
+    for one in cells:
+        found = one.summary
+        shares = (
+            ("right", found.robots_right),
+            ("wrong", found.robots_wrong),
+            ("undecided", found.robots_undecided),
+        )
+        words = [f"{_percent(share)} {word}" for word, share in shares if not math.isnan(share.estimate)]
+        time = found.decision_time_s
+        limits = f" [{time.low:.0f}, {time.high:.0f}]" if math.isfinite(time.low) else ""
+        sentences.append(
+            f"{one.cell.name}: robots {', '.join(words)}; decision time {time.estimate:.0f} s{limits}."
+        )
+    return sentences
+
+
+def _percent(share: Interval) -> str:
+    limits = f" [{100 * share.low:.1f}, {100 * share.high:.1f}]" if math.isfinite(share.low) else ""
+    return f"{100 * share.estimate:.1f} %{limits}"

@@ -19,8 +19,9 @@ from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.outcomes import numbers
-from vibroswarm.study.answers import Answer, answers_of, at_equal_error, question
+from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
+from vibroswarm.study.equal_error import at_equal_error
 from vibroswarm.study.sequential_stopping import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
