@@ -72,6 +72,13 @@ def looks_of(names: Sequence[str]) -> list[Look]:
     return found
 
 
+def row_looks(names: Sequence[str]) -> dict[str, Look]:
+    """Return the looks of rows that are named after strategies; empty if none are, or if there are too many rows."""
+    if len(names) > len(MARKERS) or not any(map(strategy_in, names)):
+        return {}
+    return dict(zip(names, looks_of(names), strict=True))
+
+
 def _place(strategy: str) -> tuple[int, int]:
     """Return the colour and marker of a strategy."""
     if strategy in BUILT_IN:
