@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors
+from vibroswarm.analysis.matched_error import front_of, on_line
 from vibroswarm.cli import main
 from vibroswarm.cli.league import on_equal_terms
 from vibroswarm.errors import InputError
@@ -26,7 +27,7 @@ from vibroswarm.league.entries import (
     read_settings,
     varied,
 )
-from vibroswarm.league.fronts import front_of, front_table, on_line
+from vibroswarm.league.fronts import front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import preset

@@ -19,19 +19,20 @@ from hypothesis import strategies as st
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
+from vibroswarm.report.answer import ReportAnswer, ReportEffect
+from vibroswarm.report.columns import number_text
 from vibroswarm.report.html import (
     Column,
     Report,
     ReportPicture,
     ReportTable,
     Section,
-    escape,
-    number_text,
     picture_of,
     report_html,
     write_report,
 )
 from vibroswarm.report.svg import inline_svg
+from vibroswarm.report.text import escape
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter
@@ -259,12 +260,57 @@ def test_escaped_text_is_only_text(text: str):
     ("value", "column", "said"),
     [
         (5, Column(), "5"), (5.0, Column(), "5"), (1234.56, Column(), "1235"), (0.123456, Column(), "0.123"),
-        (0.5, Column(percent=True), "50"), (0.12345, Column(percent=True), "12.3"), (-2.5, Column(), "−2.5"),
+        (0.5, Column(percent=True), "50.0"), (0.12345, Column(percent=True), "12.3"), (-2.5, Column(), "−2.5"),
         (float("inf"), Column(), "∞"), (1e-7, Column(), "1e−07"), (887.1234, Column(digits=4), "887.1"),
     ],
 )  # fmt: skip
 def test_numbers_are_written_as_the_column_says(value, column, said):
     assert number_text(value, column) == said
+
+
+def test_numbers_of_a_column_have_the_same_decimals_and_their_limits():
+    """44.0, 8.3, 0.3; and p-values below 0.001 as such."""
+    frame = pl.DataFrame(
+        {
+            "share": [0.44, 0.0833, 0.0033], "low": [0.4, 0.05, 0.0], "high": [0.5, 0.1, None],
+            "time": [1204.0, 887.5, 31.25], "small": [1e-9, 5.0, None], "p": [0.0004, 0.0512, 1.0],
+        }
+    )  # fmt: skip
+    columns = {"share": Column(percent=True, limits=("low", "high")), "p": Column(p_value=True)}
+    page = Page(report_html(Report("x", sections=(Section("y", parts=(ReportTable(frame, columns),)),))))
+    assert page.texts["td"] == [
+        "44.0 [40.0, 50.0]", "1204", "1e−09", "< 0.001",
+        "8.3 [5.0, 10.0]", "888", "5", "0.051",
+        "0.3", "31", "–", "1.000",
+    ]  # fmt: skip
+    assert "low" not in "".join(page.texts["th"])
+
+
+def answer(name: str, low: float = -153.0, high: float = -102.0) -> ReportAnswer:
+    effect = ReportEffect("time", "-127 s", "[-153, -102]", -127.0, low, high, "good", "better")
+    return ReportAnswer(f"{name} is faster", f"{name}: 127 s faster [102, 153].", NASTY, (effect,))
+
+
+def test_answers_come_before_the_contents_and_the_first_few_are_open():
+    sections = tuple(Section(f"part {n}") for n in range(5))
+    text = report_html(Report("x", ("asked",), answers=tuple(map(answer, "abcde")), sections=sections))
+    page = Page(text)
+    assert page.open == []
+    assert text.index("asked") < text.index("a is faster") < text.index('<nav class="contents"')
+    assert text.index("c is faster") < text.index("<details>") < text.index("d is faster")
+    assert "2 more comparisons" in text
+    assert page.texts["b"] == ["−127 s"] * 5
+    assert "alert(1)</script>" not in text
+
+
+def test_strips_of_a_figure_share_their_scale():
+    """The strip of the largest value reaches its edge; others are drawn in proportion, 0 in the middle."""
+    text = report_html(Report("x", answers=(answer("a"), answer("b", -140.0, -114.0))))
+    bars = re.findall(r'class="bar" d="M([\d.]+) 7.5H([\d.]+)"', text)
+    assert [tuple(map(float, ends)) for ends in bars] == [
+        (0.0, pytest.approx(100 * (1 - 102 / 153), abs=0.1)),
+        (pytest.approx(100 * (1 - 140 / 153), abs=0.1), pytest.approx(100 * (1 - 114 / 153), abs=0.1)),
+    ]
 
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="0 0 9 9">'

@@ -7,6 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.cell_comparison import (
     comparison_table,
@@ -25,16 +26,24 @@ def names(study: Study) -> list[str]:
     return [f"{cell.name} | {reference.name} | {field}" for cell, reference, field in pairs_of(study)]
 
 
-def test_strategies_are_compared_with_the_first_on_the_same_floor() -> None:
+def test_strategies_are_compared_in_all_pairs_on_the_same_floor_or_with_one_that_is_named() -> None:
     study = Study.of(
         SHORT, 1, floor__source=["random:0.44", "random:0.48"], strategy__name=["none", "positive", "soft"]
     )
+    pairs = (("positive", "none"), ("soft", "none"), ("soft", "positive"))
     assert names(study) == [
-        "random:0.44, positive | random:0.44, none | strategy.name",
-        "random:0.44, soft | random:0.44, none | strategy.name",
-        "random:0.48, positive | random:0.48, none | strategy.name",
-        "random:0.48, soft | random:0.48, none | strategy.name",
+        f"random:{fill}, {first} | random:{fill}, {second} | strategy.name"
+        for fill in (0.44, 0.48)
+        for first, second in pairs
     ]
+    assert [
+        (cell.point["strategy.name"], other.point["strategy.name"])
+        for cell, other, _ in pairs_of(study, "soft")
+    ] == [("none", "soft"), ("positive", "soft")] * 2
+    with pytest.raises(InputError, match="--reference: there is no 'sofa', did you mean 'soft'"):
+        pairs_of(study, "sofa")
+    with pytest.raises(InputError, match="compares no cells"):
+        pairs_of(Study.of(SHORT, 1), "none")
 
 
 def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
@@ -74,7 +83,7 @@ def test_the_second_block_is_of_other_seeds_and_lies_in_the_study(
 def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, StudyResult]) -> None:
     result, replicate = compared
     found = comparisons(result, replicate)
-    assert len(found) == 4 * 5  # four pairs, five figures
+    assert len(found) == 4 * 6  # four pairs, six figures
     one = next(
         c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s"
     )
@@ -102,7 +111,7 @@ def test_the_table_has_a_row_a_comparison_and_plain_columns(
     compared: tuple[StudyResult, StudyResult],
 ) -> None:
     table = comparison_table(comparisons(*compared))
-    assert table.height == 20
+    assert table.height == 24
     assert {
         "name",
         "figure",
@@ -113,3 +122,21 @@ def test_the_table_has_a_row_a_comparison_and_plain_columns(
         "confirmed",
     } <= set(table.columns)
     assert not any(dtype.is_nested() for dtype in table.dtypes)
+
+
+def test_the_forced_error_of_a_run_is_that_of_its_robots(compared: tuple[StudyResult, StudyResult]) -> None:
+    """By a loop over robots, from the definition: wrong, or undecided and leaning to the wrong side."""
+    result, _ = compared
+    one = next(c for c in comparisons(*compared) if c.first.figure == "forced_error")
+    means = []
+    for number in (one.cell.number, one.reference.number):
+        robots, runs = result.tables(number)
+        truth = dict(runs.select("run", "truth").iter_rows())
+        errors: dict[int, list[float]] = {}
+        for row in robots.iter_rows(named=True):
+            belief, decision = row["belief_in_truth"], row["decision"]
+            leans = 0.5 if belief is None or belief == 0.5 else float(belief < 0.5)
+            error = leans if decision == -1 else float(decision != truth[row["run"]])
+            errors.setdefault(row["run"], []).append(error)
+        means.append(sum(sum(e) / len(e) for e in errors.values()) / len(errors))
+    assert one.first.difference.estimate == pytest.approx(means[0] - means[1])

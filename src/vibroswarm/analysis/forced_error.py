@@ -48,3 +48,15 @@ def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
     return forced_errors(
         robots["decision"].to_numpy(), numbers(robots["belief_in_truth"]), numbers(truth["truth"])
     )
+
+
+def forced_error_by_run(robots: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFrame:
+    """Average ``forced_errors`` over the robots of each run.
+
+    Args:
+        robots, runs: tables of one cell, as a ``Result`` has them.
+    Returns: run, forced_error (null where no decision is right), by run.
+    """
+    errors = pl.Series("forced_error", forced_error_by_robot(robots, runs), nan_to_null=True)
+    by_run = robots.select("run").with_columns(errors).sort("run").group_by("run", maintain_order=True)
+    return by_run.agg(pl.col("forced_error").mean())

@@ -46,7 +46,7 @@ FIGURES: Final = {
 }
 """Columns of ``cell_summary.run_figures`` that are compared; 1 if higher is better, -1 if lower is."""
 
-DIRECTIONS: Final = FIGURES | {"swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
+DIRECTIONS: Final = FIGURES | {"forced_error": -1, "swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
 
 
 @dataclass(frozen=True)

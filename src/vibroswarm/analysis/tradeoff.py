@@ -71,7 +71,7 @@ def time_error_curve(
     ]
     robots: list[list[pl.DataFrame]] = [[] for _ in points]
     of_runs: list[list[pl.DataFrame]] = [[] for _ in points]
-    for part in _replayed(base, points, seed, check_runs(seed, runs), batch, workers):
+    for part in replayed(base, points, seed, check_runs(seed, runs), batch, workers):
         for k, (of_robots, of_run) in enumerate(part):
             robots[k].append(of_robots)
             of_runs[k].append(of_run)
@@ -96,7 +96,7 @@ Tables = list[tuple[pl.DataFrame, pl.DataFrame]]
 """The tables of robots and of runs, for each point."""
 
 
-def _replayed(
+def replayed(
     base: Scenario, points: Sequence[Scenario], seed: int, runs: Sequence[int], batch: int, workers: int
 ) -> Iterator[Tables]:
     """Yield the tables of each batch of runs; motion and observations are shared by all points."""

@@ -10,7 +10,6 @@ from vibroswarm.cli import terminal
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
-    from vibroswarm.study.cell_comparison import Compared
     from vibroswarm.study.summary import Outcome
 
 
@@ -102,7 +101,10 @@ MOST_ROWS = 60
 
 
 def print_tables(outcome: Outcome) -> None:
-    """Print cells, comparisons and warnings."""
+    """Print the answer, the cells and warnings."""
+    from vibroswarm.cli.answers_text import print_answers, print_effects
+
+    print_answers(outcome)
     _print_cells(outcome)
     runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
     count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
@@ -119,12 +121,7 @@ def print_tables(outcome: Outcome) -> None:
         print_paragraph(
             f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %."
         )
-    if outcome.comparisons:
-        _print_comparisons(outcome)
-        print_paragraph(
-            "Differences run by run, 95 % sign-flip intervals; p by Holm over all of them. 'again': on other seeds, "
-            "with fresh motion and floors. No significant difference is not evidence of no difference."
-        )
+    print_effects(outcome)
     for warning in outcome.warnings:
         print_paragraph(f"Warning: {warning}")
 
@@ -169,51 +166,3 @@ def _print_cells(outcome: Outcome) -> None:
     )
     if (left := len(outcome.cells) - most_rows()) > 0:
         print(f"... and {left} more cells (--wide prints all).")
-
-
-def _print_comparisons(outcome: Outcome) -> None:
-    """Print decision time and share of right robots for each pair of cells."""
-    by_pair: dict[tuple[int, int], dict[str, Compared]] = {}
-    for comparison in outcome.comparisons:
-        by_pair.setdefault((comparison.cell.number, comparison.reference.number), {})[
-            comparison.first.figure
-        ] = comparison
-    rows = []
-    for figures in list(by_pair.values())[: most_rows()]:
-        time, right = figures["decision_time_s"], figures["right_share"]
-        rows.append(
-            [
-                time.name,
-                with_interval(time.first.difference, "+.0f"),
-                f"{time.first.wins}/{time.first.ties}/{time.first.losses}",
-                _p(time.first.p_holm),
-                _again(time),
-                with_interval(right.first.difference, "+.1f", scale=100.0),
-                _again(right),
-            ]
-        )
-    columns = [
-        "compared",
-        "decision time, s",
-        "better/equal/worse",
-        "p",
-        "again",
-        "robots right, points",
-        "again",
-    ]
-    print_table(columns, rows, more=("better/equal/worse", "p"))
-    if (left := len(by_pair) - most_rows()) > 0:
-        print(f"... and {left} more comparisons (--wide prints all).")
-
-
-def _again(one: Compared) -> str:
-    """Return whether the comparison was confirmed on other seeds."""
-    if one.replicate is None:
-        return "not tried"
-    if one.replicate.confirmed:
-        return "confirmed"
-    return "-" if one.replicate.says.startswith("the first block") else "not confirmed"
-
-
-def _p(value: float) -> str:
-    return "-" if value != value else ("<0.001" if value < 0.001 else f"{value:.3f}")

@@ -40,12 +40,19 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
     )
+    output.add_argument(
+        "--reference",
+        metavar="NAME",
+        help="compare with this strategy (or other varied value) only; default: strategies in all pairs",
+    )
 
 
 def do_study(study: Study, arguments: argparse.Namespace) -> int:
     """Plan and run a study, then summarise, print and draw it."""
+    from vibroswarm.study.cell_comparison import pairs_of
     from vibroswarm.study.runner import failures_in_words
 
+    pairs_of(study, arguments.reference)  # refuses an unknown reference before anything is simulated
     result = run_study_of(study, arguments, allow_failures=True)
     if result is None:
         return 0
@@ -113,7 +120,7 @@ def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyRe
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.cell_comparison import pairs_of, second_block
 
-    if not pairs_of(result.study):
+    if not pairs_of(result.study, arguments.reference):
         return None
     with study_progress("repeating on other seeds") as progress:
         return second_block(result, progress=progress, allow_failures=True, **_execution(arguments))
@@ -166,9 +173,11 @@ def duration(seconds: float) -> str:
 def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
     """Summarise a study and print its tables; save numbers, pictures and report if there is a folder."""
     from vibroswarm.cli.output import print_json, print_tables
+    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.summary import outcome_of, write_outcome
 
-    outcome = outcome_of(result, second)
+    with progress_bar("at equal error") as progress:
+        outcome = outcome_of(result, second, arguments.reference, progress)
     if arguments.out is not None:
         write_outcome(outcome, arguments.out)
     if arguments.json:
@@ -206,6 +215,8 @@ def _print_saved(arguments: argparse.Namespace) -> None:
     if arguments.out is None:
         print_paragraph("Not saved; add --out DIR to save runs, numbers, pictures and a report")
         return
-    print(f"Saved in {arguments.out}: summary.csv, comparisons.csv, the runs (shards)")
+    tables = ("summary.csv", "comparisons.csv", "equal_error.csv")
+    saved = ", ".join(name for name in tables if (arguments.out / name).is_file())
+    print(f"Saved in {arguments.out}: {saved}, the runs (shards)")
     if not arguments.no_pictures:
         print(f"Report: open {(arguments.out / 'report.html').resolve()} in a browser")

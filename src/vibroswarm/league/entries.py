@@ -22,6 +22,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+from vibroswarm.analysis.matched_error import front_settings
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.source import is_random, pattern
@@ -128,8 +129,8 @@ def varied(
 
 
 def with_fronts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Replace each entry by one for each combination of the values in ``fronts.toml``, where its strategy is listed."""
-    fronts = shipped("fronts.toml")
+    """Replace each entry by one for each combination of the values in ``front_settings``, if its strategy is there."""
+    fronts = front_settings()
     found = tuple(entries)
     for name in {entry.strategy for entry in entries} & set(fronts):
         for field, values in fronts[name].items():

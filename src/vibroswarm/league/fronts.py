@@ -16,20 +16,15 @@ reference has no time at equal error. If more than one draw in twenty has no val
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.matched_error import DRAWS, LEAST_KNOWN, Array, front_of, on_line
 from vibroswarm.errors import check_choice
 from vibroswarm.league.standings import Standings
-
-DRAWS: Final = 1000
-LEAST_KNOWN: Final = 0.95
-"""Least share of draws with a value for which limits are given."""
-Array = NDArray[np.float64]
 
 
 def front_table(standings: Standings, reference: str | None = None, seed: int = 0) -> pl.DataFrame:
@@ -72,24 +67,6 @@ def front_table(standings: Standings, reference: str | None = None, seed: int = 
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
-
-
-def front_of(time_s: Array, error: Array) -> tuple[Array, Array]:
-    """Return the points that no other beats in both, by rising time and falling error.
-
-    Args:
-        time_s, error: (points,) each.
-    """
-    order = np.lexsort((error, time_s))
-    x, y = time_s[order], error[order]
-    best = np.minimum.accumulate(y)
-    keep = np.append(True, y[1:] < best[:-1])
-    return x[keep], y[keep]
-
-
-def on_line(value: float, x: Array, y: Array) -> float:
-    """Interpolate y at a value of x, which rises; nan beyond its ends."""
-    return float(np.interp(value, x, y)) if x[0] <= value <= x[-1] else np.nan
 
 
 def _with_limits(name: str, values: Array) -> dict[str, float]:

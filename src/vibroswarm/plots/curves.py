@@ -14,6 +14,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
+from vibroswarm.plots.direct_labels import label_ends
 from vibroswarm.plots.error_bars import checked_estimates, draw_estimates, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
 from vibroswarm.plots.layout import (
@@ -30,7 +31,8 @@ from vibroswarm.plots.layout import (
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Style, look, style_named
+from vibroswarm.plots.strategy_looks import looks_of
+from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Look, Style, style_named
 
 STEPS_UP_TO = 1000
 """Rows of a curve; more are thinned evenly, with the first and the last kept."""
@@ -82,10 +84,12 @@ def draw_incidence(
     few_ticks(axes.xaxis, sizes)
     end = max(most(frame["time_s"]), t_end or 0.0)
     parts = [thinned(_checked(frame.filter(pl.col("series") == name).sort("time_s"))) for name in series]
+    looks = looks_of(series)
     for index, part in enumerate(parts):
-        _curve(axes, sizes, part, index, len(series), end)
+        _curve(axes, sizes, part, looks[index], index, len(series), end)
     _finish(axes, sizes, parts, end, t_end)
-    legend_below(figure, sizes, [series_handle(sizes, index) for index in range(len(named))], named)
+    if not label_ends(figure, axes, sizes, named, looks, [part["right"][-1] for part in parts][: len(named)]):
+        legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
     left = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
     caption = (
         f"Share of {unit}s that had decided rightly (upwards) and wrongly (downwards) by each time"
@@ -125,9 +129,10 @@ def _checked(part: pl.DataFrame) -> pl.DataFrame:
     return part
 
 
-def _curve(axes: Any, style: Style, part: pl.DataFrame, index: int, series: int, end: float) -> None:
+def _curve(
+    axes: Any, style: Style, part: pl.DataFrame, looks: Look, index: int, series: int, end: float
+) -> None:
     """Draw the curves of right (upwards) and wrong decisions (downwards) of one series."""
-    looks = look(index)
     times = [*part["time_s"], end]
     for kind, sign in (("right", 1.0), ("wrong", -1.0)):
         colour = looks.colour if series > 1 else OUTCOMES[kind]
@@ -144,6 +149,7 @@ def _curve(axes: Any, style: Style, part: pl.DataFrame, index: int, series: int,
         )  # fmt: skip
         if series > 1:  # three marks per curve, to distinguish them in grey print
             at = [round((place + 0.5 + 0.08 * index) / 3.5 * (len(times) - 1)) for place in range(3)]
+            at = [i for i in at if ends[i]]  # none has decided there: all curves are alike
             axes.plot(
                 [times[i] for i in at], [ends[i] for i in at], ls="", marker=looks.marker, color=looks.colour,
                 markerfacecolor=PAPER if looks.hollow else looks.colour, markersize=style.marker_pt, zorder=3,
@@ -333,8 +339,9 @@ def draw_detection(
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)
     few_ticks(axes.xaxis, sizes)
-    for index, name in enumerate(series):
-        draw_estimates(axes, sizes, frame.filter(pl.col("series") == name).sort("x"), index, log=log)
+    looks = looks_of(series)
+    for one, name in zip(looks, series, strict=True):
+        draw_estimates(axes, sizes, frame.filter(pl.col("series") == name).sort("x"), one, log=log)
     axes.set_ylim(-0.02, 1.02)
     percent_axis(axes.yaxis)
     if log:
@@ -346,7 +353,7 @@ def draw_detection(
     if boundary is not None:
         axes.axvline(boundary, color=FAINT, linewidth=sizes.line_pt, linestyle=(0, (1.5, 1.5)), zorder=1)
         lines.append(f"vertical line: decision boundary {number(boundary)}")
-    legend_below(figure, sizes, [series_handle(sizes, index) for index in range(len(named))], named)
+    legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
     runs = run_counts(frame)
     caption = f"{label} over {x_label}: estimate and {interval}" + (f" over {of_runs(runs)}" if runs else "")
     caption = "; ".join([caption, *lines]) + "."

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.plots.inputs import Group, Plane, group_caption, plane_of, quantile, series_legend
 from vibroswarm.plots.layout import hatched
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import INK, PAPER, Style, look, style_named
+from vibroswarm.plots.style import INK, PAPER, Style, style_named
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 POINTS_BELOW = 5
@@ -95,7 +95,7 @@ def _box(plane: Plane, style: Style, group: Group) -> dict[str, object]:
     row = _row(group, "box", **at)
     if plane.end is None and not group.values.size:
         return row
-    axes, y, looks = plane.rows.axes, plane.place(group), look(group.series_index)
+    axes, y, looks = plane.rows.axes, plane.place(group), plane.look(group)
     half = plane.rows.band * 0.36
     x = {name: plane.at(value) for name, value in at.items()}
     axes.add_patch(
@@ -122,7 +122,7 @@ def _box(plane: Plane, style: Style, group: Group) -> dict[str, object]:
 
 def _runs(plane: Plane, style: Style, group: Group) -> list[dict[str, object]]:
     """Draw each run of a group as a mark; return their rows."""
-    looks = look(group.series_index)
+    looks = plane.look(group)
     values: list[float | None] = [*group.values.tolist()]
     if plane.end is not None:
         values += [None] * group.undecided
@@ -211,7 +211,7 @@ def _draw(
     at: dict[str, float | None],
 ) -> None:
     """Draw the density, the quantiles and the median of a group."""
-    axes, y, looks = plane.rows.axes, plane.place(group), look(group.series_index)
+    axes, y, looks = plane.rows.axes, plane.place(group), plane.look(group)
     half, line = plane.rows.band * 0.46, plane.rows.line_pt
     if relative.size:
         axes.fill_between(

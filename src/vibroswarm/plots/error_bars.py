@@ -8,6 +8,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
+from vibroswarm.plots.direct_labels import label_ends
 from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
 from vibroswarm.plots.layout import (
     few_ticks,
@@ -21,8 +22,11 @@ from vibroswarm.plots.layout import (
     ticks_at,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, PAPER, Style, look, style_named
+from vibroswarm.plots.strategy_looks import looks_of, row_looks
+from vibroswarm.plots.style import FAINT, PAPER, Look, Style, style_named
 
+BAND = 0.2
+"""Opacity of a band."""
 COLUMNS = ("x", "series", "estimate", "low", "high")
 
 
@@ -35,10 +39,13 @@ def draw_error_bars(
     interval: str = "95 % interval",
     log: bool = False,
     percent: bool = False,
+    spans: bool = False,
     title: str = "",
     style: str = "column",
 ) -> Picture:
     """Draw estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
+
+    A series that is the same at each x is a line with a band across the picture.
 
     Args:
         frame: one row per mark: ``x`` (number or text), ``estimate, low, high`` (null: none), where there are
@@ -48,6 +55,7 @@ def draw_error_bars(
         interval: what low and high are, such as "95 % Wilson interval".
         log: whether a numeric x is drawn logarithmically.
         percent: whether estimates are shares, written in percent.
+        spans: whether low and high are a range of settings, or a scale, and no interval: drawn as bands, not bars.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -60,12 +68,12 @@ def draw_error_bars(
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
     if frame.schema["x"].is_numeric():
-        figure = _along(sizes, frame, series, (x_label, label), log, percent, title)
+        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, title)
     else:
-        figure = _rows(sizes, frame, series, label, percent, title)
+        figure = _rows(sizes, frame, series, label, percent, spans, title)
     missing = frame["estimate"].null_count()
     runs = run_counts(frame)
-    caption = f"{label} by {x_label or 'row'}: estimate and {interval}" + (
+    caption = f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}" + (
         f" over {of_runs(runs)}." if runs else "."
     )
     if missing:
@@ -94,18 +102,25 @@ def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
 
 
 def draw_estimates(
-    axes: Any, style: Style, part: pl.DataFrame, index: int, *, shift: float = 0.0, log: bool = False
+    axes: Any,
+    style: Style,
+    part: pl.DataFrame,
+    looks: Look,
+    *,
+    shift: float = 0.0,
+    log: bool = False,
+    spans: bool = False,
 ) -> None:
     """Draw one series along a numeric x: a line, interrupted by missing values, marks and bars.
 
     Args:
-        part: rows of the series. index: of its look. shift: along x, in its unit (decades on a logarithmic axis).
+        part: rows of the series. looks: of the series. shift: along x, in its unit (decades on a logarithmic axis).
+        spans: whether bands are drawn instead of bars.
     Raises:
         InputError: x is not positive on a logarithmic axis.
     """
     if log and part["x"].min() <= 0:  # type: ignore[operator]
         raise InputError("a logarithmic axis needs numbers above 0", field="x")
-    looks = look(index)
     x = (part["x"] * 10**shift if log else part["x"] + shift).to_numpy()
     line = style.line_pt
     axes.plot(
@@ -114,6 +129,9 @@ def draw_estimates(
         markerfacecolor=PAPER if looks.hollow else looks.colour,
     )  # fmt: skip
     bars = part.select("estimate", "low", "high").with_columns(x=pl.Series(x)).drop_nulls()
+    if spans:
+        axes.fill_between(bars["x"], bars["low"], bars["high"], color=looks.colour, alpha=BAND, linewidth=0)
+        return
     axes.vlines(bars["x"], bars["low"], bars["high"], color=looks.colour, linewidth=line, zorder=2.5)
     axes.plot(
         [*bars["x"], *bars["x"]], [*bars["low"], *bars["high"]], ls="", marker="_", color=looks.colour,
@@ -121,14 +139,30 @@ def draw_estimates(
     )  # fmt: skip
 
 
-def series_handle(style: Style, index: int) -> Any:
+def is_constant(part: pl.DataFrame) -> bool:
+    """Tell whether a series has the same estimate and interval at each of several x."""
+    values = part.select("estimate", "low", "high")
+    return part.height > 2 and values.unique().height == 1 and values["estimate"].null_count() == 0
+
+
+def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:
+    """Draw a series that does not depend on x: a line and a band across the picture."""
+    row = part.row(0, named=True)
+    axes.axhline(
+        row["estimate"], color=looks.colour, linestyle=looks.line, linewidth=style.line_pt, zorder=2.2
+    )
+    if row["low"] is not None and row["high"] is not None and row["low"] < row["high"]:
+        axes.axhspan(row["low"], row["high"], color=looks.colour, alpha=BAND, linewidth=0, zorder=1.5)
+
+
+def series_handle(style: Style, looks: Look, *, mark: bool = True) -> Any:
     """Return the line and mark of a series in a legend."""
     from matplotlib.lines import Line2D
 
-    looks = look(index)
     return Line2D(
-        [], [], color=looks.colour, linestyle=looks.line, marker=looks.marker, markersize=style.marker_pt,
-        markerfacecolor=PAPER if looks.hollow else looks.colour, linewidth=style.line_pt,
+        [], [], color=looks.colour, linestyle=looks.line, marker=looks.marker if mark else "",
+        markersize=style.marker_pt, linewidth=style.line_pt,
+        markerfacecolor=PAPER if looks.hollow else looks.colour,
     )  # fmt: skip
 
 
@@ -150,44 +184,59 @@ def _along(
     labels: tuple[str, str],
     log: bool,
     percent: bool,
+    spans: bool,
     title: str,
 ) -> Any:
     """Draw the figure along a numeric axis."""
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(style, *labels, title=title, legend=named)
     few_ticks(axes.xaxis, style)
-    nudge = _nudge(frame, len(series), log)
-    for index, name in enumerate(series):
-        part = frame.filter(pl.col("series") == name).sort("x")
-        shift = (index - (len(series) - 1) / 2) * nudge
-        draw_estimates(axes, style, part, index, shift=shift, log=log)
+    parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
+    looks, constant = looks_of(series), [is_constant(part) for part in parts]
+    varying = [k for k, same in enumerate(constant) if not same or all(constant)]
+    nudge = 0.0 if spans else _nudge(frame, len(varying), log)
+    for index, part in enumerate(parts):
+        if index not in varying:
+            _constant(axes, style, part, looks[index])
+            continue
+        shift = (varying.index(index) - (len(varying) - 1) / 2) * nudge
+        draw_estimates(axes, style, part, looks[index], shift=shift, log=log, spans=spans)
     if log:
         log_x(axes, frame["x"].to_list())
     else:
         ticks_at(axes.xaxis, style, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
-    _legend(figure, style, series)
+    last = [part["estimate"].drop_nulls() for part in parts]
+    if all(values.len() for values in last) and label_ends(
+        figure, axes, style, named, looks, [float(values[-1]) for values in last][: len(named)]
+    ):
+        return figure
+    handles = [series_handle(style, looks[k], mark=k in varying) for k in range(len(named))]
+    legend_below(figure, style, handles, named)
     return figure
 
 
-def _legend(figure: Any, style: Style, series: Sequence[str]) -> None:
-    named = series if len(series) > 1 else []
-    legend_below(figure, style, [series_handle(style, index) for index in range(len(named))], named)
-
-
 def _rows(
-    style: Style, frame: pl.DataFrame, series: Sequence[str], label: str, percent: bool, title: str
+    style: Style,
+    frame: pl.DataFrame,
+    series: Sequence[str],
+    label: str,
+    percent: bool,
+    spans: bool,
+    title: str,
 ) -> Any:
     """Draw the figure with one row for each name."""
     names = frame["x"].unique(maintain_order=True).to_list()
     row_of = {name: row for row, name in enumerate(names)}
     named = list(series) if len(series) > 1 else []
+    looks = looks_of(series)
+    of_rows = row_looks(names) if not named else {}
     rows = rows_of(style, names, label, series=len(series), title=title, furniture=legend_lines(style, named))
     axes = rows.axes
     for values in frame.to_dicts():
         index = series.index(values["series"])
-        y, looks = rows.place(row_of[values["x"]], index, len(series)), look(index)
+        y, mark = rows.place(row_of[values["x"]], index, len(series)), of_rows.get(values["x"], looks[index])
         if values["estimate"] is None:
             axes.annotate(
                 "no value", (0.02, y), xycoords=("axes fraction", "data"), va="center",
@@ -196,16 +245,17 @@ def _rows(
             continue
         if values["low"] is not None and values["high"] is not None:
             axes.plot(
-                [values["low"], values["high"]], [y, y], color=looks.colour, linewidth=rows.line_pt,
-                marker="|", markersize=style.marker_pt, zorder=2,
+                [values["low"], values["high"]], [y, y], color=mark.colour, zorder=2, solid_capstyle="butt",
+                linewidth=rows.line_pt * (5 if spans else 1), alpha=BAND if spans else 1.0,
+                marker="" if spans else "|", markersize=style.marker_pt,
             )  # fmt: skip
         axes.plot(
-            values["estimate"], y, ls="", marker=looks.marker, markersize=style.marker_pt,
-            markeredgecolor=looks.colour, markerfacecolor=PAPER if looks.hollow else looks.colour, zorder=3,
+            values["estimate"], y, ls="", marker=mark.marker, markersize=style.marker_pt,
+            markeredgecolor=mark.colour, markerfacecolor=PAPER if mark.hollow else mark.colour, zorder=3,
         )  # fmt: skip
     if percent:
         percent_axis(axes.xaxis)
     axes.margins(x=0.05)
-    _legend(rows.figure, style, series)
+    legend_below(rows.figure, style, [series_handle(style, one) for one in looks[: len(named)]], named)
     rows.settle(style)
     return rows.figure

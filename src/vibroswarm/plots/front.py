@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
-from vibroswarm.plots.layout import few_ticks, legend_below, of_runs, percent_axis, plain_axes, width_pt
+from vibroswarm.plots.layout import few_ticks, legend_below, legend_lines, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, PAPER, SERIES, Style, style_named
+from vibroswarm.plots.point_labels import label_points
+from vibroswarm.plots.strategy_looks import row_looks
+from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, style_named
 
-NAMED_UP_TO = {"column": 8, "page": 12, "slide": 12}
-"""Most points of the front that are numbered and named below; of more, an even selection."""
+NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
+"""Most points of the front that are numbered and named below, if their names do not fit beside them; of more, an even
+selection."""
+DIRECT_UP_TO = 16
+"""Most points of which the names stand beside them."""
 VECTORS_UP_TO = 2000
 """Points; more are drawn as an image in SVG and PDF, without intervals."""
 
@@ -33,7 +38,9 @@ def draw_front(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw time and error of each choice; those on the Pareto front are full, numbered, and joined by steps.
+    """Draw time and error of each choice; those on the Pareto front are full, named, and joined by steps.
+
+    Names stand beside the points, or numbers beside them and the names below where they are many or long.
 
     A choice is on the front if no other estimate is at least as good in both and better in one; overlapping
     intervals leave this open.
@@ -65,15 +72,20 @@ def draw_front(
     known = numbers.drop_nulls(["time", "error"])
     chosen = known.filter("front").sort("number")
     named = thinned(chosen, NAMED_UP_TO[sizes.name])
-    names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
-    figure, axes = plain_axes(sizes, time_label, error_label, title=title, legend=names)
+    looks = row_looks(known["name"].unique(maintain_order=True).to_list())
+    figure, axes = plain_axes(sizes, time_label, error_label, title=title)
     few_ticks(axes.xaxis, sizes)
     if percent:
         percent_axis(axes.yaxis)
-    _points(axes, sizes, known)
+    _points(axes, sizes, known, looks)
     _steps(axes, sizes, chosen)
-    legend_below(figure, sizes, [_empty_handle() for _ in names], names)
-    _numbers_at_points(figure, axes, sizes, named, known)
+    beside = known if known.height <= DIRECT_UP_TO else chosen
+    if not label_points(figure, axes, sizes, _labels(beside, "name"), known, always=False):
+        names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
+        more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
+        figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)
+        legend_below(figure, sizes, [_empty_handle() for _ in names], names)
+        label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
     runs = run_counts(frame)
     lost = numbers.height - known.height
     caption = (
@@ -116,32 +128,39 @@ def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_columns(number=pl.Series(number, dtype=pl.UInt32))
 
 
-def _points(axes: Any, style: Style, known: pl.DataFrame) -> None:
+def _points(axes: Any, style: Style, known: pl.DataFrame, looks: dict[str, Look]) -> None:
     """Draw the points, those on the front last."""
     many = known.height > VECTORS_UP_TO
     line = style.line_pt
-    for front, face, edge, order in ((False, PAPER, FAINT, 2), (True, SERIES[0], SERIES[0], 3)):
-        part = known.filter(pl.col("front") == front)
-        axes.plot(
-            part["time"].to_numpy(), part["error"].to_numpy(), ls="", marker="o" if front else "s", zorder=order,
-            markersize=style.marker_pt * (1.0 if front else 0.8) * (0.5 if many and not front else 1),
-            markerfacecolor=face, markeredgecolor=edge, markeredgewidth=line * 0.7, rasterized=many,
-        )  # fmt: skip
-        if many and not front:
-            continue
-        for low, high, other, lines in (
-            ("time_low", "time_high", "error", axes.hlines),
-            ("error_low", "error_high", "time", axes.vlines),
-        ):
-            bars = part.drop_nulls([low, high])
-            lines(bars[other], bars[low], bars[high], color=edge, linewidth=line * 0.7, zorder=order - 0.5)
+    for front, plain_colour, order in ((False, FAINT, 2), (True, SERIES[0], 3)):
+        of_kind = known.filter(pl.col("front") == front)
+        parts = of_kind.partition_by("name", maintain_order=True) if looks else [of_kind]
+        for part in parts:
+            look = looks.get(part["name"][0]) if part.height else None
+            edge = plain_colour if look is None else look.colour
+            axes.plot(
+                part["time"].to_numpy(), part["error"].to_numpy(), ls="", zorder=order, rasterized=many,
+                marker=("o" if front else "s") if look is None else look.marker,
+                markersize=style.marker_pt * (1.0 if front else 0.8) * (0.5 if many and not front else 1),
+                markerfacecolor=edge if front else PAPER, markeredgecolor=edge, markeredgewidth=line * 0.7,
+            )  # fmt: skip
+            if many and not front:
+                continue
+            for low, high, other, lines in (
+                ("time_low", "time_high", "error", axes.hlines),
+                ("error_low", "error_high", "time", axes.vlines),
+            ):
+                bars = part.drop_nulls([low, high])
+                lines(
+                    bars[other], bars[low], bars[high], color=edge, linewidth=line * 0.7, zorder=order - 0.5
+                )
 
 
 def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
     """Join the points of the front by steps."""
     if chosen.height > 1:
         axes.step(
-            chosen["time"], chosen["error"], where="post", color=SERIES[0], linewidth=style.line_pt, zorder=1.5,
+            chosen["time"], chosen["error"], where="post", color=FAINT, linewidth=style.line_pt, zorder=1.5,
             linestyle=(0, (4, 2)),
         )  # fmt: skip
 
@@ -152,52 +171,8 @@ def _empty_handle() -> Any:
     return Line2D([], [], ls="")
 
 
-def _numbers_at_points(
-    figure: Any, axes: Any, style: Style, named: pl.DataFrame, known: pl.DataFrame
-) -> None:
-    """Write each number near its point, where it hides the fewest points and other numbers."""
-    figure.draw_without_rendering()
-    to_pt = 72 / figure.dpi
-    marks = axes.transData.transform(known.select("time", "error").to_numpy()) * to_pt
-    box = axes.get_window_extent()
-    size, gap = style.small_pt, style.marker_pt * 0.9 + 1
-    placed: list[tuple[float, float, float, float]] = []
-    for time, error, place in named.select("time", "error", "number").iter_rows():
-        x, y = axes.transData.transform((time, error)) * to_pt
-        wide, high = width_pt(str(place), size), size * 0.75
-        spots = []
-        for reach in (1.0, 1.8, 2.8, 4.0):
-            for right, up in ((1, 1), (-1, -1), (1, -1), (-1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
-                left = x + right * gap * reach - wide * (1 - right) / 2
-                bottom = y + up * gap * reach - high * (1 - up) / 2
-                spots.append((left, bottom, left + wide, bottom + high))
-        inside = (box.x0 * to_pt, box.y0 * to_pt, box.x1 * to_pt, box.y1 * to_pt)
-        best = min(range(len(spots)), key=lambda spot: (_cost(spots[spot], placed, marks, inside, gap), spot))
-        placed.append(spots[best])
-        axes.annotate(
-            str(place), (time, error), xytext=(spots[best][0] - x, spots[best][1] - y), fontsize=size,
-            textcoords="offset points", ha="left", va="bottom", color=INK, zorder=5,
-            bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
-        )  # fmt: skip
-
-
-def _cost(
-    spot: tuple[float, float, float, float],
-    placed: list[tuple[float, float, float, float]],
-    marks: NDArray[np.float64],
-    inside: tuple[float, float, float, float],
-    gap: float,
-) -> float:
-    """Score a place for a label: overlap with labels and marks, and with the border."""
-    left, bottom, right, top = spot
-    out = left < inside[0] or bottom < inside[1] or right > inside[2] or top > inside[3] + gap
-    covered = sum(
-        left < other[2] + 1 and other[0] < right + 1 and bottom < other[3] + 1 and other[1] < top + 1
-        for other in placed
-    )
-    reach = gap * 0.6
-    hidden = (
-        (marks[:, 0] > left - reach) & (marks[:, 0] < right + reach)
-        & (marks[:, 1] > bottom - reach) & (marks[:, 1] < top + reach)
-    )  # fmt: skip
-    return 100 * out + 30 * covered + float(hidden.sum())
+def _labels(points: pl.DataFrame, column: str) -> list[tuple[float, float, str]]:
+    """Return time, error and text of points."""
+    return [
+        (time, error, str(text)) for time, error, text in points.select("time", "error", column).iter_rows()
+    ]

@@ -26,7 +26,8 @@ from vibroswarm.plots.layout import (
     share,
     width_pt,
 )
-from vibroswarm.plots.style import BAND, FAINT, PAPER, SERIES_UP_TO, Style, look
+from vibroswarm.plots.strategy_looks import looks_of, row_looks
+from vibroswarm.plots.style import BAND, FAINT, PAPER, SERIES_UP_TO, Look, Style
 
 SERIES = "series"
 
@@ -165,10 +166,18 @@ class Plane(NamedTuple):
     end: float | None
     in_band: float
     """x of values later than the end."""
+    looks: list[Look]
+    """Of the series."""
+    of_rows: dict[str, Look]
+    """Looks of cells that are named after strategies, where there is one series."""
 
     def place(self, group: Group) -> float:
         """Return y of a group."""
         return self.rows.place(group.row, group.series_index, len(self.series))
+
+    def look(self, group: Group) -> Look:
+        """Return the look of a group."""
+        return self.of_rows.get(group.cell, self.looks[group.series_index])
 
     def at(self, value: float | None) -> float:
         """Return x of a quantile; None is later than the end."""
@@ -212,7 +221,8 @@ def plane_of(
     rows = rows_of(
         style, cells, label, series=len(series), title=title, furniture=legend_lines(style, named) + 1
     )
-    plane = Plane(rows, groups, series, t_end, 0.0 if t_end is None else t_end)
+    of_rows = {} if named else row_looks(cells)
+    plane = Plane(rows, groups, series, t_end, 0.0 if t_end is None else t_end, looks_of(series), of_rows)
     plane = plane._replace(in_band=_limits(plane, style))
     _write_shares(plane, missing)
     return plane
@@ -267,7 +277,6 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
 
     if len(plane.series) < 2:
         return
-    looks = [look(index) for index in range(len(plane.series))]
     handles: list[Any] = [
         Line2D(
             [],
@@ -284,7 +293,7 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
             hatch=hatched(style, series_look.hatch),
             linewidth=style.line_pt,
         )
-        for series_look in looks
+        for series_look in plane.looks
     ]
     legend_below(plane.rows.figure, style, handles, plane.series)
 

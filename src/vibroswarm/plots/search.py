@@ -111,6 +111,6 @@ def draw_parameters(
     axes.set_ylim(-0.02, 1.02)
     whole_ticks(axes.xaxis)
     if len(series) > 1:
-        legend_below(figure, sizes, [series_handle(sizes, k) for k in range(len(series))], series)
+        legend_below(figure, sizes, [series_handle(sizes, look(k)) for k in range(len(series))], series)
     caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
     return Picture(figure, frame.select("iteration", "series", "share"), caption)

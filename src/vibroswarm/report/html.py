@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import math
 import re
 from collections.abc import Mapping
@@ -27,7 +26,11 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.tables import csv_bytes
+from vibroswarm.report.answer import ReportAnswer, answers_html
+from vibroswarm.report.columns import Column as Column
+from vibroswarm.report.columns import decimals_of, number_text
 from vibroswarm.report.svg import inline_svg
+from vibroswarm.report.text import code_html, escape
 
 TONES: Final = ("good", "fair", "bad", "open")
 """Marks of cells; each has a sign and a colour of its own."""
@@ -37,27 +40,24 @@ CSV_UP_TO: Final = 500_000
 """Most bytes of a table that the page contains for saving."""
 
 
-def escape(text: object) -> str:
-    """Escape text for HTML elements and attributes; replace lone surrogates and drop control characters."""
-    valid = str(text).encode("utf-8", "replace").decode("utf-8")
-    return html.escape(re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", "", valid))
-
-
-def code_html(text: str) -> str:
-    """Escape text, mark words between backticks as code, and keep numbers and units on one line."""
-    kept = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm)(?!\w))", "\u00a0", text)
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(kept))
-
-
 def table_html(table: ReportTable, key: str) -> str:
     """Write a table whose headings are buttons that sort it."""
-
     visible = table.frame.head(table.rows_up_to)
-    kinds = {name: table.columns.get(name, Column()) for name in table.frame.columns}
+    limits = {name for column in table.columns.values() for name in column.limits or ()}
+    kinds = {name: table.columns.get(name, Column()) for name in table.frame.columns if name not in limits}
     numeric = {name: table.frame.schema[name].is_numeric() for name in kinds}
+    decimals = {
+        name: decimals_of(
+            pl.concat([visible[n].cast(pl.Float64) for n in (name, *(column.limits or ()))]), column
+        )
+        for name, column in kinds.items()
+        if numeric[name]
+    }
     head = "".join(_heading(name, kind, numeric[name]) for name, kind in kinds.items())
     body = "".join(
-        "<tr>" + "".join(_cell(value, kinds[name], numeric[name]) for name, value in row.items()) + "</tr>\n"
+        "<tr>"
+        + "".join(_cell(name, row, kind, numeric[name], decimals.get(name)) for name, kind in kinds.items())
+        + "</tr>\n"
         for row in visible.iter_rows(named=True)
     )
     caption = f"<caption><span>{code_html(table.caption)}</span></caption>" if table.caption else ""
@@ -76,8 +76,7 @@ def table_html(table: ReportTable, key: str) -> str:
 
 def _heading(name: str, column: Column, numeric: bool) -> str:
     """Write a column's heading with its unit."""
-    unit = "%" if column.percent else column.unit
-    tail = f' <span class="unit">({escape(unit)})</span>' if unit else ""
+    tail = f' <span class="unit">({escape(column.units)})</span>' if column.units else ""
     title = column.title or name
     kind = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _kind(column, numeric)
     return (
@@ -98,8 +97,9 @@ def _kind(column: Column, numeric: bool, words: str = "") -> str:
     return f' class="{" ".join(kinds)}"' if kinds else ""
 
 
-def _cell(value: Any, column: Column, numeric: bool) -> str:
-    """Write a cell of a table."""
+def _cell(name: str, row: Mapping[str, Any], column: Column, numeric: bool, decimals: int | None) -> str:
+    """Write a cell of a table, with the limits of its number."""
+    value = row[name]
     missing = value is None or (isinstance(value, float) and math.isnan(value))
     if not numeric:
         words = "–" if missing else "yes" if value is True else "no" if value is False else value
@@ -107,27 +107,17 @@ def _cell(value: Any, column: Column, numeric: bool) -> str:
         return f"<td{kind}{' data-missing' if missing else ''}>{_broken(words)}</td>"
     if missing:
         return '<td class="number" data-missing>–</td>'
-    return f'<td class="number" data-value="{value!r}">{number_text(value, column)}</td>'
+    text = number_text(value, column, decimals)
+    ends = [row[end] for end in column.limits or ()]
+    if ends and all(end is not None and math.isfinite(end) for end in ends):
+        brackets = ", ".join(number_text(end, column, decimals) for end in ends)
+        text += f' <span class="limits">[{brackets}]</span>'
+    return f'<td class="number" data-value="{value!r}">{text}</td>'
 
 
 def _broken(text: object) -> str:
     """Escape text and allow line breaks at the underscores of long names."""
     return re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text))
-
-
-def number_text(value: float, column: Column) -> str:
-    """Write a number in the format of its column: whole, with significant digits, or in percent."""
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    if column.percent:
-        value = 100 * value
-    if isinstance(value, int) or (float(value).is_integer() and abs(value) < 10**12):
-        text = f"{int(value)}"
-    elif abs(value) >= 10**column.digits and abs(value) < 10**12:
-        text = f"{value:.0f}"
-    else:
-        text = f"{value:.{column.digits}g}"
-    return text.replace("-", "−")
 
 
 def picture_html(picture: ReportPicture, key: str) -> str:
@@ -178,23 +168,6 @@ CONTENTS_FROM = 4
 """Sections, including subsections, from which there is a table of contents."""
 LONG_FROM = 30
 """Entries of a table of contents from which only the current part is unfolded."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """The heading of a column and the format of its numbers."""
-
-    title: str = ""
-    """Heading; empty: the column's name."""
-    unit: str = ""
-    digits: int = 3
-    """Significant digits of a number that is not whole; the CSV has all."""
-    percent: bool = False
-    """Whether a share from 0 to 1 is written in percent."""
-    prose: bool = False
-    """Whether it holds sentences, which get extra width."""
-    tones: Mapping[str, str] = field(default_factory=dict)
-    """Tones of cells, of ``TONES``, by the longest matching beginning of their text."""
 
 
 @dataclass(frozen=True)
@@ -266,12 +239,14 @@ class Report:
 
     title: str
     lead: tuple[str, ...] = ()
-    """First paragraphs: what was found."""
+    """First paragraphs: what was asked, and what was found."""
     warnings: tuple[str, ...] = ()
     """What a reader must know before believing it; each stands in a frame above all else."""
     sections: tuple[Section, ...] = ()
     details: Mapping[str, str] = field(default_factory=dict)
     """How it was made: seed, versions, command; at the end."""
+    answers: tuple[ReportAnswer, ...] = ()
+    """Comparisons that answer the question; they stand below the lead."""
 
 
 def write_report(path: Path | str, report: Report) -> None:
@@ -307,6 +282,7 @@ def report_html(report: Report) -> str:
             for text in report.warnings
         ),
         "lead": _paragraphs(report.lead, "lead"),
+        "answers": answers_html(report.answers),
         "sections": "".join(
             _section(section, f"s{place}", 2) for place, section in enumerate(report.sections, start=1)
         ),

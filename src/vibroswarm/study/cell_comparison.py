@@ -1,7 +1,7 @@
 """Compare cells in pairs, run by run, and again on a second block of seeds.
 
-Each cell is compared with the one that differs from it in a single field, which has its first value there: each
-strategy with the first strategy, on the same floor. Compared are fields whose values are words (strategies, presets,
+Each cell is compared with those that differ from it in a single field: strategies in all pairs, other fields with their
+first value; or with a named reference only. Compared are fields whose values are words (strategies, presets,
 labels); numeric fields only if nothing else is varied, since several of them make a curve; floors never, since nobody
 chooses them. The p-values are corrected over all comparisons of a study.
 """
@@ -18,13 +18,16 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.forced_error import forced_error_by_run
 from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.runner import Progress
 from vibroswarm.study.spec import SOURCE, Cell, Study
 from vibroswarm.study.study_result import StudyResult, run
 
 SECOND: Final = "second-block"
+STRATEGY: Final = "strategy.name"
 MOST_AGAIN: Final = 1000
 """Most runs of the second block, which only has to confirm a difference."""
 MOST_VALUES: Final = 8
@@ -47,15 +50,17 @@ class Compared:
     @property
     def name(self) -> str:
         """The name of the comparison: ``soft - none (random:0.48)``."""
+        first, reference, rest = self.names
+        return f"{first} - {reference}" + (f" ({rest})" if rest else "")
+
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """What the cell and its reference are called, and the varied values that they share."""
         rest = self.cell.words_of(k for k in self.cell.point if k != self.field)
-        if self.field == LABEL:
-            return f"{self.cell.name} - {self.reference.name}"
-        name_of_cell, name_of_reference = (
-            cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference)
-        )
-        if name_of_cell == name_of_reference:
-            return f"{self.cell.name} - {self.reference.name}"
-        return f"{name_of_cell} - {name_of_reference}" + (f" ({rest})" if rest else "")
+        first, reference = (cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference))
+        if self.field == LABEL or first == reference:
+            return self.cell.name, self.reference.name, ""
+        return first, reference, rest
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
@@ -80,25 +85,46 @@ class Compared:
         return row
 
 
-def pairs_of(study: Study) -> list[tuple[Cell, Cell, str]]:
-    """List cells with their references and the field in which they differ; none if there are too many pairs."""
+def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cell, str]]:
+    """List cells with their references and the field in which they differ; none if there are too many pairs.
+
+    Args:
+        reference: a value of a compared field, or a label, with which all others are compared; by default all pairs
+            of strategies are compared, and the values of other fields with the first.
+    Raises:
+        InputError: no compared field has this value.
+    """
+    if reference is not None:
+        _check_reference(study, reference)
     by_point: dict[str, Cell] = {}
     for cell in study.cells:
-        by_point.setdefault(_key(cell.point), cell)
-    labelled = _fields_of_labels(study)
+        by_point.setdefault(_key(cell.point), cell)  # of equal points the first
     pairs = []
     for name in _compared_fields(study):
-        first = study.cells[0].point.get(name)
-        of_others: dict[str, Cell] = {}
-        for cell in by_point.values():  # of equal points the first
-            if name == LABEL:  # the first label's cell that is equal in all that labels do not say
-                others = _key({k: v for k, v in cell.point.items() if k not in labelled})
-                reference: Cell | None = of_others.setdefault(others, cell)
-            else:
-                reference = by_point.get(_key(cell.point | {name: first}))
-            if reference is not None and reference.number != cell.number:
-                pairs.append((cell, reference, name))
+        fields = _fields_of_labels(study) if name == LABEL else {name}
+        groups: dict[str, list[Cell]] = {}  # cells that are equal in all else
+        for cell in by_point.values():
+            groups.setdefault(_key({k: v for k, v in cell.point.items() if k not in fields}), []).append(cell)
+        named = reference in {cell.words.get(name) for cell in study.cells}
+        of_strategies = STRATEGY in fields and reference is None
+        for group in groups.values():
+            chosen = [cell for cell in group if named and cell.words.get(name) == reference]
+            if not named:
+                first = study.cells[0].point.get(name)
+                chosen = group[:1] if name == LABEL else [c for c in group if c.point.get(name) == first]
+            for place, cell in enumerate(group):
+                others = group[:place] if of_strategies else chosen[:1]
+                pairs += [(cell, other, name) for other in others if other is not cell]
     return pairs if len(pairs) <= MOST_PAIRS else []
+
+
+def _check_reference(study: Study, reference: str) -> None:
+    """Refuse a reference that no compared field has as a value."""
+    fields = _compared_fields(study)
+    values = list(dict.fromkeys(cell.words[k] for cell in study.cells for k in fields if k in cell.words))
+    if not values:
+        raise InputError("this study compares no cells; remove it", field="--reference")
+    check_choice(reference, "--reference", values)
 
 
 def _compared_fields(study: Study) -> list[str]:
@@ -158,17 +184,25 @@ def second_block(
     return replace(replicate, selected=result.selected)
 
 
-def comparisons(result: StudyResult, replicate: StudyResult | None = None) -> list[Compared]:
-    """Compare all pairs of the selected cells in all figures."""
-    pairs = [p for p in pairs_of(result.study) if {p[0].number, p[1].number} <= set(result.selected)]
+def comparisons(
+    result: StudyResult, replicate: StudyResult | None = None, reference: str | None = None
+) -> list[Compared]:
+    """Compare all pairs of the selected cells in all figures.
+
+    Args:
+        reference: as of ``pairs_of``.
+    """
+    pairs = [
+        p for p in pairs_of(result.study, reference) if {p[0].number, p[1].number} <= set(result.selected)
+    ]
     if not pairs:
         return []
     first, second = _Figures(result), None if replicate is None else _Figures(replicate)
     compared = []
-    for cell, reference, name in pairs:
-        blocks = [_pair(figures, cell, reference) for figures in (first, second)]
+    for cell, other, name in pairs:
+        blocks = [_pair(figures, cell, other) for figures in (first, second)]
         for k, paired in enumerate(blocks[0] or ()):
-            compared.append((cell, reference, name, paired, blocks[1][k] if blocks[1] else None))
+            compared.append((cell, other, name, paired, blocks[1][k] if blocks[1] else None))
     corrected = holm([paired.p_value for *_, paired, _ in compared])
     return [_compared(*entry, p) for entry, p in zip(compared, corrected, strict=True)]
 
@@ -180,7 +214,7 @@ def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] 
     figures_of_cell, figures_of_reference = of(cell), of(reference)
     if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
-    return compare(figures_of_cell, figures_of_reference, tuple(FIGURES))
+    return compare(figures_of_cell, figures_of_reference, (*FIGURES, "forced_error"))
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
@@ -208,7 +242,9 @@ class _Figures:
         figures = self.found.pop(cell.number, None)
         if figures is None:
             robots, runs = self.result.tables(cell.number)
-            figures = run_figures(robots, runs, cell.scenario.run.t_end_s)
+            figures = run_figures(robots, runs, cell.scenario.run.t_end_s).join(
+                forced_error_by_run(robots, runs), on="run", how="left", maintain_order="left"
+            )
         self.found[cell.number] = figures  # the newest is last
         if len(self.found) > KEPT:
             del self.found[next(iter(self.found))]

@@ -110,7 +110,7 @@ def _bars(
         frame,
         x_label="" if many else layout.label,
         label=label,
-        interval="95 % interval over runs",
+        interval="95 % interval",
         percent=percent,
     )
 
@@ -234,34 +234,42 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
     """Draw time against error of the cells."""
     rows = []
     for cell_outcome in cells:
-        time, right = cell_outcome.summary.decision_time_s, cell_outcome.summary.swarm_right
+        time, error = cell_outcome.summary.decision_time_s, cell_outcome.forced_error
         rows.append(
             {
                 "name": cell_outcome.cell.name,
                 "time": time.estimate,
                 "time_low": time.low,
                 "time_high": time.high,
-                "error": 1 - right.estimate,
-                "error_low": 1 - right.high,
-                "error_high": 1 - right.low,
+                "error": error.estimate,
+                "error_low": error.low,
+                "error_high": error.high,
                 "runs": cell_outcome.summary.runs,
             }
         )
-    return draw_front(_frame(rows), error_label="share of swarms not right", percent=True, style=style)
+    return draw_front(_frame(rows), error_label="forced error", percent=True, style=style)
 
 
 def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
     """Yield the paired differences of each figure."""
     for figure, title, label, better in (
-        ("decision_time_s", "Decision time, run by run", "difference of decision time (s)", "low"),
-        ("right_share", "Robots right, run by run", "difference of the share of robots right", "high"),
+        ("decision_time_s", "Decision time, run by run", "difference in decision time (s)", "low"),
+        ("right_share", "Robots right, run by run", "difference in robots right (percentage points)", "high"),
+        ("wrong_share", "Robots wrong, run by run", "difference in robots wrong (percentage points)", "low"),
+        (
+            "undecided_share",
+            "Robots undecided, run by run",
+            "difference in robots undecided (percentage points)",
+            "low",
+        ),
     ):
+        scale = 1.0 if figure == "decision_time_s" else 100.0
         rows = [
             {
                 "comparison": comparison.name,
-                "difference": comparison.first.difference.estimate,
-                "low": comparison.first.difference.low,
-                "high": comparison.first.difference.high,
+                "difference": scale * comparison.first.difference.estimate,
+                "low": scale * comparison.first.difference.low,
+                "high": scale * comparison.first.difference.high,
                 "wins": comparison.first.wins,
                 "ties": comparison.first.ties,
                 "losses": comparison.first.losses,

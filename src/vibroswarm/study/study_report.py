@@ -10,6 +10,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.tables import csv_bytes
+from vibroswarm.report.answer import ReportAnswer, ReportEffect
 from vibroswarm.report.html import (
     Column,
     Report,
@@ -19,6 +20,8 @@ from vibroswarm.report.html import (
     picture_of,
     write_report,
 )
+from vibroswarm.report.text import minus_signs
+from vibroswarm.study.answers import EFFECTS, Answer, cell_sentences, title
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import comparison_table
 from vibroswarm.study.pictures import NamedPicture, pictures_of
@@ -28,15 +31,23 @@ PICTURES: Final = "pictures"
 MARKER: Final = "captions.csv"
 """The file by which the folder of pictures is known to be ours, and may be replaced."""
 REPORT: Final = "report.html"
+MOST_SENTENCES: Final = 6
+"""Cells of the first screen, where none are compared."""
 
-_SHARES: Final = (
-    "swarm_right",
-    "swarm_wrong",
-    "swarm_split",
-    "swarm_incomplete",
-    "robots_right",
-    "robots_undecided",
-)
+
+def _limits(name: str) -> tuple[str, str]:
+    return (f"{name}_low", f"{name}_high")
+
+
+_SHARES: Final = {
+    "robots_right": "robots right",
+    "robots_wrong": "robots wrong",
+    "robots_undecided": "robots undecided",
+    "forced_error": "forced error",
+    "swarm_right": "swarms right",
+    "swarm_wrong": "swarms wrong",
+}
+"""Shares of the first table."""
 
 
 def write_pictures_and_report(
@@ -83,11 +94,14 @@ def report_of(
     outcomes = shown("outcomes", "decision_time_s", "belief_in_truth", "robots_right", "heat", "detection")
     sampling = (_walk_table(outcome, references),)
     compared = tuple(_comparison_tables(outcome)) if outcome.comparisons else ()
+    matched = any(answer.matched is not None for answer in outcome.answers)
+    equal = (_equal_error_table(outcome.answers),) if matched else ()
     reference_tables = (_reference_table(references),) if references else ()
     sections = [
         Section("Outcome", (), (_outcome_table(outcome),), outcomes),
         Section("Decisions over time", sections=shown("incidence", "consensus", "belief")),
         Section("Compared run by run", _COMPARISON_TEXT, compared, shown("compared")),
+        Section("At equal error", _EQUAL_ERROR_TEXT, equal),
         Section(
             "Time against error",
             _REFERENCE_TEXT + _reference_notes(references),
@@ -96,10 +110,10 @@ def report_of(
         ),
         Section("How the robots sampled", (), sampling, shown("density")),
     ]
-    study = outcome.result.study
     return Report(
-        title=study.name or "Study",
+        title=title(outcome.result),
         lead=_lead(outcome),
+        answers=tuple(map(answer_of, outcome.answers)),
         warnings=tuple(outcome.warnings),
         sections=(
             *(section for section in sections if section.parts or section.sections),
@@ -117,31 +131,49 @@ def count_range(counts: Iterable[int]) -> str:
 
 
 def _lead(outcome: Outcome) -> tuple[str, ...]:
-    """Write the introduction of a study's report."""
-    study, cells = outcome.result.study, outcome.cells
-    varied = ", ".join(f"`{name}`" for name in study.varied) or "nothing"
-    runs = count_range(cell_outcome.summary.runs for cell_outcome in cells)
+    """Write what was asked, and the answer of cells that are not compared."""
+    if outcome.answers:
+        return (outcome.question,)
     return (
-        f"{len(cells)} cells of {runs} runs each; varied: {varied}.",
-        "Every figure has a 95 % interval. The unit is the run, since the robots of a run influence each other. A run "
-        "or robot without a decision counts as undecided, and enters a mean time with the full length of the run.",
+        outcome.question,
+        *(minus_signs(words) for words in cell_sentences(outcome.cells[:MOST_SENTENCES])),
     )
+
+
+def answer_of(answer: Answer) -> ReportAnswer:
+    """Return an answer for the first screen."""
+    effects = []
+    for effect in answer.effects:
+        number, _, limits = effect.number.partition(" [")
+        better = effect.better
+        effects.append(
+            ReportEffect(
+                EFFECTS[effect.figure][0],
+                number,
+                f"[{limits}" if limits else "",
+                *effect.interval[:3],
+                "open" if better is None else "good" if better else "bad",
+                "not significant" if better is None else "better" if better else "worse",
+            )
+        )
+    rest = f" ({answer.rest})" if answer.rest else ""
+    return ReportAnswer(f"{answer.headline}{rest}", answer.sentence, answer.at_equal_error, tuple(effects))
 
 
 _COMPARISON_TEXT: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. "
-    "Intervals are from sign flips; p-values are corrected over all comparisons (Holm). `again` repeats the comparison "
-    "on other seeds, with fresh motion and floors: a difference is confirmed only if both show it.",
+    "Intervals are from sign flips; p-values are corrected over all comparisons (Holm). Each is repeated on other "
+    "seeds, with fresh motion and floors: a difference is confirmed only if both show it.",
     "No significant difference is not evidence of no difference.",
 )
 _REFERENCE_TEXT: Final = (
     "Each strategy is compared with two references on the same samples: pooled counting (all bits in one place at "
-    "once, at the strategy's own error), and what could be known from all bits and their positions, given the sensor "
-    "and the fill ratio but not the side of the boundary, at a posterior error of 5 %.",
+    "once, wrong as often as the strategy), and what could be known from all bits and their positions, given the "
+    "sensor and the fill ratio but not the side of the boundary, at a posterior error of 5 %.",
     "No rule that uses the same bits and is as sure in every run decides sooner, if floors are drawn from that prior. "
-    "The bound does not apply to a strategy with another error. For what could be known, every second run is on a "
-    "floor with the fill ratio mirrored across the boundary: over both sides the expected value of `known wrong` is "
-    "`known claimed`, the mean posterior error at the time of knowing, which is slightly below 5 %.",
+    "The bound does not apply to a strategy that is wrong more or less often. For what could be known, every second "
+    "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share known and "
+    "wrong is the mean posterior error at the time of knowing, which is slightly below 5 %.",
 )
 
 
@@ -158,39 +190,90 @@ def _reference_notes(references: Sequence[References]) -> tuple[str, ...]:
 
 
 def _outcome_table(outcome: Outcome) -> ReportTable:
-    """Tabulate the outcomes by cell."""
-    columns = {name: Column(name.replace("_", " "), percent=True) for name in _SHARES}
+    """Tabulate the outcomes by cell, each with its limits."""
+    columns = {name: Column(words, percent=True, limits=_limits(name)) for name, words in _SHARES.items()}
     columns |= {
-        "decision_time_s": Column("decision time", "s"),
-        "decision_time_s_low": Column("from", "s"),
-        "decision_time_s_high": Column("to", "s"),
-        "belief_in_truth": Column("belief in truth"),
-        "icc_decision_time": Column("intra-run correlation of time", digits=2),
+        "decision_time_s": Column("decision time", "s", decimals=0, limits=_limits("decision_time_s")),
+        "belief_in_truth": Column("belief in truth", decimals=3, limits=_limits("belief_in_truth")),
     }
-    frame = outcome.table.select("name", "runs", *columns)
-    caption = (
-        "Shares by Wilson and bootstrap over runs; all limits are in the CSV of the study, `summary.csv`."
-    )
-    return ReportTable(frame, columns, caption, "outcome")
+    order = ["decision_time_s", *_SHARES, "belief_in_truth"]
+    frame = outcome.table.select("name", "runs", *(end for name in order for end in (name, *_limits(name))))
+    return ReportTable(frame, {"name": Column("cell"), **columns}, _OUTCOME_TEXT, "outcome")
+
+
+_OUTCOME_TEXT: Final = (
+    "In brackets: 95 % intervals over runs, since the robots of a run influence each other. A robot without a decision "
+    "counts as undecided, and with the full length of the run in the mean time. Forced error: robots wrong, or "
+    "undecided and leaning to the wrong side at the end. Swarms right: all robots of the run are. `summary.csv` "
+    "has all figures."
+)
 
 
 def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
     """Tabulate each figure by itself: differences in times and in shares have no common scale."""
     table = comparison_table(outcome.comparisons)
-    selected = ["name", "difference", "difference_low", "difference_high", "wins", "ties", "losses", "p_holm"]
-    selected += [name for name in ("again_difference", "confirmed") if name in table.columns]
+    if "confirmed" in table.columns:
+        words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
+        table = table.with_columns(confirmed=words)
+    again = ("again_difference", *_limits("again_difference"))
+    selected = ["name", "difference", *_limits("difference"), "p_holm"]
+    selected += [name for name in (*again, "confirmed") if name in table.columns]
+    selected += ["wins", "ties", "losses"]
     tables = []
-    for figure, words, percent in _COMPARED:
-        unit = "" if percent else "s"
-        heads = {"": "difference", "_low": "from", "_high": "to"}
-        columns = {f"difference{end}": Column(head, unit, percent=percent) for end, head in heads.items()}
+    for figure, words_of_figure, share in _COMPARED:
+        unit, decimals = ("points", 1) if share else ("s", 0)
+        columns = {
+            name: Column(title, unit, percent=share, decimals=decimals, limits=_limits(name))
+            for name, title in (("difference", "difference"), ("again_difference", "on other seeds"))
+            if name in table.columns
+        }
         columns |= {
-            "again_difference": Column("again", unit, percent=percent),
-            "p_holm": Column("p, corrected", digits=2),
+            "name": Column("compared"),
+            "p_holm": Column("p, corrected", p_value=True),
+            "confirmed": Column("difference is", tones={"confirmed": "good", "not confirmed": "open"}),
+            "wins": Column("runs better"),
+            "ties": Column("equal"),
+            "losses": Column("worse"),
         }
         rows = table.filter(pl.col("figure") == figure).select(selected)
-        tables.append(ReportTable(rows, columns, f"{words}: first - second.", f"compared-{figure}"))
+        tables.append(ReportTable(rows, columns, f"{words_of_figure}: first - second.", f"compared-{figure}"))
     return tables
+
+
+def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
+    """Tabulate the comparisons at equal error."""
+    frame = pl.DataFrame([a.as_row() for a in answers if a.matched is not None], infer_schema_length=None)
+    columns = {
+        "name": Column("compared"),
+        "error": Column("at the forced error", percent=True),
+        "time_difference_s": Column(
+            "difference in time", "s", decimals=0, limits=_limits("time_difference_s")
+        ),
+        "time_s": Column("at the time", "s", decimals=0),
+        "error_difference": Column(
+            "difference in forced error", "points", percent=True, limits=_limits("error_difference")
+        ),
+    }
+    order = [
+        "name",
+        "error",
+        "time_difference_s",
+        *_limits("time_difference_s"),
+        "time_s",
+        "error_difference",
+    ]
+    return ReportTable(
+        frame.select(*order, *_limits("error_difference"), "runs"), columns, "First - second.", "equal-error"
+    )
+
+
+_EQUAL_ERROR_TEXT: Final = (
+    "Every strategy becomes faster if it may err more. Here both are compared along what they reach with their own "
+    "settings (credible threshold and minimum of observations, for most), replayed on the same runs: the time at which "
+    "each reaches the error of the one that errs more as it was run, and the error of each at that one's time.",
+    "Error is the forced error: robots wrong, or undecided and leaning to the wrong side. Limits are those of a "
+    "bootstrap over runs. A dash: a strategy does not reach there.",
+)
 
 
 _COMPARED: Final = (
@@ -198,16 +281,30 @@ _COMPARED: Final = (
     ("right_share", "Share of robots right", True),
     ("wrong_share", "Share of robots wrong", True),
     ("undecided_share", "Share of robots undecided", True),
+    ("forced_error", "Forced error", True),
 )
+
+
+_REFERENCE_COLUMNS: Final = {
+    "strategy_time_s": Column("strategy: time", "s", decimals=0, limits=_limits("strategy_time_s")),
+    "strategy_error": Column("strategy: wrong", percent=True, limits=_limits("strategy_error")),
+    "pooled_time_s": Column("pooled counting: time", "s", decimals=0, limits=_limits("pooled_time_s")),
+    "pooled_error": Column("pooled counting: wrong", percent=True, limits=_limits("pooled_error")),
+    "slower_than_pooled_s": Column(
+        "strategy - pooled counting", "s", decimals=0, limits=_limits("slower_than_pooled_s")
+    ),
+    "known_time_s": Column("could be known: time", "s", decimals=0, limits=_limits("known_time_s")),
+    "known": Column("known by the end", percent=True, limits=_limits("known")),
+    "known_wrong": Column("known and wrong", percent=True, limits=_limits("known_wrong")),
+    "known_claimed": Column("posterior error when known", percent=True, limits=_limits("known_claimed")),
+}
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
     """Tabulate the references by cell."""
     table = reference_table(list(references))
-    limits = [name for name in table.columns if name.endswith(("_low", "_high"))]
-    shares = ("strategy_error", "pooled_error", "known", "known_wrong", "known_claimed")
-    columns = {name: Column(name.replace("_", " "), percent=True) for name in shares}
-    figures = table.drop("cell", "lag_one", "packet_loss", *limits)
+    names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
+    figures = table.select("name", *(end for name in names for end in (name, *_limits(name))))
     runs = max(reference.runs for reference in references)
     caption = (
         f"From {runs} runs per cell, simulated again from the seed; half of them tuned the pooled threshold."
@@ -221,9 +318,8 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
             f" What could be known: from {runs} of them if robots sense across tile edges or tiles or robots differ; "
             f"there the posterior is sampled, with a Monte Carlo error of at most {error:.3f} at a decision."
         )
-    return ReportTable(
-        figures, {k: v for k, v in columns.items() if k in figures.columns}, caption, "references"
-    )
+    columns = {"name": Column("cell"), **{name: _REFERENCE_COLUMNS[name] for name in names}}
+    return ReportTable(figures, columns, caption, "references")
 
 
 def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTable:
@@ -235,14 +331,14 @@ def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTab
         more = by_cell[cell_outcome.cell.number].as_row() if cell_outcome.cell.number in by_cell else {}
         correlation, loss = more.get("lag_one"), more.get("packet_loss")
         rows.append(
-            {"name": cell_outcome.cell.name, **means, "lag-1 correlation": correlation, "packet loss": loss}
+            {"cell": cell_outcome.cell.name, **means, "lag-1 correlation": correlation, "packet loss": loss}
         )
     columns = {
         "avoid_per_sample_s": Column("avoidance per sample", "s"),
-        "distance_m": Column("between samples", "m"),
-        "spacing_s": Column("between samples", "s"),
+        "distance_m": Column("distance between samples", "m"),
+        "spacing_s": Column("time between samples", "s"),
         "ones": Column("read as vibrating", percent=True),
-        "effective_samples": Column("effective number of looks at the floor"),
+        "effective_samples": Column("effective number of independent samples"),
         "packet loss": Column("packet loss", percent=True),
     }
     return ReportTable(pl.DataFrame(rows, infer_schema_length=None), columns, "Means over runs.", "sampling")
@@ -252,22 +348,22 @@ def _decidability(outcome: Outcome) -> Section:
     """Lay out whether each cell can be decided."""
     rows = [
         {
-            "name": cell_outcome.cell.name,
+            "cell": cell_outcome.cell.name,
             "can it be decided": cell_outcome.decidable.verdict,
             "share of ones expected": cell_outcome.decidable.share,
             "boundary": cell_outcome.decidable.boundary,
-            "readings are held against": cell_outcome.decidable.tested,
-            "threshold": cell_outcome.decidable.threshold,
-            "mends from": cell_outcome.decidable.mending_low,
-            "mends to": cell_outcome.decidable.mending_high,
-            "samples for 5 %": cell_outcome.decidable.samples_needed,
+            "robots compare it with": cell_outcome.decidable.tested,
+            "sensor threshold": cell_outcome.decidable.threshold,
+            "decidable for thresholds from": cell_outcome.decidable.mending_low,
+            "to": cell_outcome.decidable.mending_high,
+            "samples needed for 5 % wrong": cell_outcome.decidable.samples_needed,
         }
         for cell_outcome in outcome.cells
     ]
     text = (
         "The share of ones that the swarm will read, from the sensor's error rates, the floor and the boundary. If it "
-        "lies on the wrong side of what readings are held against, more samples only make the wrong answer more "
-        "certain. `samples` are independent ones.",
+        "lies on the wrong side of what robots compare it with, more samples only make the wrong answer more "
+        "certain. Samples needed are independent ones.",
     )
     return Section("Can it be decided at all", text, (ReportTable(pl.DataFrame(rows), name="decidability"),))
 

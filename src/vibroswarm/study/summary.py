@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +14,14 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.forced_error import forced_error_by_run
+from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.tables import csv_bytes
+from vibroswarm.inference.outcomes import numbers
+from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
+from vibroswarm.study.equal_error import at_equal_error
 from vibroswarm.study.sequential_stopping import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -34,12 +39,16 @@ class CellOutcome:
     walk: dict[str, Any]
     """Means over runs, with ``_low`` and ``_high``."""
     decidable: Decidability
+    forced_error: Interval
+    """Mean over runs of ``analysis.forced_error``: robots wrong, or undecided and leaning to the wrong side."""
     settled: Settled | None = None
     """After how many runs the cell reached the precision, and at which level its figure is reported."""
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
-        return {**self.summary.as_row(), **self.walk}
+        ends = zip(("", "_low", "_high"), self.forced_error[:3], strict=True)
+        error = {f"forced_error{end}": value if math.isfinite(value) else None for end, value in ends}
+        return {**self.summary.as_row(), **error, **self.walk}
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,8 @@ class Outcome:
     comparisons: tuple[Compared, ...]
     without_runs: tuple[Cell, ...] = ()
     """Cells without runs; they are in no table."""
+    answers: tuple[Answer, ...] = ()
+    """One for each pair of cells that is compared."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -59,6 +70,11 @@ class Outcome:
         varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
         figures = pl.DataFrame([cell.as_row() for cell in self.cells], infer_schema_length=None)
         return varied.hstack(figures)
+
+    @cached_property
+    def question(self) -> str:
+        """What was asked: what is compared, in which setting, in how many runs."""
+        return question(self.result, self.comparisons)
 
     @property
     def warnings(self) -> list[str]:
@@ -108,6 +124,7 @@ class Outcome:
                     "varied": row.cell.point,
                     "scenario_hash": row.cell.scenario.hash,
                     **row.summary.as_dict(),
+                    "forced_error": row.forced_error.as_dict(),
                     "walk": row.walk,
                     "decidability": row.decidable.as_dict(),
                     "settled": None if row.settled is None else row.settled._asdict(),
@@ -115,17 +132,30 @@ class Outcome:
                 for row in self.cells
             ],
             "comparisons": [row.as_row() for row in self.comparisons],
+            "answers": [
+                {"sentence": answer.sentence, "at_equal_error": answer.at_equal_error}
+                for answer in self.answers
+            ],
+            "equal_error": [answer.as_row() for answer in self.answers if answer.matched is not None],
             "second_block_seed": None if self.replicate is None else self.replicate.study.seed,
             "warnings": self.warnings,
             "versions": self.result.store.made_by,
         }
 
 
-def outcome_of(result: StudyResult, replicate: StudyResult | None = None) -> Outcome:
+def outcome_of(
+    result: StudyResult,
+    replicate: StudyResult | None = None,
+    reference: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Outcome:
     """Summarise a study, with one cell at a time in memory.
 
     Args:
-        replicate: the second block of seeds, see ``cell_comparison``.
+        replicate: the second block of seeds, see ``cell_comparison``. reference: with what others are compared, as of
+            ``cell_comparison.pairs_of``. progress: called with the share of replays at equal error that are done.
+    Raises:
+        InputError: the reference is no value that is compared.
     """
     cells = []
     result, without_runs = _with_runs(result)
@@ -135,8 +165,11 @@ def outcome_of(result: StudyResult, replicate: StudyResult | None = None) -> Out
         robots, runs = result.tables(number)
         settled = result.settled(number)
         figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
-        cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), settled))
-    return Outcome(result, replicate, tuple(cells), tuple(comparisons(result, replicate)), without_runs)
+        error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
+        cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), error, settled))
+    compared = tuple(comparisons(result, replicate, reference))
+    answers = answers_of(compared, at_equal_error(result, compared, progress))
+    return Outcome(result, replicate, tuple(cells), compared, without_runs, answers)
 
 
 def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
@@ -201,10 +234,12 @@ def _floor_words(one: CellOutcome) -> str:
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write ``summary`` and ``comparisons`` as CSV and Parquet into a study's folder."""
+    """Write ``summary``, ``comparisons`` and ``equal_error`` as CSV and Parquet into a study's folder."""
     tables = {"summary": outcome.table}
     if outcome.comparisons:
         tables["comparisons"] = comparison_table(outcome.comparisons)
+    if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
+        tables["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
     for name, table in tables.items():
         write_table(table, folder / name)
 

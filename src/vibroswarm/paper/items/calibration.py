@@ -61,7 +61,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
     )  # fmt: skip
     span = "span from uniform values to a perfect simulation"
-    draw = partial(draw_error_bars, spans, label="cosine similarity", interval=span)
+    draw = partial(draw_error_bars, spans, label="cosine similarity", interval=span, spans=True)
     yield Picture("calibration-similarities", "Similarities between null and ceiling", draw)
 
 

@@ -148,7 +148,9 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         own = points(part, pl.col("column"), "as the text has it", "least", "most")
         both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
         band = f"band over thresholds and gates (mark: theta_E {TEXTS}, the robots' gate)"
-        draw = partial(draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band)
+        draw = partial(
+            draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band, spans=True
+        )
         yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
     part = tables["fit"].filter(pl.col("column") == tables["fit"]["column"].last())
     title = f"Ours at {FITTED[0]:.2f}, gate {FITTED[1]} - the published means: a fit"

@@ -1,0 +1,146 @@
+"""The answer of a study in sentences: signs, intervals, what is confirmed, and what is said at equal error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.matched_error import MatchedError, Reached, front_settings, matched_error, reached
+from vibroswarm.analysis.paired import Confirmation, Paired
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.strategies import known
+from vibroswarm.study.answers import Answer, answers_of
+from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.spec import Study
+
+STUDY = Study.of(preset("paper"), 1, strategy__name=["none", "soft"])
+NONE, SOFT = STUDY.cells
+FIGURES = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
+
+
+def paired(figure: str, value: float, low: float, high: float, p: float) -> Paired:
+    interval = Interval(value, low, high, 0.95, 300, "sign flips")
+    return Paired(figure, 0.0, 0.0, interval, 0, 0, 0, 300, 0, p, p)
+
+
+def answer(
+    *differences: tuple[float, float, float, float],
+    confirmed: tuple[bool, ...] | None = (True,) * 4,
+    matched: MatchedError | None = None,
+) -> Answer:
+    compared = []
+    for k, (figure, values) in enumerate(zip(FIGURES, differences, strict=True)):
+        one = paired(figure, *values)
+        again = None if confirmed is None else Confirmation(one, one, confirmed[k], "")
+        compared.append(Compared(SOFT, NONE, "strategy.name", one, again))
+    (found,) = answers_of(compared, {} if matched is None else {(1, 0): matched})
+    return found
+
+
+PUBLISHED = (
+    (-127.3, -153.2, -101.6, 0.0001),
+    (0.119, 0.084, 0.155, 0.0001),
+    (0.067, 0.039, 0.094, 0.0001),
+    (-0.186, -0.230, -0.145, 0.0001),
+)
+
+
+def at_equal(value: float, low: float, high: float) -> MatchedError:
+    interval = Interval(value, low, high, 0.95, 300, "bootstrap of fronts")
+    return MatchedError(True, 0.248, 769.0, interval, interval)
+
+
+def test_a_comparison_is_one_sentence_with_the_wrong_decisions_in_it() -> None:
+    assert answer(*PUBLISHED).sentence == (
+        "soft against none: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], 6.7 points more wrong "
+        "[3.9, 9.4], 18.6 points fewer undecided [14.5, 23.0]; confirmed on other seeds."
+    )
+    assert answer(*PUBLISHED).headline == "soft is faster than none, and wrong more often"
+
+
+def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
+    open_ = (PUBLISHED[0], (0.002, -0.01, 0.02, 0.8), (0.013, 0.001, 0.024, 0.06), PUBLISHED[3])
+    found = answer(*open_, confirmed=(True, False, False, False))
+    assert found.sentence == (
+        "soft against none: 127 s faster [102, 153], 18.6 points fewer undecided [14.5, 23.0]; time confirmed on "
+        "other seeds, undecided not confirmed. Not significant: right +0.2 points [-1.0, +2.0], wrong +1.3 points "
+        "[+0.1, +2.4]."
+    )
+    assert found.headline == "soft is faster than none; no difference shown in wrong decisions"
+    nothing = answer(*((0.004, -0.01, 0.02, 0.8),) * 4)
+    assert nothing.sentence.startswith("soft against none: no significant difference (time 0.0 s [0.0, 0.0]")
+    assert "not repeated on other seeds" in answer(*PUBLISHED, confirmed=None).sentence
+    undefined = answer(PUBLISHED[0], *((math.nan,) * 4,) * 3)
+    assert "right not defined" in undefined.sentence
+
+
+@pytest.mark.parametrize(
+    ("matched", "ending"),
+    [
+        (at_equal(40.0, -57.0, 175.0), "not shown to be better: it is wrong more often."),
+        (at_equal(40.0, 7.0, 175.0), "not shown to be better: it is wrong more often."),
+        (at_equal(-40.0, -75.0, -7.0), "faster, and not only because it is wrong more often."),
+        (at_equal(math.nan, math.nan, math.nan), "never errs so seldom."),
+    ],
+)
+def test_what_is_faster_only_because_it_errs_more_is_not_called_better(
+    matched: MatchedError, ending: str
+) -> None:
+    found = answer(*PUBLISHED, matched=matched).at_equal_error
+    assert found.startswith("At equal error (24.8 %, that of soft), each with its best settings: ")
+    assert found.endswith(ending)
+
+
+def reached_of(curve: list[tuple[float, float]], noise: np.ndarray) -> Reached:
+    """Points with given means; the runs differ by noise of mean 0, the same for all points."""
+    time_s, error = (np.array(column)[:, None] for column in zip(*curve, strict=True))
+    return Reached(time_s + 10 * noise, error + 0.01 * noise)
+
+
+NOISE = np.random.default_rng(7).normal(size=400)
+NOISE -= NOISE.mean()
+
+
+def test_a_strategy_on_the_same_front_is_not_faster_at_equal_error() -> None:
+    """It was run where it is faster and errs more; its front is that of the reference."""
+    curve = [(100.0, 0.4), (300.0, 0.2), (500.0, 0.1)]
+    careful = reached_of([curve[1], *curve], NOISE)
+    hasty = reached_of([curve[0], *curve], NOISE)
+    found = matched_error(hasty, careful)
+    assert found.of_first
+    assert found.error == pytest.approx(0.4)
+    assert found.time_difference_s[:3] == pytest.approx((0.0, 0.0, 0.0))
+    assert matched_error(careful, hasty).of_first is False
+
+
+def test_a_front_that_is_better_everywhere_is_faster_at_equal_error() -> None:
+    """Both fronts are straight lines, so that the difference is known: 60 s at each error."""
+    slow = [(100.0, 0.4), (500.0, 0.0)]
+    fast = [(time - 60.0, error) for time, error in slow]
+    found = matched_error(reached_of([(240.0, 0.2), *fast], NOISE), reached_of([(300.0, 0.2), *slow], NOISE))
+    assert found.time_difference_s.estimate == pytest.approx(-60.0)
+    assert found.time_difference_s.high < 0
+    assert found.error_difference.estimate == pytest.approx(-0.06)
+    unreached = matched_error(
+        reached_of([(50.0, 0.3)], NOISE), reached_of([(900.0, 0.1), (950.0, 0.09)], NOISE)
+    )
+    assert unreached.time_difference_s.estimate == pytest.approx(50.0 - 900.0)  # errs less: its fastest point
+    assert math.isnan(unreached.error_difference.estimate)  # nothing as fast as 50 s
+
+
+def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
+    """The first point is the scenario as it is: the means of its own runs."""
+    scenario = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 60})
+    found = reached(scenario, 3, range(25))
+    one = replace(STUDY, base=scenario, vary={}, runs=25, seed=3).run()
+    time_s = one.robots(0)["decision_time_s"].fill_null(200.0).mean()
+    assert found.time_s[0].mean() == pytest.approx(time_s)
+    assert found.time_s.shape == (25, 25)  # as it is, and 6 x 4 settings
+
+
+def test_settings_are_of_strategies_that_exist() -> None:
+    assert set(front_settings()) <= set(known())
