@@ -67,7 +67,7 @@ def _c(arguments: argparse.Namespace) -> int:
             (part / name).write_text(text, encoding="utf-8")
         memory = measured(part / "src")
     if arguments.json:
-        size = None if memory is None else {"flash": memory.flash, "ram": memory.ram}
+        size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
         print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})
         return 0
     print(_memory_words(memory))
@@ -83,8 +83,8 @@ def _memory_words(memory: Memory | None) -> str:
             "(Debian: gcc-arm-none-eabi and libnewlib-arm-none-eabi)."
         )
     return (
-        f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM, with the "
-        "mathematics, without your drivers and stack."
+        f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM ({memory.flags}), "
+        "with the mathematics, without your drivers and stack."
     )
 
 

@@ -13,6 +13,7 @@ from vibroswarm.export import robot_program
 from vibroswarm.inference.agents import sizes_of, world_of
 from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, empty_mixture
 from vibroswarm.robot.sensing import SenseProgram
@@ -53,22 +54,20 @@ def parts_of(scenario: Scenario) -> RobotParts:
         InputError: robots of this kind cannot be exported.
     """
     strategy = strategy_of(scenario.strategy.name)
-    if is_estimated(scenario):
+    read = fields_read(strategy) & set(PLACE)
+    localiser, mixture = None, None
+    if read and not is_estimated(scenario):
+        raise InputError(
+            f"is 'true', but a real robot does not know where it is, and '{strategy.name}' reads "
+            f"{', '.join(sorted(read))}; use --set localisation.method=mixture",
+            field="localisation.method",
+        )
+    if read:  # a strategy that reads no place needs no localisation
         localiser = program_of(scenario)
         lag = scenario.localisation.lag
         count = scenario.localisation.components if scenario.localisation.method == "mixture" else 1
         mixture = empty_mixture(count, lag)
-    else:
-        localiser, mixture = None, None
-        read = fields_read(strategy) & set(PLACE)
-        if read:
-            raise InputError(
-                f"is 'true', but a real robot does not know where it is, and '{strategy.name}' reads "
-                f"{', '.join(sorted(read))}; use --set localisation.method=mixture",
-                field="localisation.method",
-            )
     setup = setup_of(scenario)
-    half_ms = scenario.sample.stop_ms / 2.0
     return RobotParts(
         strategy=strategy,
         hooks=hooks_of(strategy, mixture is not None),
@@ -76,7 +75,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
         params=params_of(scenario, strategy),
         world=world_of(scenario, 0),
         walker=WalkProgram(**{name: setup[name].item() for name in WalkProgram._fields}),
-        sensing=SenseProgram(settle_ms=half_ms, signal_ms=half_ms),
+        sensing=sense_program(scenario),
         localiser=localiser,
         mixture=mixture,
         sizes=sizes_of(scenario),

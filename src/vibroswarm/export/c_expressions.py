@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.core.rng import uniform
-from vibroswarm.export.c_types import BOOL, INT, REAL, STORED, CArray, CTuple, Struct, joined
+from vibroswarm.export.c_types import BOOL, INT, INTEGERS, LONG, REAL, STORED, CArray, CTuple, Struct, joined
 from vibroswarm.export.source import MATH, Number, Source, is_function, math_name, number_of, plain
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ COMPARE: Final = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
 OMITTED: Final = "omitted"
+SUFFIX: Final = {REAL: "", INT: "_i", LONG: "_l"}
+"""Of functions of the runtime, by the type of their arguments."""
 KEYWORDS: Final = frozenset(
     (
         "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
@@ -38,12 +40,19 @@ KEYWORDS: Final = frozenset(
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in C: text, type, its number if it is constant, and whether it names a place in memory."""
+    """An expression in C.
+
+    Args:
+        constant: its number, if it is known. is_place: it names a place in memory. real, wide: the same as a
+            floating-point number and in 64 bits, where whole numbers of 32 bits might overflow.
+    """
 
     text: str
     type: Any
     constant: Number | None = None
     is_place: bool = False
+    real: str = ""
+    wide: str = ""
 
 
 def literal(number: Number) -> Value:
@@ -51,8 +60,9 @@ def literal(number: Number) -> Value:
     if isinstance(number, bool):
         return Value("true" if number else "false", BOOL, number)
     if isinstance(number, int):
-        text = str(number) if abs(number) < 2**31 else f"INT64_C({number})"
-        return Value(f"({text})" if number < 0 else text, INT, number)
+        is_small = abs(number) < 2**31
+        text = str(number) if is_small else f"INT64_C({number})"
+        return Value(f"({text})" if number < 0 else text, INT if is_small else LONG, number)
     if math.isnan(number):
         return Value("VS_NAN", REAL, number)
     if math.isinf(number):
@@ -108,7 +118,7 @@ class Expressions:
     def number(self, node: ast.expr) -> Value:
         """Return an expression that must be a number."""
         value = self.expression(node)
-        if value.type not in (INT, REAL, BOOL):
+        if value.type not in (INT, LONG, REAL, BOOL):
             self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a number")
         return value
 
@@ -179,7 +189,7 @@ class Expressions:
         kind = row.type.type_of(node.attr)
         if kind is None:
             self.refuse(node, f"the field '{node.attr}', which {row.type.name} has not")
-        number_kind = kind if isinstance(kind, Struct | CArray) or kind in (REAL, BOOL) else INT
+        number_kind = kind if isinstance(kind, Struct | CArray) or kind in (REAL, BOOL, LONG) else INT
         return Value(field_of(row.text, node.attr), number_kind, is_place=True)
 
     def on_subscript(self, node: ast.Subscript) -> Value:
@@ -234,8 +244,17 @@ class Expressions:
             return literal(number)  # type: ignore[arg-type]
         both = joined(joined(left.type, right.type), INT)
         kind = type(operator)
-        if kind in OF_INTEGERS and both != INT:
+        if kind in OF_INTEGERS and both not in INTEGERS:
             self.refuse(node, "an operator of whole numbers, on others")
+        if kind is ast.Mult and both == INT:
+            return Value(
+                f"({left.text} * {right.text})",
+                INT,
+                real=f"({as_real(left)} * {as_real(right)})",
+                wide=f"((int64_t){left.text} * {right.text})",
+            )
+        if kind in BINARY and both == REAL:
+            return Value(f"({as_real(left)} {BINARY[kind]} {as_real(right)})", REAL)
         if kind in BINARY:
             return Value(f"({left.text} {BINARY[kind]} {right.text})", both)
         if kind is ast.Div:
@@ -243,10 +262,9 @@ class Expressions:
         if kind is ast.Pow and both == REAL:
             return Value(f"vs_pow({as_real(left)}, {as_real(right)})", REAL)
         if kind is ast.Mod:
-            name = "vs_mod" if both == REAL else "vs_mod_i"
-            return Value(f"{name}({left.text}, {right.text})", both)
-        if kind is ast.FloorDiv and both == INT:
-            return Value(f"vs_floordiv_i({left.text}, {right.text})", INT)
+            return Value(f"vs_mod{SUFFIX[both]}({left.text}, {right.text})", both)
+        if kind is ast.FloorDiv and both in INTEGERS:
+            return Value(f"vs_floordiv{SUFFIX[both]}({left.text}, {right.text})", both)
         self.refuse(node, f"the operator {kind.__name__} on such numbers")
         raise AssertionError
 
@@ -285,7 +303,10 @@ class Expressions:
             text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
             return literal(bool(eval(text, {})))  # noqa: S307 - numbers and operators
         pairs = zip(values, node.ops, values[1:], strict=False)
-        parts = [f"({left.text} {COMPARE[type(op)]} {right.text})" for left, op, right in pairs]
+        parts = [
+            f"({left.wide or left.text} {COMPARE[type(op)]} {right.wide or right.text})"
+            for left, op, right in pairs
+        ]
         return Value(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
 
     def on_ifexp(self, node: ast.IfExp) -> Value:
@@ -342,7 +363,7 @@ class Expressions:
             factor = 180.0 / math.pi if name == "degrees" else math.pi / 180.0
             return Value(f"({texts} * {literal(factor).text})", REAL)
         if name in ("floor", "ceil"):
-            return Value(f"((int64_t)vs_{name}({texts}))", INT)
+            return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
         if name == "sqrt" and values[0].constant is not None:
             return literal(math.sqrt(values[0].constant))
         return Value(f"vs_{name}({texts})", BOOL if name == "isnan" else REAL)
@@ -354,19 +375,20 @@ class Expressions:
             found = values[0]
             for value in values[1:]:
                 kind = joined(joined(found.type, value.type), INT)
-                of = "" if kind == REAL else "_i"
-                found = Value(f"vs_{name}{of}({found.text}, {value.text})", kind)
+                texts = (as_real(item) if kind == REAL else item.text for item in (found, value))
+                found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
             return found
         (value,) = self.arguments(node, 1)
         if name == "abs":
-            return Value(f"vs_abs{'' if value.type == REAL else '_i'}({value.text})", joined(value.type, INT))
+            kind = joined(value.type, INT)
+            return Value(f"vs_abs{SUFFIX[kind]}({value.text})", kind)
         if name == "bool" and value.type != BOOL:
             self.refuse(node, "bool() of a number")
         if name in ("bool", "float"):
             return value if value.type == BUILT_IN[name] else Value(as_real(value), REAL)
         if value.type != REAL:
-            return Value(value.text, INT, value.constant)
-        return Value(f"((int64_t){'vs_round' if name == 'round' else ''}({value.text}))", INT)
+            return Value(value.text, joined(value.type, INT), value.constant)
+        return Value(f"((vs_int){'vs_round' if name == 'round' else ''}({value.text}))", INT)
 
     def call_of_uniform(self, node: ast.Call) -> Value:
         """Translate a uniform number."""
@@ -426,8 +448,8 @@ BUILT_IN: Final[dict[str, Any]] = {
 
 def as_real(value: Value) -> str:
     """Return a number as a floating-point one."""
-    if value.type == REAL:
-        return value.text
+    if value.type == REAL or value.real:
+        return value.real or value.text
     if value.constant is not None:
         return literal(float(value.constant)).text
     return f"((vs_real){value.text})"

@@ -11,6 +11,7 @@ from vibroswarm.export.c_expressions import OMITTED, Expressions, Value, as_real
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
+    INTEGERS,
     REAL,
     VOID,
     CArray,
@@ -76,7 +77,7 @@ class Program:
         types = []
         for argument, kind in zip(source.tree.args.args, given, strict=True):
             hint = ast.unparse(argument.annotation) if argument.annotation is not None else ""
-            if hint == "float" and kind in (INT, BOOL):
+            if hint == "float" and kind in (BOOL, *INTEGERS):
                 kind = REAL
             types.append(INT if hint == "int" and kind == BOOL else kind)
         key = (plain(function), tuple(types))
@@ -244,10 +245,10 @@ class Function(Expressions):
         if isinstance(node.iter, ast.Tuple):
             values = [self.number(item).text for item in node.iter.elts]
             self.held += 1
-            self.write(f"static const int64_t held_{self.held}[] = {{{', '.join(values)}}};")
+            self.write(f"static const vs_int held_{self.held}[] = {{{', '.join(values)}}};")
             self.write(f"for (int k_{self.held} = 0; k_{self.held} < {len(values)}; k_{self.held}++) {{")
             self.lines.append(
-                "    " * (self.depth + 1) + f"const int64_t {name} = held_{self.held}[k_{self.held}];"
+                "    " * (self.depth + 1) + f"const vs_int {name} = held_{self.held}[k_{self.held}];"
             )
         else:
             self.write(self.head_of_range(node, name))
@@ -272,9 +273,7 @@ class Function(Expressions):
         start = values[0].text if len(values) > 1 else "0"
         stop = values[1] if len(values) > 1 else values[0]
         end = stop.text if stop.constant is not None else self.hold(Value(stop.text, INT))
-        is_small = stop.constant is not None and all(value.constant is not None for value in values)
-        kind = "int" if is_small and abs(stop.constant) < 2**15 else INT  # type: ignore[arg-type]
-        return f"for ({kind} {name} = {start}; {name} < {end}; {name} += {step}) {{"
+        return f"for ({INT} {name} = {start}; {name} < {end}; {name} += {step}) {{"
 
     def do_annassign(self, node: ast.AnnAssign) -> None:
         """Translate an assignment with a type, which the value has anyway."""
@@ -345,9 +344,9 @@ class Function(Expressions):
         place = self.expression(target)
         if joined(place.type, value.type) is None:
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
-        if place.type == INT and value.type == REAL:
+        if place.type in INTEGERS and value.type == REAL:
             self.refuse(node, f"'{ast.unparse(target)[:60]}', a whole number, is given a fraction")
-        self.write(f"{place.text} = {value.text};")
+        self.write(f"{place.text} = {as_real(value) if place.type == REAL else value.text};")
 
     def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
         """Assign a value to a variable; rows and arrays are given a second name."""
@@ -362,7 +361,7 @@ class Function(Expressions):
         if kind is None or (name in self.parameters and kind != self.types[name]):
             self.refuse(node, f"'{name}' is given values of several kinds")
         self.types[name] = kind
-        self.write(f"{identifier(name)} = {value.text};")
+        self.write(f"{identifier(name)} = {as_real(value) if kind == REAL else value.text};")
 
 
 def reads(value: ast.expr, target: ast.expr) -> bool:

@@ -15,6 +15,7 @@ from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
+    LONG,
     REAL,
     CArray,
     Struct,
@@ -169,13 +170,17 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     for name, hint in inspect.get_annotations(robot_memory.Robot).items():
         if name in of_places and name != "move_ray_m" and parts.mixture is None:
             continue
-        kind = special.get(name) or {"int": INT, "float": REAL, "bool": BOOL}[hint]
+        kind = (
+            LONG if name == "seed" else special.get(name) or {"int": INT, "float": REAL, "bool": BOOL}[hint]
+        )
         fields.append((name, kind))
     return Struct("vs_Robot", robot_memory.Robot, tuple(fields), True)
 
 
 def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[str, Struct]) -> Any:
     """Return the type of an argument of the API."""
+    if item.name == "seed":
+        return LONG
     return {"int": INT, "float": REAL, "bool": BOOL, "Robot": robot, "Message": structs["Message"]}[
         item.annotation
     ]

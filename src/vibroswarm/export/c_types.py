@@ -11,7 +11,11 @@ import numpy as np
 from vibroswarm.strategies.base import Array as DeclaredArray
 from vibroswarm.strategies.base import arrays_of
 
-INT: Final = "int64_t"
+INT: Final = "vs_int"
+"""32 bits: ticks, counts and indices. Products of two are computed in 64 bits, or as floating-point numbers."""
+LONG: Final = "int64_t"
+"""Random words, seeds, and larger numbers."""
+INTEGERS: Final = (INT, LONG)
 REAL: Final = "vs_real"
 STORED: Final = "vs_stored"
 """Type of floating-point numbers in a robot's arrays."""
@@ -38,7 +42,7 @@ class CArray:
         """Type of an element in an expression."""
         if self.element == STORED:
             return REAL
-        return self.element if isinstance(self.element, Struct) or self.element == REAL else INT
+        return self.element if isinstance(self.element, Struct) or self.element in (REAL, LONG) else INT
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class CTuple:
     @property
     def name(self) -> str:
         """Name of its type in C."""
-        short = {INT: "i", REAL: "r", BOOL: "b"}
+        short = {INT: "i", LONG: "l", REAL: "r", BOOL: "b"}
         return "vs_tuple_" + "".join(short[item] for item in self.items)
 
 
@@ -101,7 +105,7 @@ def joined(one: Any, other: Any) -> Any:
     """Return the type that holds values of both; None if there is none."""
     if one is None or one == other:
         return other
-    order = (BOOL, INT, REAL)
+    order = (BOOL, INT, LONG, REAL)
     if one in order and other in order:
         return order[max(order.index(one), order.index(other))]
     if isinstance(one, CTuple) and isinstance(other, CTuple) and len(one.items) == len(other.items):
@@ -123,7 +127,7 @@ def struct_of_class(
         if field_name in omitted:
             continue
         if hint in OF_PYTHON:
-            fields.append((field_name, OF_PYTHON[hint]))
+            fields.append((field_name, LONG if field_name == "seed" else OF_PYTHON[hint]))
         else:
             value: np.ndarray[Any, Any] = getattr(like, field_name)
             element = STORAGE[value.dtype.name]

@@ -18,7 +18,7 @@ from vibroswarm.core.rng import uniform
 from vibroswarm.export import robot_program
 from vibroswarm.export.assembly import RobotParts
 from vibroswarm.export.c_program import structs_of
-from vibroswarm.export.c_types import BOOL, INT, CArray, Struct
+from vibroswarm.export.c_types import BOOL, CArray, Struct
 from vibroswarm.export.source import Source, is_function, number_of, plain, source_of, without_docstring
 
 MODULE: Final = "vibroswarm_robot.py"
@@ -86,7 +86,7 @@ def zero(kind: Any) -> str:
     if isinstance(kind, Struct):
         is_named = kind.source is not None and hasattr(kind.source, "_fields") and not kind.mutable
         return "None" if is_named else f"{kind.name.removeprefix('vs_')}()"
-    return "False" if kind == BOOL else "0" if kind == INT or kind.startswith(("int", "uint")) else "0.0"
+    return "False" if kind == BOOL else "0" if kind.startswith(("vs_int", "int", "uint")) else "0.0"
 
 
 def constant_text(name: str, values: Mapping[str, Any]) -> str:

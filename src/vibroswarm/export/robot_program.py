@@ -108,7 +108,7 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
 def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
     """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x."""
     if HAS_PLACES:
-        word = 1 + int(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
+        word = 1 + math.floor(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
         begin_places(r.place, LOCALISER, min(word, 4294967295), x_m, y_m, heading_rad)
 
 

@@ -8,10 +8,10 @@ volatile int32_t output[4];
 int main(void)
 {
     vs_Message heard = {0};
-    vs_start(&robot, (int64_t)input[0], 0, (int64_t)input[1]);
+    vs_start(&robot, (vs_int)input[0], 0, (vs_int)input[1]);
     vs_told_pose(&robot, input[2], input[3], input[4]);
     for (;;) {
-        vs_receive(&robot, (int64_t)input[0], (int64_t)input[1], &heard);
+        vs_receive(&robot, (vs_int)input[0], (vs_int)input[1], &heard);
         output[0] = vs_looks_now(&robot, input[2]);
         if (vs_step(&robot, input[2], input[3]))
             vs_sample(&robot, vs_observed(&robot));

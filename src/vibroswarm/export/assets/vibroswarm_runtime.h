@@ -22,6 +22,8 @@ typedef double vs_stored;
 typedef float vs_stored;
 #endif
 
+typedef int32_t vs_int;
+
 #define VS_LOAD(stored) ((vs_real)stored)
 #define VS_R(number) ((vs_real)number)
 #define VS_NAN ((vs_real)NAN)
@@ -47,18 +49,21 @@ typedef float vs_stored;
 
 static inline vs_real vs_min(vs_real a, vs_real b) { return b < a ? b : a; }
 static inline vs_real vs_max(vs_real a, vs_real b) { return b > a ? b : a; }
-static inline int64_t vs_min_i(int64_t a, int64_t b) { return b < a ? b : a; }
-static inline int64_t vs_max_i(int64_t a, int64_t b) { return b > a ? b : a; }
 static inline vs_real vs_abs(vs_real x) { return VS_OF(fabs)(x); }
-static inline int64_t vs_abs_i(int64_t x) { return x < 0 ? -x : x; }
 
-static inline int64_t vs_floordiv_i(int64_t a, int64_t b)
-{
-    const int64_t q = a / b;
-    return q * b != a && (a < 0) != (b < 0) ? q - 1 : q;
-}
+#define VS_INTEGERS(type, suffix) \
+    static inline type vs_min_##suffix(type a, type b) { return b < a ? b : a; } \
+    static inline type vs_max_##suffix(type a, type b) { return b > a ? b : a; } \
+    static inline type vs_abs_##suffix(type x) { return x < 0 ? -x : x; } \
+    static inline type vs_floordiv_##suffix(type a, type b) \
+    { \
+        const type q = a / b; \
+        return q * b != a && (a < 0) != (b < 0) ? q - 1 : q; \
+    } \
+    static inline type vs_mod_##suffix(type a, type b) { return a - b * vs_floordiv_##suffix(a, b); }
 
-static inline int64_t vs_mod_i(int64_t a, int64_t b) { return a - b * vs_floordiv_i(a, b); }
+VS_INTEGERS(vs_int, i)
+VS_INTEGERS(int64_t, l)
 
 static inline vs_real vs_mod(vs_real a, vs_real b)
 {
@@ -67,7 +72,7 @@ static inline vs_real vs_mod(vs_real a, vs_real b)
 }
 
 /* The number in (0, 1) at an address: ten rounds of Philox4x32 (Salmon et al., "Parallel random numbers", SC 2011). */
-static inline vs_real vs_uniform(int64_t seed, int64_t run, int64_t robot, int64_t purpose, int64_t index, int64_t peer)
+static inline vs_real vs_uniform(int64_t seed, vs_int run, vs_int robot, vs_int purpose, vs_int index, vs_int peer)
 {
     uint32_t a = (uint32_t)index, b = (uint32_t)(robot | purpose << 16), c = (uint32_t)run, d = (uint32_t)peer;
     uint32_t k0 = (uint32_t)seed, k1 = (uint32_t)(seed >> 32);
