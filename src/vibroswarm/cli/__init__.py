@@ -59,6 +59,7 @@ def parser() -> argparse.ArgumentParser:
         check,
         detect,
         evaluate,
+        export,
         floors,
         lab,
         league,
@@ -84,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     for module in (
         run, evaluate, sweep, league, tune, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate,
-        scenario, check, floors,
+        scenario, check, floors, export,
     ):  # fmt: skip
         module.add_parser(commands)
     for command in commands.choices.values():

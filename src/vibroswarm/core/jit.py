@@ -56,6 +56,7 @@ LAYERS_ABOVE: Final = (
     "recordings",
     "calibrate",
     "paper",
+    "export",
     "testing",
 )
 """Packages above the simulation: they hold no kernel and change no table of a result."""

@@ -1,0 +1,127 @@
+"""``vibroswarm export``: the robot's program as C for microcontrollers, or as plain Python."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import add_json, add_scenario_options
+from vibroswarm.cli.output import print_json, print_table
+
+if TYPE_CHECKING:
+    from vibroswarm.export.memory import Memory
+
+EPILOG = """\
+examples:
+  vibroswarm export c robot --strategy soft
+  vibroswarm export python robot-python --strategy none
+  vibroswarm export check robot --strategy soft
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its parts."""
+    parser = commands.add_parser(
+        "export",
+        help="write the robot's program as C for microcontrollers, or as plain Python",
+        description="Write the program of a scenario's robots: walk, sensing, belief, localisation, strategy.",
+        epilog=EPILOG,
+    )
+    parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
+    for name, help, run in (
+        ("c", "C99 library with a sketch for Arduino and PlatformIO", _c),
+        ("python", "one module of plain Python that needs math only", _python),
+    ):
+        part = parts.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+        part.add_argument("folder", metavar="DIR", type=Path, help="folder to write")
+        part.add_argument("--force", action="store_true", help="replace DIR if it is an export")
+        add_json(part)
+        add_scenario_options(part)
+        part.set_defaults(run=run)
+    part = parts.add_parser(
+        "check",
+        help="compare an exported header of parameters with a scenario",
+        description="Compare an exported header of parameters with a scenario: each field, and each constant of the "
+        "program. Exit code 0 if all are equal, else 1.",
+    )
+    part.add_argument("folder", metavar="DIR", type=Path, help="exported folder, or vibroswarm_parameters.h")
+    add_json(part)
+    add_scenario_options(part)
+    part.set_defaults(run=_check)
+
+
+def _c(arguments: argparse.Namespace) -> int:
+    """Write the C library and print its size."""
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.export.c_library import MARKER, library_files
+    from vibroswarm.export.memory import measured
+
+    check_folder(arguments.folder, replace=arguments.force, marker=MARKER)
+    scenario = scenario_from(arguments)
+    files = library_files(scenario)
+    with whole_folder(arguments.folder, replace=arguments.force, marker=MARKER) as part:
+        for name, text in files.items():
+            (part / name).parent.mkdir(parents=True, exist_ok=True)
+            (part / name).write_text(text, encoding="utf-8")
+        memory = measured(part / "src")
+    if arguments.json:
+        size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
+        print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})
+        return 0
+    print(_memory_words(memory))
+    print(f"Saved: {arguments.folder} ({len(files)} files; begin with examples/inspection/inspection.ino)")
+    return 0
+
+
+def _memory_words(memory: Memory | None) -> str:
+    """Describe the memory of a robot's program."""
+    if memory is None:
+        return (
+            "Size not measured: arm-none-eabi-gcc is not installed "
+            "(Debian: gcc-arm-none-eabi and libnewlib-arm-none-eabi)."
+        )
+    return (
+        f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM ({memory.flags}), "
+        "with the mathematics, without your drivers and stack."
+    )
+
+
+def _python(arguments: argparse.Namespace) -> int:
+    """Write the Python module."""
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.export.assembly import parts_of
+    from vibroswarm.export.python_program import MODULE, python_source
+
+    check_folder(arguments.folder, replace=arguments.force, marker=MODULE)
+    text = python_source(parts_of(scenario_from(arguments)))
+    with whole_folder(arguments.folder, replace=arguments.force, marker=MODULE) as part:
+        (part / MODULE).write_text(text, encoding="utf-8")
+    if arguments.json:
+        print_json({"out": str(arguments.folder), "files": [MODULE]})
+    else:
+        print(f"Saved: {arguments.folder}/{MODULE}")
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    """Compare a header with a scenario; return 1 if they differ."""
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.export.assembly import parts_of
+    from vibroswarm.export.parameters import differences, find_header, read_header
+
+    path = find_header(arguments.folder)
+    found = read_header(path)
+    scenario = scenario_from(arguments)
+    different = differences(found, scenario, parts_of(scenario))
+    if arguments.json:
+        rows = [{"name": name, "header": before, "scenario": after} for name, before, after in different]
+        print_json({"header": str(path), "equal": not different, "differences": rows})
+    elif different:
+        print_table(["name", "header", "scenario"], [list(row) for row in different], texts=3)
+        print(f"\n{path} differs from the scenario.")
+    else:
+        print(f"{path} is that of the scenario.")
+    return 1 if different else 0

@@ -1,0 +1,381 @@
+"""Functions of the robot's program in C: statements, and one C function for each set of argument types."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vibroswarm.export.c_expressions import OMITTED, Expressions, Value, as_real, identifier
+from vibroswarm.export.c_types import (
+    BOOL,
+    INT,
+    INTEGERS,
+    REAL,
+    VOID,
+    CArray,
+    CTuple,
+    Struct,
+    c_name,
+    declaration,
+    joined,
+    parameter,
+)
+from vibroswarm.export.source import Source, plain, source_of, without_docstring
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A function in C."""
+
+    name: str
+    parameters: tuple[Any, ...]
+    returns: Any
+    head: str
+    text: str
+
+
+class Program:
+    """The functions of a program, translated as they are called.
+
+    Args:
+        struct_of: types of the classes that functions construct. row_names: types of rows, by the name of their class
+            in ``template``. globals: constant rows, by name. replaced: functions in whose place others are taken.
+        template: file whose functions have names without that of their module. instead: values of its names.
+    """
+
+    def __init__(
+        self,
+        struct_of: Mapping[Any, Struct],
+        row_names: Mapping[str, Struct],
+        globals: Mapping[str, Value],
+        replaced: Mapping[Callable[..., Any], Callable[..., Any]],
+        template: str,
+        instead: Mapping[str, Any],
+    ) -> None:
+        self.struct_of, self.row_names, self.globals = struct_of, row_names, globals
+        self.replaced, self.template, self.instead = replaced, template, instead
+        self.compiled: dict[Any, Compiled | None] = {}
+        self.tuples: dict[str, CTuple] = {}
+        self.names: set[str] = set()
+
+    def source(self, function: Any) -> Source:
+        """Return the source of a function."""
+        is_template = plain(function).__module__ == self.template
+        return source_of(function, self.instead if is_template else None)
+
+    def function(
+        self, function: Any, given: list[Any], caller: Source | None = None, node: ast.AST | None = None
+    ) -> Compiled:
+        """Return a function for arguments of these types, translated at its first call.
+
+        Raises:
+            InputError: it calls itself, or holds a construct that is not known.
+        """
+        source = self.source(function)
+        types = []
+        for argument, kind in zip(source.tree.args.args, given, strict=True):
+            hint = ast.unparse(argument.annotation) if argument.annotation is not None else ""
+            if hint == "float" and kind in (BOOL, *INTEGERS):
+                kind = REAL
+            types.append(INT if hint == "int" and kind == BOOL else kind)
+        key = (plain(function), tuple(types))
+        if key in self.compiled:
+            found = self.compiled[key]
+            if found is None:
+                raise (caller or source).refusal(node, f"{source.function.__name__} calls itself")
+            return found
+        self.compiled[key] = None
+        made = Function(self, source, tuple(types), self.name_for(source)).translated()
+        del self.compiled[key]  # so that functions come after those that they call
+        self.compiled[key] = made
+        return made
+
+    def name_for(self, source: Source) -> str:
+        """Return a new name in C."""
+        module = source.function.__module__
+        tail = "" if module == self.template else f"{module.rpartition('.')[2]}_"
+        name = base = f"vs_{tail}{source.function.__name__}"
+        count = 1
+        while name in self.names:
+            count += 1
+            name = f"{base}_{count}"
+        self.names.add(name)
+        return name
+
+
+class Function(Expressions):
+    """Translates one function."""
+
+    def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
+        self.program, self.source, self.given, self.name = program, source, given, name
+        arguments = source.tree.args
+        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
+            raise source.refusal(source.tree, "arguments with defaults or stars")
+        names = [argument.arg for argument in arguments.args]
+        self.types = dict(zip(names, given, strict=True))
+        self.returns: Any = None
+        self.loops, self.pending = [], []
+
+    def translated(self) -> Compiled:
+        """Return the function; types of variables are joined until nothing changes."""
+        body = without_docstring(self.source.tree.body)
+        while True:
+            before = dict(self.types), self.returns
+            self.aliases, self.depth, self.held = {}, 1, 0
+            self.lines: list[str] = []
+            for statement in body:
+                self.statement(statement)
+            if (dict(self.types), self.returns) == before:
+                break
+        names = list(self.parameters_in_order)
+        texts = [parameter(kind, identifier(name)) for name, kind in zip(names, self.given, strict=True)]
+        returns = self.returns or VOID
+        head = f"{c_name(returns)} {self.name}({', '.join(texts) or 'void'})"
+        local = [
+            f"    {declaration(kind, identifier(name))};"
+            for name, kind in self.types.items()
+            if name not in names and name not in self.program_loops
+        ]
+        place = f"/* {self.source.file}, line {self.source.before + self.source.tree.lineno} */"
+        text = "\n".join([place, f"{head}", "{", *local, *self.lines, "}"])
+        return Compiled(self.name, self.given, returns, head, text)
+
+    @property
+    def parameters_in_order(self) -> list[str]:
+        """Names of the parameters."""
+        return [argument.arg for argument in self.source.tree.args.args]
+
+    def write(self, text: str) -> None:
+        """Write a line, after the statements that must come before it."""
+        for line in (*self.pending, text):
+            self.lines.append("    " * self.depth + line)
+        self.pending.clear()
+
+    def statement(self, node: ast.stmt) -> None:
+        """Translate a statement."""
+        method: Any = getattr(self, f"do_{type(node).__name__.lower()}", None)
+        if method is None:
+            self.refuse(node, f"the statement '{ast.unparse(node).splitlines()[0][:60]}'")
+        method(node)
+
+    def block(self, statements: list[ast.stmt]) -> None:
+        """Translate the statements of a block."""
+        self.depth += 1
+        for statement in statements:
+            self.statement(statement)
+        self.depth -= 1
+
+    def do_pass(self, node: ast.Pass) -> None:
+        """Do nothing."""
+
+    def do_break(self, node: ast.Break) -> None:
+        """Leave a loop."""
+        self.write("break;")
+
+    def do_continue(self, node: ast.Continue) -> None:
+        """Go on with a loop."""
+        self.write("continue;")
+
+    def do_expr(self, node: ast.Expr) -> None:
+        """Translate a call whose result is not used."""
+        if not isinstance(node.value, ast.Call):
+            self.refuse(node, f"the expression '{ast.unparse(node)[:60]}'")
+        self.write(f"{self.expression(node.value).text};")
+
+    def do_return(self, node: ast.Return) -> None:
+        """Translate ``return``."""
+        if node.value is None:
+            self.write("return;")
+            return
+        if isinstance(node.value, ast.Tuple):
+            values = [self.number(item) for item in node.value.elts]
+            kind: Any = joined(self.returns, CTuple(tuple(value.type for value in values)))
+            if kind is None:
+                self.refuse(node, "another number of values than before")
+            self.program.tuples[kind.name] = kind
+            text = f"({kind.name}){{{', '.join(value.text for value in values)}}}"
+        else:
+            value = self.expression(node.value)
+            kind = joined(self.returns, value.type)
+            if kind is None or isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable):
+                self.refuse(node, f"returns '{ast.unparse(node.value)[:60]}'")
+            text = as_real(value) if kind == REAL else value.text
+        self.returns = kind
+        self.write(f"return {text};")
+
+    def do_if(self, node: ast.If) -> None:
+        """Translate ``if``; a branch that can never be taken is left out."""
+        test = self.truth(node.test)
+        if test.constant is not None:
+            for statement in node.body if test.constant else node.orelse:
+                self.statement(statement)
+            return
+        self.write(f"if ({test.text}) {{")
+        self.block(node.body)
+        if node.orelse:
+            self.write("} else {")
+            self.block(node.orelse)
+        self.write("}")
+
+    def do_while(self, node: ast.While) -> None:
+        """Translate ``while``."""
+        if node.orelse:
+            self.refuse(node, "'else' after a loop")
+        test = self.truth(node.test)
+        if self.pending:
+            self.refuse(node, "a row that a function returns, in the condition of a loop")
+        self.write(f"while ({test.text}) {{")
+        self.block(node.body)
+        self.write("}")
+
+    def do_for(self, node: ast.For) -> None:
+        """Translate a loop over ``range`` or over written numbers."""
+        if node.orelse or not isinstance(node.target, ast.Name):
+            self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
+        assert isinstance(node.target, ast.Name)
+        name = identifier(node.target.id)
+        if any(
+            isinstance(other, ast.Name) and isinstance(other.ctx, ast.Store) and other.id == node.target.id
+            for statement in node.body
+            for other in ast.walk(statement)
+        ):
+            self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
+        if isinstance(node.iter, ast.Tuple):
+            values = [self.number(item).text for item in node.iter.elts]
+            self.held += 1
+            self.write(f"static const vs_int held_{self.held}[] = {{{', '.join(values)}}};")
+            self.write(f"for (int k_{self.held} = 0; k_{self.held} < {len(values)}; k_{self.held}++) {{")
+            self.lines.append(
+                "    " * (self.depth + 1) + f"const vs_int {name} = held_{self.held}[k_{self.held}];"
+            )
+        else:
+            self.write(self.head_of_range(node, name))
+        self.types.setdefault(node.target.id, INT)
+        self.loops.append(node.target.id)
+        self.block(node.body)
+        self.loops.pop()
+        self.write("}")
+
+    def head_of_range(self, node: ast.For, name: str) -> str:
+        """Return the head of a loop over ``range``, whose end is computed once."""
+        call = node.iter
+        if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):
+            self.refuse(node, f"a loop over '{ast.unparse(node.iter)[:60]}'")
+        assert isinstance(call, ast.Call)
+        values = [self.number(argument) for argument in call.args]
+        if call.keywords or not 1 <= len(values) <= 3 or REAL in [value.type for value in values]:
+            self.refuse(node, f"'{ast.unparse(call)[:60]}'")
+        step = values[2].constant if len(values) == 3 else 1
+        if step is None or step <= 0:
+            self.refuse(node, f"the step of '{ast.unparse(call)[:60]}'")
+        start = values[0].text if len(values) > 1 else "0"
+        stop = values[1] if len(values) > 1 else values[0]
+        end = stop.text if stop.constant is not None else self.hold(Value(stop.text, INT))
+        return f"for ({INT} {name} = {start}; {name} < {end}; {name} += {step}) {{"
+
+    def do_annassign(self, node: ast.AnnAssign) -> None:
+        """Translate an assignment with a type, which the value has anyway."""
+        if node.value is None:
+            self.refuse(node, "a variable without a value")
+        assert node.value is not None
+        self.assign(node.target, self.expression(node.value), node)
+
+    def do_augassign(self, node: ast.AugAssign) -> None:
+        """Translate ``x += y`` and the like."""
+        before = ast.parse(ast.unparse(node.target), mode="eval").body
+        ast.increment_lineno(before, node.lineno - 1)
+        value = self.arithmetic(node, node.op, self.number(before), self.number(node.value))
+        self.assign(node.target, value, node)
+
+    def do_assign(self, node: ast.Assign) -> None:
+        """Translate an assignment."""
+        if len(node.targets) > 1:
+            value = self.number(node.value)
+            if value.constant is None:
+                value = Value(self.hold(value), value.type)
+            for target in node.targets:
+                self.assign(target, value, node)
+            return
+        (target,) = node.targets
+        if not isinstance(target, ast.Tuple):
+            self.assign(target, self.expression(node.value), node)
+        elif isinstance(node.value, ast.Tuple) and len(target.elts) == len(node.value.elts):
+            self.assign_each(target.elts, node.value.elts, node)
+        else:
+            self.unpack(target, node)
+
+    def assign_each(self, targets: list[ast.expr], values: list[ast.expr], node: ast.Assign) -> None:
+        """Assign several values, all of which are computed before the first is assigned."""
+        if any(reads(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
+            found = [self.expression(value) for value in values]
+            held = [
+                value
+                if value.constant is not None or isinstance(value.type, CArray | Struct)
+                else Value(self.hold(value), value.type)
+                for value in found
+            ]
+            for target, value in zip(targets, held, strict=True):
+                self.assign(target, value, node)
+            return
+        for target, item in zip(targets, values, strict=True):
+            self.assign(target, self.expression(item), node)
+
+    def unpack(self, target: ast.Tuple, node: ast.Assign) -> None:
+        """Assign the values that a function returns."""
+        value = self.expression(node.value)
+        if not isinstance(value.type, CTuple) or len(value.type.items) != len(target.elts):
+            self.refuse(node, f"'{ast.unparse(node)[:60]}'")
+        name = self.hold(value)
+        for k, item in enumerate(target.elts):
+            if not (isinstance(item, ast.Name) and item.id == "_"):
+                self.assign(item, Value(f"{name}.v{k}", value.type.items[k]), node)
+
+    def assign(self, target: ast.expr, value: Value, node: ast.AST) -> None:
+        """Assign a value to a variable, a field or an element."""
+        if value.type == OMITTED:
+            self.refuse(node, "a field that the robot's program does not have")
+        if isinstance(target, ast.Name):
+            self.assign_name(target.id, value, node)
+            return
+        if not isinstance(target, ast.Attribute | ast.Subscript):
+            self.refuse(node, f"an assignment to '{ast.unparse(target)[:60]}'")
+        place = self.expression(target)
+        if joined(place.type, value.type) is None:
+            self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
+        if place.type in INTEGERS and value.type == REAL:
+            self.refuse(node, f"'{ast.unparse(target)[:60]}', a whole number, is given a fraction")
+        self.write(f"{place.text} = {as_real(value) if place.type == REAL else value.text};")
+
+    def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
+        """Assign a value to a variable; rows and arrays are given a second name."""
+        if isinstance(value.type, CArray) or (isinstance(value.type, Struct) and value.type.mutable):
+            if "[" in value.text or self.aliases.get(name, value).text != value.text or name in self.types:
+                self.refuse(node, f"the name '{name}' for more than one row or array")
+            self.aliases[name] = value
+            return
+        if name in self.parameters and isinstance(self.types[name], Struct | CArray):
+            self.refuse(node, f"the argument '{name}' is given another row")
+        kind = joined(self.types.get(name), value.type)
+        if kind is None or (name in self.parameters and kind != self.types[name]):
+            self.refuse(node, f"'{name}' is given values of several kinds")
+        self.types[name] = kind
+        self.write(f"{identifier(name)} = {as_real(value) if kind == REAL else value.text};")
+
+
+def reads(value: ast.expr, target: ast.expr) -> bool:
+    """Return whether an expression may read what ``target`` names."""
+    place = target.value if isinstance(target, ast.Subscript) else target
+    wanted = ast.unparse(place)
+    root: ast.expr = place
+    while isinstance(root, ast.Attribute | ast.Subscript):
+        root = root.value
+    of_fields = {id(node.value) for node in ast.walk(value) if isinstance(node, ast.Attribute)}
+    for node in ast.walk(value):
+        if isinstance(node, ast.Attribute | ast.Subscript | ast.Name) and ast.unparse(node) == wanted:
+            return True
+        is_root = isinstance(node, ast.Name) and isinstance(root, ast.Name) and node.id == root.id
+        if is_root and id(node) not in of_fields:
+            return True
+    return False

@@ -1,0 +1,161 @@
+"""The parameters of an exported program as a C header, read back and compared with a scenario.
+
+The header holds each field of the scenario as a line ``//@ section.field = value`` (TOML), from which the scenario can
+be read back, and each constant of the program as a ``#define``. Both are compared.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.errors import InputError
+from vibroswarm.export.assembly import RobotParts
+from vibroswarm.scenario.scenario import Scenario
+
+ROWS: Final = {
+    "PARAMS": "Params",
+    "WORLD": "World",
+    "WALKER": "WalkProgram",
+    "SENSING": "SenseProgram",
+    "LOCALISER": "LocalisationProgram",
+}
+"""Constant rows of ``robot_memory``, and their types."""
+FIELD: Final = "//@ "
+HEADER_FILE: Final = "vibroswarm_parameters.h"
+DEFINE: Final = re.compile(r"#define (VS_\w+) (.+)")
+
+
+def macro_of(row: str, field: str) -> str:
+    """Return the name of a constant in C."""
+    return f"VS_{row}_{field.upper()}"
+
+
+def constants_of(parts: RobotParts) -> dict[str, str]:
+    """Return the constants of the program in C, by name."""
+    rows: dict[str, Mapping[str, Any]] = {
+        "PARAMS": parts.params,
+        "WORLD": {name: value for name, value in parts.world._asdict().items() if name != "beliefs"},
+        "WALKER": parts.walker._asdict(),
+        "SENSING": parts.sensing._asdict(),
+    }
+    if parts.localiser is not None:
+        rows["LOCALISER"] = parts.localiser._asdict()
+    found = {
+        macro_of(row, name): c_number(value) for row, values in rows.items() for name, value in values.items()
+    }
+    found["VS_RMS_THRESHOLD"] = c_number(parts.rms_threshold)
+    return found
+
+
+def c_number(value: Any) -> str:
+    """Return a number, or an array of them, in C."""
+    if isinstance(value, np.ndarray):
+        return "{" + ", ".join(c_number(item) for item in value.ravel().tolist()) + "}"
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    number = float(value)
+    if math.isinf(number):
+        return "VS_INFINITY" if number > 0 else "(-VS_INFINITY)"
+    return f"VS_R({number!r})"
+
+
+def toml_lines(scenario: Scenario) -> list[str]:
+    """Return a scenario as lines ``section.field = value``."""
+    import tomllib
+
+    def walk(table: Mapping[str, Any], prefix: str) -> list[str]:
+        lines = []
+        for name, value in table.items():
+            if isinstance(value, dict):
+                lines += walk(value, f"{prefix}{name}.")
+            else:
+                lines.append(f"{prefix}{name} = {toml_value(value)}")
+        return lines
+
+    return walk(tomllib.loads(scenario.to_toml()), "")
+
+
+def toml_value(value: Any) -> str:
+    """Return a value in TOML on one line."""
+    import tomli_w
+
+    if isinstance(value, list):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name} = {toml_value(item)}" for name, item in value.items()) + "}"
+    return tomli_w.dumps({"x": value}).partition(" = ")[2].strip()
+
+
+def header_text(scenario: Scenario, parts: RobotParts) -> str:
+    """Return the header."""
+    lines = [
+        "/* Parameters of a vibroswarm scenario. Compare with one: vibroswarm export check DIR. */",
+        "#ifndef VIBROSWARM_PARAMETERS_H",
+        "#define VIBROSWARM_PARAMETERS_H",
+        "",
+        "/* The scenario, field by field. */",
+        *(f"{FIELD}{line}" for line in toml_lines(scenario)),
+        "",
+        "/* Constants of the program, which follow from it; lengths in m, times in s, unless their names say else. */",
+        *(f"#define {name} {value}" for name, value in constants_of(parts).items()),
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def find_header(path: Path) -> Path:
+    """Return the header in an exported folder, or the file itself.
+
+    Raises:
+        InputError: there is none.
+    """
+    if path.is_dir():
+        found = sorted(path.rglob(HEADER_FILE))
+        if len(found) != 1:
+            raise InputError(f"holds {len(found)} files {HEADER_FILE}; it should hold one", field=str(path))
+        return found[0]
+    return path
+
+
+def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
+    """Return the scenario of a header, and its constants by name.
+
+    Raises:
+        InputError: it is no such header, or its scenario is not valid.
+    """
+    text = read_text(path, "a header of parameters")
+    fields = [line.removeprefix(FIELD) for line in text.splitlines() if line.startswith(FIELD)]
+    if not fields:
+        raise InputError(
+            f"no line begins with '{FIELD}', so this is no header of vibroswarm", field=str(path)
+        )
+    scenario = Scenario.from_toml("\n".join(fields), name=str(path))
+    constants = {match[1]: match[2].strip() for match in map(DEFINE.fullmatch, text.splitlines()) if match}
+    return scenario, constants
+
+
+def differences(
+    found: tuple[Scenario, Mapping[str, str]], scenario: Scenario, parts: RobotParts
+) -> list[tuple[str, str, str]]:
+    """Return what differs between a header and a scenario: name, value in the header, value of the scenario."""
+    return [
+        (name, before.get(name, "none"), after.get(name, "none"))
+        for before, after in (
+            (dict(line.split(" = ", 1) for line in toml_lines(found[0])),
+             dict(line.split(" = ", 1) for line in toml_lines(scenario))),
+            (found[1], constants_of(parts)),
+        )
+        for name in sorted({*before, *after})
+        if before.get(name) != after.get(name)
+    ]  # fmt: skip

@@ -1,0 +1,113 @@
+"""Source of a function as a syntax tree, and the refusal of what cannot be translated, with file and line."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.core.jit import PACKAGE
+from vibroswarm.errors import InputError
+
+Number = bool | int | float
+
+
+@dataclass(frozen=True)
+class Source:
+    """A function's text: its tree, file, line before its first, and the names that it may read."""
+
+    function: Callable[..., Any]
+    tree: ast.FunctionDef
+    file: str
+    before: int
+    space: Mapping[str, Any]
+
+    def refusal(self, node: ast.AST | None, why: str) -> InputError:
+        """Return the error that refuses a construct."""
+        line = self.before + getattr(node, "lineno", 1)
+        return InputError(
+            f"{why}, in {self.function.__name__}: this cannot be exported; docs/export.md lists what can",
+            field=f"{self.file}, line {line}",
+        )
+
+
+def plain(function: Any) -> Any:
+    """Return the Python function of one that may be compiled."""
+    return getattr(function, "py_func", function)
+
+
+def is_function(value: Any) -> bool:
+    """Return whether a value is a Python function, compiled or not."""
+    return isinstance(plain(value), FunctionType)
+
+
+@cache
+def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, int]:
+    code = function.__code__
+    try:
+        name = Path(code.co_filename).relative_to(PACKAGE.parent).as_posix()
+    except ValueError:
+        name = code.co_filename
+    try:
+        text = textwrap.dedent(inspect.getsource(function))
+        tree = ast.parse(text).body[0]
+    except (OSError, SyntaxError, TypeError):
+        raise InputError(
+            f"{function.__name__}: its source cannot be read, so it cannot be exported", field=name
+        ) from None
+    if not isinstance(tree, ast.FunctionDef):
+        raise InputError(f"{function.__name__} is not a plain function", field=name)
+    return tree, name, code.co_firstlineno - 1
+
+
+def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source:
+    """Return the source of a function.
+
+    Args:
+        instead: values that replace globals of this name.
+    Raises:
+        InputError: its source cannot be read.
+    """
+    found = plain(function)
+    tree, file, before = _parsed(found)
+    return Source(found, tree, file, before, {**found.__globals__, **(instead or {})})
+
+
+def number_of(value: Any) -> Number | None:
+    """Return a constant as a number; None if it is something else."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(value)
+    return None
+
+
+def without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Return the statements of a function but for its docstring."""
+    first = body[0] if body else None
+    is_text = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+    return body[1:] if is_text and isinstance(first.value.value, str) else body  # type: ignore[union-attr]
+
+
+MATH: Final[dict[str, int]] = {
+    "sqrt": 1, "exp": 1, "log": 1, "log1p": 1, "sin": 1, "cos": 1, "tan": 1, "atan": 1, "erf": 1, "erfc": 1,
+    "lgamma": 1, "atan2": 2, "floor": 1, "ceil": 1, "isnan": 1, "degrees": 1, "radians": 1,
+}  # fmt: skip
+"""Functions of ``math`` that may be used, and their numbers of arguments."""
+
+
+def math_name(source: Source, node: ast.expr) -> str | None:
+    """Return NAME for an expression ``math.NAME``; None for another one."""
+    is_field = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+    return node.attr if is_field and source.space.get(node.value.id) is math else None  # type: ignore[attr-defined]
