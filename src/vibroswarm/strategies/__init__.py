@@ -11,6 +11,7 @@ from vibroswarm.strategies import (  # noqa: F401
     bayes_cpf,
     dbbs,
     distrust,
+    field,
     mcp,
     places,
     three_valued,

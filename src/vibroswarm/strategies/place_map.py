@@ -12,6 +12,8 @@
 | near an edge | - | - | within ``edge_reach_m`` of several tiles vibration is felt if any of them vibrates |
 
 With true places and one sender e_k is the exact log probability of all readings: the prior of each tile is a coin's.
+
+Functions here are compiled with each kernel, never cached alone: their arguments are of types of generated modules.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inlined
+from vibroswarm.core.jit import inlined_uncached
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.world import World
 
@@ -36,19 +38,19 @@ LEAST_CREDENCE: Final = 1e-6
 """Pairs less probable than this are left out of the score."""
 
 
-@inlined
+@inlined_uncached
 def pairs_of(p: Row) -> int:
     """Return the number of pairs of rates."""
     return PAIRS if p.rate_pairs else 1
 
 
-@inlined
+@inlined_uncached
 def logistic(odds: float) -> float:
     """Return the probability of log odds."""
     return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
-@inlined
+@inlined_uncached
 def rate_of(told: float, third: int, p: Row) -> float:
     """Return the rate told (``third`` 0), or the one a step above (1) or below it (2)."""
     if third == 0:
@@ -58,7 +60,7 @@ def rate_of(told: float, third: int, p: Row) -> float:
     return logistic(math.log(rate / (1.0 - rate)) + p.rate_step * steps)
 
 
-@inlined
+@inlined_uncached
 def weigh_pairs(a: Row, pairs: int) -> None:
     """Weigh the pairs of rates by their evidence."""
     best, total = a.evidence[0], 0.0
@@ -71,7 +73,7 @@ def weigh_pairs(a: Row, pairs: int) -> None:
         a.credence[k] /= total
 
 
-@inlined
+@inlined_uncached
 def total_odds(a: Row, pair: int, tile: int, w: World) -> float:
     """Return the log odds of a tile."""
     total, tiles = 0.0, w.rows * w.columns
@@ -80,7 +82,7 @@ def total_odds(a: Row, pair: int, tile: int, w: World) -> float:
     return total
 
 
-@inlined
+@inlined_uncached
 def score(a: Row, p: Row, w: World) -> float:
     """Return z."""
     tiles = w.rows * w.columns
@@ -106,13 +108,26 @@ def score(a: Row, p: Row, w: World) -> float:
     )
 
 
-@inlined
+@inlined_uncached
+def score_at(probability: float) -> float:
+    """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
+    low, high = 0.0, 10.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if 0.5 * math.erfc(-middle * math.sqrt(0.5)) < probability:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@inlined_uncached
 def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
     """Return the share of a place's distribution below an edge."""
     return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
 
 
-@inlined
+@inlined_uncached
 def share_place(
     a: Row, x_m: float, y_m: float, spread_x_m: float, spread_y_m: float, p: Row, w: World
 ) -> tuple[int, int, int, int]:
@@ -165,7 +180,7 @@ def share_place(
     return left, right, upper, lower
 
 
-@inlined
+@inlined_uncached
 def add_reading(
     a: Row, j: int, bit: int, left: int, right: int, upper: int, lower: int, p: Row, w: World
 ) -> float:
@@ -211,7 +226,7 @@ def add_reading(
     return total_before
 
 
-@inlined
+@inlined_uncached
 def felt(p: NDArray[np.float64], r: int, c: int, still: int, w: World) -> float:
     """Return the probability that vibration is felt at a column or an edge ``c``, a row or an edge ``r``.
 

@@ -22,7 +22,7 @@ The estimated places are those of ``localisation``: a sample is sent ``localisat
 Of surprise and suspicion 1 / ``trust_memory`` is forgotten at each reading. From the share ``falls_from`` of the run
 on, the score needed falls to 0 at its end, so that nobody stays undecided.
 
-- Message: sender and reading (1 byte), number (1), place to 1 mm (2 each), spread to 1 mm (1 each): 8 bytes.
+- Message: see ``place_message``: 8 bytes.
 - Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1, and how far
   beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - The prior is that each tile vibrates or not as a coin falls. Floors near the boundary are harder than that: errors
@@ -32,19 +32,25 @@ on, the score needed falls to 0 at its end, so that nobody stays undecided.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import RATE, add_reading, pairs_of, score, share_place, weigh_pairs
+from vibroswarm.strategies.place_map import (
+    RATE,
+    add_reading,
+    pairs_of,
+    score,
+    score_at,
+    share_place,
+    weigh_pairs,
+)
+from vibroswarm.strategies.place_message import Message, fill_message
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["decision", "places"]
-
-STEP_M: Final = 0.001
-"""Resolution of places in messages."""
+__all__ = ["Message", "decision", "places"]
 
 
 class Params:
@@ -119,17 +125,6 @@ class Arrays:
     p_without = array("float64", "tiles")
 
 
-class Message:
-    """A sample: its reading, and its place with standard deviations, m."""
-
-    bit: int
-    number: int
-    at_x_m: float
-    at_y_m: float
-    spread_x_m: float
-    spread_y_m: float
-
-
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Begin with an empty map, undecided."""
     s.decision, s.needed = -1, score_at(w.credible_threshold)
@@ -145,13 +140,8 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Add and send the sample whose place is known by now, and decide."""
-    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF
-    sends = x.lagged_number >= 0
+    sends = fill_message(s, x, out)
     if sends:
-        out.bit = (s.bits >> (x.number - x.lagged_number)) & 1
-        out.number = x.lagged_number
-        out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
-        out.spread_x_m, out.spread_y_m = rounded(x.lagged_spread_x_m), rounded(x.lagged_spread_y_m)
         add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
     if s.decision == -1 and s.heard >= p.min_samples:
         z, part = score(a, p, w), x.t_s / w.t_end_s
@@ -166,23 +156,6 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
     """Return the belief that less than the boundary's share of the tiles vibrates."""
     return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
-
-
-def rounded(length_m: float) -> float:
-    """Return a length as messages hold it."""
-    return STEP_M * math.floor(length_m / STEP_M + 0.5)
-
-
-def score_at(probability: float) -> float:
-    """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
-    low, high = 0.0, 10.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if 0.5 * math.erfc(-middle * math.sqrt(0.5)) < probability:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
 
 
 def add_sample(
