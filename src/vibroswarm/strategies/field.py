@@ -9,7 +9,7 @@ process of the arena's parts, 8 x 8 blocks, whose correlation falls with distanc
 | at the start | m, P | - | 1/2; M + mean over points x of b, y of c of exp(-abs(x - y) / length) / 4, M = 1/12 |
 | share of a place on block b | q_b | - | normal in x and y about the mean, sum 1 |
 | reading as a share | y | - | (reading - a) / (1 - a - b), a and b the rates of false positives and negatives |
-| its noise | r | - | h (1 - h) / (1 - a - b)^2, h = a + (1 - a - b) / 2 |
+| its noise | r | - | h (1 - h) / (1 - a - b)^2, h = a + (1 - a - b) (0.1 + 0.8 q'm), q'm cut off at 0 and 1 |
 | gain | K, S | - | K = P q, S = q'K + r |
 | update | - | - | m += K (y - q'm) / S, P -= K K' / S |
 | mean of the arena | n, V | - | mean of m_b, of P_bc; updated with them |
@@ -173,7 +173,7 @@ def add_sample(
         variance += a.of_row[b // SIDE] * a.of_column[b % SIDE] / (all_x * all_y) * a.gain[b]
         total += a.gain[b]
     contrast = max(1.0 - w.false_positive - w.false_negative, RATE)
-    ones = w.false_positive + 0.5 * contrast
+    ones = w.false_positive + contrast * (0.1 + 0.8 * min(max(expected, 0.0), 1.0))
     variance += ones * (1.0 - ones) / (contrast * contrast)
     change = ((bit - w.false_positive) / contrast - expected) / variance
     at = 0
