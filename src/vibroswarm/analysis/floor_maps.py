@@ -5,6 +5,7 @@
 | vibrating | p of a tile: 1 / (1 + exp(-log odds)), of all senders as the robot weighs them |
 | spread | sqrt(p (1 - p)) |
 | pooled | p from what each robot knows by its own samples, all of them trusted |
+| pairs of rates | p is the mean over them, by the robot's probabilities; pooled: by the mean of these |
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
+from vibroswarm.strategies.place_map import PAIRS
 
 MAPS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -53,21 +55,25 @@ def floor_maps(result: Result) -> pl.DataFrame:
     timeline = timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
     swarm = replay_to_end(scenario, result.seed, timeline, result.observations["observation"].to_numpy())
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
-    odds = swarm.arrays.odds.reshape(len(runs), robots, robots, -1)
-    weight = swarm.arrays.weight.reshape(len(runs), robots, robots)
-    by_robot = (odds * weight[..., None]).sum(axis=2)
-    own = odds[:, np.arange(robots), np.arange(robots)].sum(axis=1)
+    odds = swarm.arrays.odds.reshape(len(runs), robots, PAIRS, robots, -1)
+    weight = swarm.arrays.weight.reshape(len(runs), robots, 1, robots, 1)
+    credence = swarm.arrays.credence.reshape(len(runs), robots, PAIRS, 1)
+    by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
+    own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
+    pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)
     frames = []
     for r, run in enumerate(runs):
         floor = result.floor(run)
         frames += [_frame(run, i, by_robot[r, i], floor.tiles) for i in range(robots)]
-        frames.append(_frame(run, None, own[r], floor.tiles))
+        frames.append(_frame(run, None, pooled[r], floor.tiles))
     return pl.concat(frames)
 
 
-def _frame(run: int, robot: int | None, odds: NDArray[np.float64], tiles: NDArray[np.uint8]) -> pl.DataFrame:
+def _frame(
+    run: int, robot: int | None, belief: NDArray[np.float64], tiles: NDArray[np.uint8]
+) -> pl.DataFrame:
     """Return the map of one robot, or pooled."""
-    belief, (row, column) = expit(odds), np.indices(tiles.shape)
+    belief, (row, column) = np.clip(belief, 0.0, 1.0), np.indices(tiles.shape)  # sums of shares round
     return pl.DataFrame(
         {
             "run": np.full(belief.size, run),

@@ -12,6 +12,7 @@ from vibroswarm.strategies import (  # noqa: F401
     dbbs,
     distrust,
     explore,
+    field,
     mcp,
     places,
     three_valued,

@@ -1,5 +1,7 @@
 """Places: a robot sends where it sampled, and keeps a map of the floor; it presumes that the grid of tiles is known.
 
+With ``rate_pairs`` it weighs nine pairs of error rates by evidence, with a map for each: ``place_map``.
+
 The estimated places are those of ``localisation``: a sample is sent ``localisation.lag`` samples late, smoothed. With
 ``localisation.method`` at "true" robots know their places, and the sample is sent at once.
 
@@ -20,8 +22,9 @@ The estimated places are those of ``localisation``: a sample is sent ``localisat
 Of surprise and suspicion 1 / ``trust_memory`` is forgotten at each reading. From the share ``falls_from`` of the run
 on, the score needed falls to 0 at its end, so that nobody stays undecided.
 
-- Message: sender and reading (1 byte), number (1), place to 1 mm (2 each), spread to 1 mm (1 each): 8 bytes.
-- Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1.
+- Message: see ``place_message``: 8 bytes.
+- Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1, and how far
+  beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - The prior is that each tile vibrates or not as a coin falls. Floors near the boundary are harder than that: errors
   there are more frequent than 1 - p_c. ``variance_factor`` above 1 is caution against them.
 """
@@ -29,23 +32,25 @@ on, the score needed falls to 0 at its end, so that nobody stays undecided.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.place_map import (
+    RATE,
+    add_reading,
+    pairs_of,
+    score,
+    score_at,
+    share_place,
+    weigh_pairs,
+)
+from vibroswarm.strategies.place_message import Message, fill_message
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["decision", "places"]
-
-FAR: Final = 4.0
-"""Standard deviations at which places are cut off."""
-LEAST_SPREAD_M: Final = 1e-4
-RATE: Final = 1e-3
-"""Error rates are taken to be at least this."""
-STEP_M: Final = 0.001
-"""Resolution of places in messages."""
+__all__ = ["Message", "decision", "places"]
 
 
 class Params:
@@ -74,6 +79,21 @@ class Params:
     trust_memory: Annotated[
         int, Field(ge=1, le=10**6, description="Readings over which a sender's surprise is averaged.")
     ] = 60
+    rate_pairs: Annotated[
+        bool,
+        Field(description="Whether nine pairs of error rates, around those told, are weighed by evidence."),
+    ] = False
+    rate_step: Annotated[
+        float, Field(ge=0, le=10, description="Step between these pairs, in the log odds of each rate.")
+    ] = 0.7
+    edge_reach_m: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=1,
+            description="How far beyond the edges of a tile its vibration is felt, as robots are told.",
+        ),
+    ] = 0.0
 
 
 class State:
@@ -86,29 +106,23 @@ class State:
 
 
 class Arrays:
-    """Log odds of each tile by sender, how surprising each sender is, and scratch: a place's share of each column and
-    row."""
+    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, how surprising each
+    sender is, and scratch: a place's share of each column and row and of the edges between them, and p of the tiles."""
 
-    odds = array("float64", "robots*tiles")
+    odds = array("float64", "9*robots*tiles")
+    evidence = array("float64", "9")
+    credence = array("float64", "9")
     surprise = array("float64", "robots")
     variance = array("float64", "robots")
     suspicion = array("float64", "robots")
     ones = array("float64", "robots")
     readings = array("float64", "robots")
     weight = array("float64", "robots")
-    of_column = array("float64", "columns")
-    of_row = array("float64", "rows")
-
-
-class Message:
-    """A sample: its reading, and its place with standard deviations, m."""
-
-    bit: int
-    number: int
-    at_x_m: float
-    at_y_m: float
-    spread_x_m: float
-    spread_y_m: float
+    of_column = array("float64", "2*columns")
+    of_row = array("float64", "2*rows")
+    of_all = array("float64", "1")
+    p = array("float64", "tiles")
+    p_without = array("float64", "tiles")
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
@@ -116,6 +130,7 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     s.decision, s.needed = -1, score_at(w.credible_threshold)
     for j in range(w.robots):
         a.weight[j] = 1.0 - p.broken_prior
+    weigh_pairs(a, pairs_of(p))
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -125,13 +140,8 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Add and send the sample whose place is known by now, and decide."""
-    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF
-    sends = x.lagged_number >= 0
+    sends = fill_message(s, x, out)
     if sends:
-        out.bit = (s.bits >> (x.number - x.lagged_number)) & 1
-        out.number = x.lagged_number
-        out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
-        out.spread_x_m, out.spread_y_m = rounded(x.lagged_spread_x_m), rounded(x.lagged_spread_y_m)
         add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
     if s.decision == -1 and s.heard >= p.min_samples:
         z, part = score(a, p, w), x.t_s / w.t_end_s
@@ -148,52 +158,6 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
     return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
 
 
-def rounded(length_m: float) -> float:
-    """Return a length as messages hold it."""
-    return STEP_M * math.floor(length_m / STEP_M + 0.5)
-
-
-def score_at(probability: float) -> float:
-    """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
-    low, high = 0.0, 10.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if 0.5 * math.erfc(-middle * math.sqrt(0.5)) < probability:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
-
-
-def total_odds(a: Row, tile: int, w: World) -> float:
-    """Return the log odds of a tile."""
-    total = 0.0
-    for j in range(w.robots):
-        total += a.weight[j] * a.odds[j * w.rows * w.columns + tile]
-    return total
-
-
-def logistic(odds: float) -> float:
-    """Return the probability of log odds."""
-    return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
-
-
-def score(a: Row, p: Row, w: World) -> float:
-    """Return z."""
-    tiles = w.rows * w.columns
-    vibrating, variance = 0.0, 0.0
-    for t in range(tiles):
-        probability = logistic(total_odds(a, t, w))
-        vibrating += probability
-        variance += probability * (1.0 - probability)
-    return (w.decision_boundary * tiles - vibrating) / math.sqrt(p.variance_factor * max(variance, 1e-12))
-
-
-def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
-    """Return the share of a place's distribution below an edge."""
-    return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
-
-
 def add_sample(
     s: Row,
     a: Row,
@@ -208,41 +172,10 @@ def add_sample(
 ) -> None:
     """Add a sample of sender ``j`` to the map."""
     s.heard += 1
-    of_x_m = max(spread_x_m * p.spread_factor, LEAST_SPREAD_M)
-    of_y_m = max(spread_y_m * p.spread_factor, LEAST_SPREAD_M)
-    top_m = w.bottom_m + w.rows * w.tile_height_m
-    left = min(max(int((x_m - FAR * of_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
-    right = min(max(int((x_m + FAR * of_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
-    upper = min(max(int((top_m - y_m - FAR * of_y_m) / w.tile_height_m), 0), w.rows - 1)
-    lower = min(max(int((top_m - y_m + FAR * of_y_m) / w.tile_height_m), 0), w.rows - 1)
-    all_x, all_y = 0.0, 0.0
-    for c in range(left, right + 1):
-        edge_m = w.left_m + c * w.tile_width_m
-        a.of_column[c] = share_below(edge_m + w.tile_width_m, x_m, of_x_m) - share_below(edge_m, x_m, of_x_m)
-        all_x += a.of_column[c]
-    for r in range(upper, lower + 1):
-        edge_m = top_m - r * w.tile_height_m
-        a.of_row[r] = share_below(edge_m, y_m, of_y_m) - share_below(edge_m - w.tile_height_m, y_m, of_y_m)
-        all_y += a.of_row[r]
-    if all_x * all_y < 1e-9:
+    left, right, upper, lower = share_place(a, x_m, y_m, spread_x_m, spread_y_m, p, w)
+    if right < left:
         return  # beyond the floor
-    if_vibrating = max(1.0 - w.false_negative, RATE) if bit == 1 else max(w.false_negative, RATE)
-    if_still = max(w.false_positive, RATE) if bit == 1 else max(1.0 - w.false_positive, RATE)
-    tiles, expected, before = w.rows * w.columns, 0.0, 0.0
-    for r in range(upper, lower + 1):
-        for c in range(left, right + 1):
-            share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
-            odds, own = total_odds(a, t, w), a.odds[j * tiles + t]
-            expected += share * (if_still + (if_vibrating - if_still) * logistic(odds))
-            odds -= a.weight[j] * own
-            before += share * (if_still + (if_vibrating - if_still) * logistic(odds))
-    for r in range(upper, lower + 1):
-        for c in range(left, right + 1):
-            share, t = a.of_column[c] * a.of_row[r] / (all_x * all_y), r * w.columns + c
-            own = share * (if_still + (if_vibrating - if_still) * logistic(total_odds(a, t, w)))
-            rest = max(expected - own, 0.0)
-            a.odds[j * tiles + t] += math.log((share * if_vibrating + rest) / (share * if_still + rest))
-    judge(a, j, bit, before, p)
+    judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, p, w), p)
 
 
 def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:

@@ -1,0 +1,197 @@
+"""Field: a robot estimates the share of the arena that vibrates from samples with places, and presumes no grid.
+
+Block kriging (Matheron, "Principles of geostatistics", Economic Geology 58, 1963), updated sample by sample: a Gaussian
+process of the arena's parts, 8 x 8 blocks, whose correlation falls with distance, about a mean that is not known.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| share of block b that vibrates | f_b | - | mean m_b, covariance P_bc |
+| at the start | m, P | - | 1/2; M + mean over points x of b, y of c of exp(-abs(x - y) / length) / 4, M = 1/12 |
+| share of a place on block b | q_b | - | normal in x and y about the mean, sum 1 |
+| reading as a share | y | - | (reading - a) / (1 - a - b), a and b the rates of false positives and negatives |
+| its noise | r | - | h (1 - h) / (1 - a - b)^2, h = a + (1 - a - b) (0.1 + 0.8 q'm), q'm cut off at 0 and 1 |
+| gain | K, S | - | K = P q, S = q'K + r |
+| update | - | - | m += K (y - q'm) / S, P -= K K' / S |
+| mean of the arena | n, V | - | mean of m_b, of P_bc; updated with them |
+| score | z | - | (x - n) / sqrt(v V), x the boundary |
+| belief | - | - | normal distribution function of z: that less than x of the arena vibrates |
+
+- Message: as of ``places``, 8 bytes. Told to a robot: the arena, its error rates.
+- Memory: 2080 covariances, 64 means and 64 gains of 4 bytes: 8.8 kB. Operations: 2080 multiplications with additions a
+  reading heard, and 64 for each block near its place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.place_map import LEAST_SPREAD_M, RATE, score_at, share_below
+from vibroswarm.strategies.place_message import Message, fill_message
+from vibroswarm.strategies.world import Draws, Reading, World
+
+__all__ = ["Message", "decision", "field"]
+
+SIDE: Final = 8
+BLOCKS: Final = SIDE * SIDE
+POINTS: Final = 3
+"""Points a side by which the covariance of two blocks is averaged."""
+MEAN_VARIANCE: Final = 1.0 / 12.0
+"""Of the unknown mean: as if any share were as probable."""
+
+
+class Params:
+    """Caution, patience, and how far places are alike."""
+
+    variance_factor: Annotated[
+        float, Field(ge=0.01, le=100, description="Factor v of the variance of the score: caution.")
+    ] = 1.0
+    min_samples: Annotated[
+        int, Field(ge=0, le=10**9, description="Least number of readings, own and heard, to decide.")
+    ] = 25
+    length_m: Annotated[
+        float,
+        Field(gt=0, le=100, description="Distance at which the correlation of places has fallen to 1/e, m."),
+    ] = 0.1
+
+
+class State:
+    """Own readings not sent yet (the latest is the lowest bit), readings heard, the share of the arena that vibrates
+    and its variance, and the decision."""
+
+    bits: int
+    heard: int
+    needed: float
+    share: float
+    variance: float
+    decision: int
+
+
+class Arrays:
+    """Mean of each block, covariances (lower triangle, row by row), and scratch: gains, shares of columns and rows."""
+
+    mean = array("float32", "64")
+    covariance = array("float32", "2080")
+    gain = array("float32", "64")
+    of_column = array("float64", "8")
+    of_row = array("float64", "8")
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Begin with a mean of a half, undecided."""
+    s.decision, s.needed, s.share = -1, score_at(w.credible_threshold), 0.5
+    for down in range(SIDE):  # a.gain: covariance by distance in blocks
+        for across in range(SIDE):
+            a.gain[down * SIDE + across] = block_covariance(across, down, p, w)
+    at, total = 0, 0.0
+    for b in range(BLOCKS):
+        a.mean[b] = 0.5
+        for c in range(b + 1):
+            across, down = abs(b % SIDE - c % SIDE), abs(b // SIDE - c // SIDE)
+            a.covariance[at] = a.gain[down * SIDE + across]
+            total += a.covariance[at] * (1.0 if b == c else 2.0)
+            at += 1
+    s.variance = total / (BLOCKS * BLOCKS)
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Add another robot's sample."""
+    add_sample(s, a, m.bit, m.at_x_m, m.at_y_m, m.spread_x_m, m.spread_y_m, w)
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Add and send the sample whose place is known by now, and decide."""
+    sends = fill_message(s, x, out)
+    if sends:
+        add_sample(s, a, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, w)
+    if s.decision == -1 and s.heard >= p.min_samples:
+        z = score(s, p, w)
+        if abs(z) > s.needed:
+            s.decision = 0 if z > 0.0 else 1
+    return sends
+
+
+def belief(s: Row, a: Row, p: Row, w: World) -> float:
+    """Return the belief that less than the boundary's share of the arena vibrates."""
+    return 0.5 * math.erfc(-score(s, p, w) * math.sqrt(0.5))
+
+
+def score(s: Row, p: Row, w: World) -> float:
+    """Return z."""
+    return (w.decision_boundary - s.share) / math.sqrt(p.variance_factor * max(s.variance, 1e-12))
+
+
+def block_covariance(across: int, down: int, p: Row, w: World) -> float:
+    """Return the covariance of two blocks so many blocks apart."""
+    total = 0.0
+    for i in range(1 - POINTS, POINTS):
+        for j in range(1 - POINTS, POINTS):
+            x_m = (across + i / POINTS) * w.width_m / SIDE
+            y_m = (down + j / POINTS) * w.height_m / SIDE
+            pairs = (POINTS - abs(i)) * (POINTS - abs(j))
+            total += pairs * math.exp(-math.sqrt(x_m * x_m + y_m * y_m) / p.length_m)
+    return MEAN_VARIANCE + 0.25 * total / POINTS**4
+
+
+def covariance_at(b: int, c: int) -> int:
+    """Return where the covariance of two blocks is stored."""
+    high, low = max(b, c), min(b, c)
+    return high * (high + 1) // 2 + low
+
+
+def add_sample(
+    s: Row, a: Row, bit: int, x_m: float, y_m: float, spread_x_m: float, spread_y_m: float, w: World
+) -> None:
+    """Add a reading at a place."""
+    s.heard += 1
+    of_x_m, of_y_m = max(spread_x_m, LEAST_SPREAD_M), max(spread_y_m, LEAST_SPREAD_M)
+    width_m, height_m, all_x, all_y = w.width_m / SIDE, w.height_m / SIDE, 0.0, 0.0
+    for k in range(SIDE):
+        a.of_column[k] = share_below((k + 1) * width_m, x_m, of_x_m) - share_below(k * width_m, x_m, of_x_m)
+        a.of_row[k] = share_below((k + 1) * height_m, y_m, of_y_m) - share_below(k * height_m, y_m, of_y_m)
+        all_x += a.of_column[k]
+        all_y += a.of_row[k]
+    if all_x * all_y < 1e-9:
+        return  # beyond the arena
+    for b in range(BLOCKS):
+        a.gain[b] = 0.0
+    expected = 0.0
+    for r in range(SIDE):
+        for c in range(SIDE):
+            share = a.of_row[r] * a.of_column[c] / (all_x * all_y)
+            if share > 1e-4:
+                at = r * SIDE + c
+                expected += share * a.mean[at]
+                for b in range(BLOCKS):
+                    a.gain[b] += share * a.covariance[covariance_at(b, at)]
+    variance, total = 0.0, 0.0
+    for b in range(BLOCKS):
+        variance += a.of_row[b // SIDE] * a.of_column[b % SIDE] / (all_x * all_y) * a.gain[b]
+        total += a.gain[b]
+    contrast = max(1.0 - w.false_positive - w.false_negative, RATE)
+    ones = w.false_positive + contrast * (0.1 + 0.8 * min(max(expected, 0.0), 1.0))
+    variance += ones * (1.0 - ones) / (contrast * contrast)
+    change = ((bit - w.false_positive) / contrast - expected) / variance
+    at = 0
+    for b in range(BLOCKS):
+        a.mean[b] += a.gain[b] * change
+        for c in range(b + 1):
+            a.covariance[at] -= a.gain[b] * a.gain[c] / variance
+            at += 1
+    s.share += total / BLOCKS * change
+    s.variance -= total * total / (BLOCKS * BLOCKS * variance)
+
+
+field = register(
+    strategy_in(
+        __name__,
+        "field",
+        bytes_on_air=8,
+        knows_error_rates=True,
+        about="field: robots send where they sampled, and estimate the arena's mean by kriging; no grid is presumed",
+    )
+)
