@@ -216,8 +216,12 @@ class ClosedLoop:
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
         if self.localisation is not None:
             new = slice(self.located, int(self.bounds[1]))
-            columns = (self.buffer.robot, self.buffer.stop_tick, self.buffer.time_s, self.estimates)
-            self.localisation.locate(*(column[new] for column in columns))
+            self.localisation.locate(
+                self.buffer.robot[new],
+                self.buffer.stop_tick[new],
+                self.buffer.time_s[new],
+                self.estimates[new],
+            )
             self.located = int(self.bounds[1])
         if self.replayer.reads_positions:
             self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)

@@ -30,7 +30,7 @@ class OnlineLocalisation:
         """Reset to the start of a run."""
         self.run, self.given = run, list[NDArray[np.void]]()
         self.sampled_s, self.begun = np.zeros((self.robots, 1)), [False] * self.robots
-        self.numbers = [0] * self.robots
+        self.numbers, self.stop_tick = [0] * self.robots, [-1] * self.robots
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
         """Append moves (``MOVE_ROW``); a move that is given again replaces the earlier row."""
@@ -59,8 +59,10 @@ class OnlineLocalisation:
         stop_s = stop_tick * self.tick_ms / 1000.0
         for i in range(self.robots):
             rows, of = moves[bounds[i] : bounds[i + 1]], np.flatnonzero(robot == i)
+            rows = rows[rows["tick"] > self.stop_tick[i]]  # the last stop may have been given again
             if of.size > 0:
-                known = int(np.searchsorted(rows["tick"], stop_tick[of[-1]], side="right"))
+                self.stop_tick[i] = int(stop_tick[of[-1]])
+                known = int(np.searchsorted(rows["tick"], self.stop_tick[i], side="right"))
                 self._follow(i, rows[:known], of, stop_s, time_s, out)
                 rows = rows[known:]
             left.append(rows)

@@ -6,7 +6,7 @@ to, which is worth less to the others. Map, messages, trust and decision are tho
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| map | p_t | - | as of ``places`` |
+| map | p_t | - | as of ``places``, with the likeliest pair of error rates |
 | uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` once a robot sampled or drives there |
 | step | d | m | mean distance between two samples so far, over 8 samples |
 | points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / ``directions``, ``margin_m`` from walls or farther |
@@ -24,11 +24,12 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from vibroswarm.strategies import places
+from vibroswarm.strategies import place_message, places
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.place_map import logistic, pairs_of, total_odds
 from vibroswarm.strategies.places import begin as begin_map
-from vibroswarm.strategies.places import belief, logistic, total_odds
+from vibroswarm.strategies.places import belief
 from vibroswarm.strategies.places import on_message as add_heard
 from vibroswarm.strategies.places import on_sample as add_own
 from vibroswarm.strategies.world import Draws, Reading, World
@@ -84,7 +85,7 @@ class Arrays(places.Arrays):
     uncertainty = array("float64", "tiles")
 
 
-class Message(places.Message):
+class Message(place_message.Message):
     """That of ``places``, and where the robot drives to."""
 
     target: int
@@ -134,8 +135,12 @@ def middle_y_m(tile: int, w: World) -> float:
 
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
     """Set the turn and the tile of the point of the greatest worth; go on as drawn if all are too near walls."""
+    likeliest = 0
+    for k in range(1, pairs_of(p)):
+        if a.credence[k] > a.credence[likeliest]:
+            likeliest = k
     for t in range(w.rows * w.columns):
-        probability = logistic(total_odds(a, t, w))
+        probability = logistic(total_odds(a, likeliest, t, w))
         a.uncertainty[t] = probability * (1.0 - probability)
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
