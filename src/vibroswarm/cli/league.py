@@ -231,11 +231,11 @@ def players_from(
 
 
 def on_equal_terms() -> list[str]:
-    """Return the strategies that play by default: all but those that are told the grid of tiles."""
+    """Return the strategies that play by default: all but those that know the places of their readings."""
     from vibroswarm.strategies import known
     from vibroswarm.strategies.told import told
 
-    return [name for name, one in known().items() if "grid" not in told(one, "tiles")]
+    return [name for name, one in known().items() if "place of each reading" not in told(one, "tiles")]
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
