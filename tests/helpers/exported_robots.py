@@ -129,7 +129,7 @@ def run_in_python(scenario: Scenario, events: list[float]) -> list[float]:
         elif kind == ACCELERATE:
             module.accelerate(robot, next(numbers), next(numbers), next(numbers))
         else:
-            out.append(module.observed(robot))
+            out.append(-1 - module.observed(robot))
     return [float(value) for value in out]
 
 

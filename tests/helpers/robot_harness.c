@@ -110,12 +110,12 @@ int main(void)
     for (;;) {
         const int kind = (int)next();
         double v[6];
-        int64_t before, timers;
+        vs_int before, timers;
         switch (kind) {
         case 0: /* start: seed, run, number */
             for (int k = 0; k < 3; k++)
                 v[k] = next();
-            vs_start(&robot, (int64_t)v[0], (int64_t)v[1], (int64_t)v[2]);
+            vs_start(&robot, (int64_t)v[0], (vs_int)v[1], (vs_int)v[2]);
             break;
         case 1: /* step: gyro, ray */
             v[0] = next();
@@ -129,29 +129,29 @@ int main(void)
                 write_event(5);
             break;
         case 2: /* sample: reading */
-            vs_sample(&robot, (int64_t)next());
+            vs_sample(&robot, (vs_int)next());
             write_event(2);
             break;
         case 3: /* message in the inbox: sender, number, content */
             v[0] = next();
             v[1] = next();
             read_message();
-            vs_receive(&robot, (int64_t)v[0], (int64_t)v[1], &message);
+            vs_receive(&robot, (vs_int)v[0], (vs_int)v[1], &message);
             break;
         case 4: /* message heard at this tick: tick, sender, number, content */
-            robot.tick = (int64_t)next();
+            robot.tick = (vs_int)next();
             v[0] = next();
             v[1] = next();
             read_message();
-            vs_hear(&robot, (int64_t)v[0], (int64_t)v[1], &message);
+            vs_hear(&robot, (vs_int)v[0], (vs_int)v[1], &message);
             break;
         case 5: /* timer: tick */
-            robot.tick = (int64_t)next();
+            robot.tick = (vs_int)next();
             vs_timer(&robot);
             write_event(5);
             break;
         case 6: /* tick of the next sample */
-            robot.tick = (int64_t)next();
+            robot.tick = (vs_int)next();
             break;
         case 7: /* start as told with the simulation's errors: x, y, heading */
             for (int k = 0; k < 3; k++)
@@ -161,7 +161,7 @@ int main(void)
         case 8: /* move: kind, duration, turn, ray, after a drive, at an obstacle */
             for (int k = 0; k < 6; k++)
                 v[k] = next();
-            vs_moved(&robot, (int64_t)v[0], v[1], v[2], v[3], v[4] != 0, v[5] != 0);
+            vs_moved(&robot, (vs_int)v[0], v[1], v[2], v[3], v[4] != 0, v[5] != 0);
             break;
         case 9: /* a stop begins */
             vs_stopped(&robot);
@@ -177,8 +177,8 @@ int main(void)
                 v[k] = next();
             vs_accelerate(&robot, v[0], v[1], v[2]);
             break;
-        default: /* observation of this stop */
-            v[0] = (double)vs_observed(&robot);
+        default: /* observation of this stop, as -1 or -2 */
+            v[0] = -1.0 - (double)vs_observed(&robot);
             write_bytes(v, sizeof v[0]);
         }
     }

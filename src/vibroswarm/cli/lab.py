@@ -11,7 +11,9 @@ from vibroswarm.cli.options import add_json, add_scenario_options, between, list
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    from vibroswarm.recordings.log import Log
     from vibroswarm.recordings.recording import Recording
+    from vibroswarm.scenario.scenario import Scenario
 
 EPILOG = """\
 examples:
@@ -51,6 +53,13 @@ def _add_import(tasks: Any) -> None:
         "--columns", metavar="MAP", type=Path, help="read any CSV with this column map (TOML)"
     )
     parser.add_argument(
+        "--acceleration",
+        metavar="FILE",
+        nargs="+",
+        type=Path,
+        help="recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it",
+    )
+    parser.add_argument(
         "--known-robots",
         metavar="A,B",
         type=list_of(between(whole, 0)),
@@ -82,6 +91,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
     logs = [read_log(path, arguments.reader, arguments.columns) for path in arguments.logs]
+    logs, computed = _with_energies(logs, scenario, arguments.acceleration)
     recording = recording_of(
         logs,
         scenario.floor_for(0, 0),
@@ -94,6 +104,7 @@ def run_import(arguments: argparse.Namespace) -> int:
         recording.write_into(part)
         pages = _pages(recording, part)
     if not arguments.json:
+        print("".join(f"{words}\n" for words in computed), end="")
         _print_import(recording, arguments.out, pages)
         return 0
     print_json(
@@ -105,10 +116,33 @@ def run_import(arguments: argparse.Namespace) -> int:
             "inferred": [dict(item) for item in recording.inferred],
             "floor": recording.floor_words,
             "consensus": recording.runs["consensus"].to_list(),
+            "acceleration": computed,
             "pages": pages,
         }
     )
     return 0
+
+
+def _with_energies(
+    logs: list[Log], scenario: Scenario, files: list[Path] | None
+) -> tuple[list[Log], list[str]]:
+    """Compute the energies of logs from acceleration, if there is any; return them, and what was done."""
+    from vibroswarm.observation.observe import sense_program
+    from vibroswarm.recordings.acceleration import energies_from
+    from vibroswarm.robot.sensing import readings
+
+    if files is None:
+        return logs, []
+    if len(files) != len(logs):
+        raise InputError(f"{len(files)} files for {len(logs)} logs; give one per log", field="--acceleration")
+    program = sense_program(scenario)
+    computed = [energies_from(log, path, program) for log, path in zip(logs, files, strict=True)]
+    words = [
+        f"{item.log.name}: {item.samples} energies computed from {path} ({readings(program)} readings at "
+        f"{program.rate_hz:g} Hz each); they differ from the log's by up to {item.largest_difference:.3g}"
+        for item, path in zip(computed, files, strict=True)
+    ]
+    return [item.log for item in computed], words
 
 
 def _pages(recording: Recording, folder: Path) -> list[str]:
