@@ -71,7 +71,7 @@ def add_parser(commands: Any) -> None:
     add_out(options, "save runs, tables and pictures here, or resume", force=True)
     add_style(options)
     add_running_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -50,7 +50,7 @@ def add_parser(commands: Any) -> None:
     add_out(parser, "save runs, numbers, pictures and report here, or resume", force=True)
     add_running_options(parser)
     add_outcome_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -99,7 +99,7 @@ def add_parser(commands: Any) -> None:
     add_json(group)
     add_out(group, "save runs, tables and report here, or resume", force=True)
     add_open(group)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argparse._ArgumentGroup:

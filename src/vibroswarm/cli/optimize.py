@@ -86,15 +86,17 @@ def add_parser(commands: Any) -> None:
     add_style(parser)
     parser.add_argument("--no-pictures", action="store_true", help="numbers only; the report has no pictures")
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Search, compare, or analyse sensitivity."""
     check_open(arguments)
     if arguments.sensitivity:
+        arguments.resumes = None
         return _sensitivity(arguments)
     if arguments.check is not None:
+        arguments.resumes = None
         return _check(arguments)
     if arguments.against is not None:
         raise InputError("needs --check", field="--against")

@@ -68,7 +68,7 @@ def add_parser(commands: Any) -> None:
         help="recompute N cells of the archive (default 8) and report whether it is confirmed",
     )
     parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("--runs", metavar="N", type=whole, help="runs per cell (default: those of the file)")
     add_running_options(parser)
     add_outcome_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
