@@ -250,10 +250,13 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     front = table.filter(pl.col("pareto")).sort("decision_time_s")
     assert front["error"].is_sorted(descending=True)
     assert {"front.svg", "front.csv", "scenario.toml"} <= {path.name for path in out.iterdir()}
-    code, _, err = told(capsys, *line)
+    assert told(capsys, *line)[1] == said, "the same work is done again"
+    assert told(capsys, "show", out)[1] in said
+    code, _, err = told(capsys, *line, "--seed", "2")
     assert code == 2
     assert "exists already" in err
-    assert told(capsys, *line, "--force")[0] == 0
+    assert "give another --out, or add --force" in err
+    assert told(capsys, *line, "--seed", "2", "--force")[0] == 0
 
 
 def test_until_a_precision_tells_the_interval_that_was_looked_at(

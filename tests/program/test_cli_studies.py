@@ -126,7 +126,7 @@ def test_until_a_precision(tmp_path, capsys):
     result = StudyResult.open(tmp_path / "u")
     assert result.cells["wanted"].to_list() == [100]
     assert main(["show", str(tmp_path / "u")]) == 0
-    assert "until decision_time_s is known to 20%" in capsys.readouterr().out
+    assert "until decision_time_s is known to 20%" in " ".join(capsys.readouterr().out.split())
 
 
 def test_shares_are_merged(study, tmp_path, capsys):
@@ -161,8 +161,9 @@ def test_show_tells_what_is_there(study, tmp_path, capsys):
     assert sweep(study, "--out", out) == 0
     capsys.readouterr()
     assert main(["show", str(out)]) == 0
-    told = capsys.readouterr().out
+    told = " ".join(capsys.readouterr().out.split())
     for words in (
+        "20 runs per cell",
         "2 cells, runs 20 each, seed 1",
         "Varied: strategy.name",
         "40 of 40 runs (100 %)",
@@ -235,8 +236,8 @@ BAD = {
     "evaluate --strategy none,soft --vary strategy.name=none": ("also varied by --strategy",),
     "evaluate --seed x": ("--seed", "not a whole number"),
     "evaluate --motion evnt": ("motion", "did you mean 'event'?"),
-    "show nowhere": ("nowhere", "is not a study of vibroswarm"),
-    "show file": ("file", "is not a study of vibroswarm"),
+    "show nowhere": ("nowhere", "there is no such file"),
+    "show file": ("file", "neither a folder nor a file that vibroswarm shows"),
     "show newer": ("newer", "update vibroswarm"),
     "merge out nowhere": ("nowhere", "is not a study of vibroswarm"),
     "merge out other another": ("another", "is of another study than 'other'"),

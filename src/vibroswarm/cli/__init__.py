@@ -24,6 +24,20 @@ from vibroswarm.errors import InputError, RunError, nearest
 class _Formatter(argparse.HelpFormatter):
     """Wraps descriptions; keeps the lines of text that has several, such as examples."""
 
+    def _format_action(self, action: argparse.Action) -> str:
+        """Print commands in their groups."""
+        groups: dict[str, tuple[str, ...]] | None = getattr(action, "groups", None)
+        if groups is None:
+            return super()._format_action(action)
+        commands = {sub.dest: sub for sub in action._get_subactions()}  # type: ignore[attr-defined]
+        text = ""
+        for title, names in groups.items():
+            text += f"\n  {title}:\n"
+            self._indent()
+            text += "".join(super(_Formatter, self)._format_action(commands[name]) for name in names)
+            self._dedent()
+        return text
+
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text.rstrip() if "\n" in text else super()._fill_text(text, width, indent)
 
@@ -57,6 +71,7 @@ def parser() -> argparse.ArgumentParser:
     from vibroswarm.cli import (
         calibrate,
         check,
+        completion,
         detect,
         evaluate,
         export,
@@ -83,11 +98,22 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("-V", "--version", action="store_true", help="show version and exit")
     add_loudness(top)
     commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command")
-    for module in (
-        run, evaluate, sweep, league, tune, detect, tradeoff, optimize, reproduce, merge, show, lab, calibrate,
-        scenario, check, floors, export,
-    ):  # fmt: skip
-        module.add_parser(commands)
+    groups = {
+        "simulate": (run, evaluate, sweep, merge),
+        "compare and search": (league, tune, detect, tradeoff, optimize),
+        "the paper": (reproduce,),
+        "real robots": (lab, calibrate),
+        "results": (show,),
+        "scenarios, floors, code of your own, robots": (scenario, floors, check, export),
+        "this program": (completion,),
+    }
+    names: dict[str, tuple[str, ...]] = {}
+    for title, modules in groups.items():
+        before = len(commands.choices)
+        for module in modules:
+            module.add_parser(commands)
+        names[title] = tuple(commands.choices)[before:]
+    vars(commands)["groups"] = names
     for command in commands.choices.values():
         own = command.add_argument_group("user code")
         own.add_argument(
@@ -116,6 +142,8 @@ def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]
 
 
 PLAIN: Final = "--plain"
+_parsed: Final[list[argparse.Namespace]] = []
+"""The arguments of the command in progress."""
 
 GC_THRESHOLD: Final = 50_000
 """New objects between garbage collections; with Python's default of 700, startup takes a tenth longer."""
@@ -141,12 +169,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed("out of memory; use fewer robots, tiles or runs", 1)
     except KeyboardInterrupt:
-        return _failed("interrupted", 130)
+        return _failed(_resume_hint(argv), 130)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         _silence_stdout()
         return 1
     except OSError as error:
         return _failed_with(error)
+
+
+def _resume_hint(argv: Sequence[str] | None) -> str:
+    """Return what to say after Ctrl-C; another Ctrl-C meanwhile changes nothing."""
+    try:
+        from vibroswarm.cli.interruption import resume_hint
+
+        return resume_hint(_parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv)
+    except (KeyboardInterrupt, OSError, InputError):
+        return "interrupted"
 
 
 def _silence_stdout() -> None:
@@ -186,6 +224,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
     gc.set_threshold(GC_THRESHOLD)
     scenario_options.forget()
+    _parsed.clear()
     top = parser()
     arguments, unknown = top.parse_known_args(argv)
     if unknown:
@@ -200,6 +239,7 @@ def _command(argv: Sequence[str] | None) -> int:
         top.print_help()
         return 0
     terminal.use(arguments)
+    _parsed.append(arguments)
     with ExitStack() as stack:
         if arguments.trust:
             from vibroswarm.scenario import plugins

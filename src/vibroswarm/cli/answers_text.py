@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.cli.output import most_rows, print_paragraph, print_table
+from vibroswarm.cli.output import print_paragraph, print_table
 
 if TYPE_CHECKING:
     from vibroswarm.study.summary import Outcome
@@ -46,7 +46,7 @@ def print_effects(outcome: Outcome) -> None:
     if not outcome.answers:
         return
     rows = []
-    for answer in outcome.answers[: most_rows()]:
+    for answer in outcome.answers:
         effects = [effect.number + ("*" if effect.significant else "") for effect in answer.effects]
         rows.append([answer.name, *(text.replace(" points", "") for text in effects)])
     print_table(["compared", "time", "right", "wrong", "undecided"], rows)

@@ -128,7 +128,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
 def print_comparison(found: Comparison) -> None:
     """Print similarities, energy distances and what a classifier can tell apart."""
     from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_paragraph, print_table, with_interval
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
 
     print_paragraph("Cosine similarity (published: of all samples; here: at equal counts)")
     print_table(
@@ -147,7 +147,7 @@ def print_comparison(found: Comparison) -> None:
             for similarity in found.similarities
         ],
     )
-    print()
+    print_line()
     print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
     print_table(
         ["feature", "real - simulated", "real - real"],
@@ -161,7 +161,7 @@ def print_comparison(found: Comparison) -> None:
         ],
     )
     classifier = found.classifier
-    print()
+    print_line()
     print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
     recognised = {
         "real or simulated, robots and sessions not trained on": classifier.simulated,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -69,17 +68,19 @@ def add_parser(commands: Any) -> None:
     )
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
     add_json(options)
-    add_out(options, "save runs, tables and pictures here")
+    add_out(options, "save runs, tables and pictures here, or resume", force=True)
     add_style(options)
     add_running_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate fills x robots, report what each needs."""
     from vibroswarm.analysis.detection import detection_curve, needed, pairs
     from vibroswarm.cli.detect_output import print_detection
-    from vibroswarm.cli.output import print_json, print_paragraph
+    from vibroswarm.cli.output import print_paragraph
+    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.cli.study_options import run_study_of
     from vibroswarm.study.precision import share_from
@@ -110,10 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         _save(result, {"detection": curve, "needed": need, "pairs": distinguished}, error, arguments)
     warnings = _warnings(study)
-    if arguments.json:
-        tables = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
-        print_json(tables | {"warnings": warnings})
-    else:
+
+    def show() -> None:
         print_detection(need, distinguished, base, error, false_alarms)
         if added:
             print_paragraph(
@@ -121,7 +120,13 @@ def run(arguments: argparse.Namespace) -> int:
             )
         for warning in warnings:
             print_paragraph(f"Warning: {warning}")
-    sys.stdout.flush()
+
+    def document() -> dict[str, Any]:
+        tables = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
+        return tables | {"warnings": warnings}
+
+    deliver(arguments, arguments.out, "detect", show, document)
+    print_saved(arguments, "tables (CSV), pictures and the runs (shards)")
     return 0
 
 

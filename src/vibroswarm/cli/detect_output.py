@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from vibroswarm.cli.output import print_paragraph, print_table
+from vibroswarm.cli.output import print_line, print_paragraph, print_table
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
@@ -31,14 +31,14 @@ def print_detection(
             f"Does more than {100 * boundary:g} % vibrate? With at most {100 * error:g} % misses and "
             f"{100 * false_alarms:g} % false alarms (upper limits, 95 %):"
         )
-        print()
+        print_line()
         print_table(
             ["fill ratio", "robots", "found within", "without false alarms on floors up to", ""],
             [_pair(row, t_end_s) for row in _best(distinguished).iter_rows(named=True)],
             names=2,
             texts=0,
         )
-    print()
+    print_line()
     print_table(
         ["fill ratio", "robots", "runs", "missed, %", "false alarms, %", "needed", "clear until"],
         [

@@ -47,10 +47,10 @@ def add_parser(commands: Any) -> None:
         help="one cell per value; repeat for all combinations (--strategy a,b also varies)",
     )
     many.add_argument("--keep-samples", action="store_true", help="also save a table of samples")
-    add_out(parser, "save runs, numbers, pictures and report here")
+    add_out(parser, "save runs, numbers, pictures and report here, or resume", force=True)
     add_running_options(parser)
     add_outcome_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:

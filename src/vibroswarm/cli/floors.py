@@ -84,7 +84,7 @@ def _list(args: argparse.Namespace) -> int:
 
     measured = [(name, measure(pattern(name))) for name in NAMES]
     if args.json:
-        print_json([_as_json(name, difficulty) for name, difficulty in measured])
+        print_json([as_json(name, difficulty) for name, difficulty in measured])
         return 0
     _print_measures(measured)
     print()
@@ -138,7 +138,7 @@ def _show(args: argparse.Namespace) -> int:
 
         draw_floor(args.out, tiles, name, replace=args.force)
     print(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print_paragraph(_in_words(measure(tiles)))
+    print_paragraph(in_words(measure(tiles)))
     if args.out is not None:
         print(f"Saved: {args.out}")
     return 0
@@ -150,7 +150,7 @@ def _measure(args: argparse.Namespace) -> int:
 
     measured = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
     if args.json:
-        print_json([_as_json(name, difficulty) for name, difficulty in measured])
+        print_json([as_json(name, difficulty) for name, difficulty in measured])
     else:
         _print_measures(measured)
     return 0
@@ -173,7 +173,7 @@ def _make(args: argparse.Namespace) -> int:
     if args.json:
         target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
         rows_of_tiles = ["".join(map(str, row)) for row in design.tiles.tolist()]
-        reached = _as_json(f"made with seed {args.seed}", design.difficulty)
+        reached = as_json(f"made with seed {args.seed}", design.difficulty)
         print_json(
             {
                 "reached": design.reached,
@@ -217,7 +217,7 @@ def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
     )
 
 
-def _in_words(d: Difficulty) -> str:
+def in_words(d: Difficulty) -> str:
     """Describe a floor's difficulty in a sentence."""
     clusters = (
         "1 cluster"
@@ -234,7 +234,8 @@ def _number(value: float) -> str:
     return "none" if math.isnan(value) else f"{value:.3f}"
 
 
-def _as_json(name: str, difficulty: Difficulty) -> dict[str, Any]:
+def as_json(name: str, difficulty: Difficulty) -> dict[str, Any]:
+    """Return a floor's measures for JSON, None for those that are not defined."""
     from dataclasses import asdict
 
     values = {key: None if value != value else value for key, value in asdict(difficulty).items()}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import lab_export, lab_replay, lab_threshold
 from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
+from vibroswarm.cli.saved import add_open
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def _add_import(tasks: Any) -> None:
     )
     parser.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="one log per session")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="save the recording here")
-    parser.add_argument("--force", action="store_true", help="replace DIR if it exists")
+    parser.add_argument("--force", action="store_true", help="replace DIR if it holds something else")
+    add_open(parser, "open the page of the first session in the browser")
     parser.add_argument("--reader", metavar="NAME", help="format of the logs (default: detected)")
     parser.add_argument(
         "--columns", metavar="MAP", type=Path, help="read any CSV with this column map (TOML)"
@@ -75,14 +77,15 @@ def _add_import(tasks: Any) -> None:
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Read and check the logs, save the recording and print what it holds."""
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim, refuse_other
+    from vibroswarm.cli.printed import deliver, hash_of
+    from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.recordings.readers import read_log
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 
-    check_folder(arguments.out, replace=arguments.force)
     if arguments.floor is None and arguments.scenario is None:
         raise InputError("is required: on which floor were the robots?", field="--floor")
     scenario = scenario_from(arguments)
@@ -92,6 +95,12 @@ def run_import(arguments: argparse.Namespace) -> int:
     stated += ["strategy.name"] if arguments.strategy is not None else []
     logs = [read_log(path, arguments.reader, arguments.columns) for path in arguments.logs]
     logs, computed = _with_energies(logs, scenario, arguments.acceleration)
+    paths = [*arguments.logs, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
+    files = [path.read_bytes() for path in paths]
+    work = hash_of(
+        scenario.hash, stated, arguments.reader, arguments.known_robots, arguments.any_floor, files
+    )
+    claim(arguments, lambda: refuse_other(arguments.out, "lab import", work), at_once=False)
     recording = recording_of(
         logs,
         scenario.floor_for(0, 0),
@@ -100,26 +109,29 @@ def run_import(arguments: argparse.Namespace) -> int:
         robots=arguments.known_robots,
         any_floor=arguments.any_floor,
     )
-    with whole_folder(arguments.out, replace=arguments.force) as part:
+    with whole_folder(arguments.out, replace=True) as part:
         recording.write_into(part)
         pages = _pages(recording, part)
-    if not arguments.json:
-        print("".join(f"{words}\n" for words in computed), end="")
-        _print_import(recording, arguments.out, pages)
-        return 0
-    print_json(
-        {
-            "out": str(arguments.out),
-            "names": list(recording.names),
-            "sessions": [dict(item) for item in recording.sessions],
-            "stated": list(recording.stated),
-            "inferred": [dict(item) for item in recording.inferred],
-            "floor": recording.floor_words,
-            "consensus": recording.runs["consensus"].to_list(),
-            "acceleration": computed,
-            "pages": pages,
-        }
-    )
+
+        def document() -> dict[str, Any]:
+            return {
+                "out": str(arguments.out),
+                "names": list(recording.names),
+                "sessions": [dict(item) for item in recording.sessions],
+                "stated": list(recording.stated),
+                "inferred": [dict(item) for item in recording.inferred],
+                "floor": recording.floor_words,
+                "consensus": recording.runs["consensus"].to_list(),
+                "acceleration": computed,
+                "pages": pages,
+            }
+
+        def report() -> None:
+            print("".join(f"{words}\n" for words in computed), end="")
+            _print_import(recording)
+
+        deliver(arguments, part, "lab import", report, document, work=work)
+    print_saved(arguments, f"tables, pictures, pages {', '.join(pages)}", pages[0])
     return 0
 
 
@@ -168,24 +180,24 @@ def _logs_beliefs(recording: Recording) -> bool:
     return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
 
-def _print_import(recording: Recording, out: Path, pages: list[str]) -> None:
-    """Print what an import repaired and inferred, and where it is saved."""
-    from vibroswarm.cli.output import print_paragraph
+def _print_import(recording: Recording) -> None:
+    """Print what an import repaired and inferred."""
+    from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.recordings.recording import count_lines
 
     for line in count_lines(recording):
         print_paragraph(line)
     print_paragraph(recording.floor_words)
-    print("\nSettings of the robots, inferred from the logs:")
+    print_line()
+    print_line("Settings of the robots, inferred from the logs:")
     for setting in recording.inferred:
         print_paragraph(f"  {setting['name']} = {_inferred_value(recording, setting)}")
         print_paragraph(f"      {setting['evidence']}")
-    print()
+    print_line()
     for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
         at = "" if time_s is None else f", by {time_s:.1f} s"
         outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{at}"
-        print(f"session {run + 1}: {outcome}")
-    print(f"Saved in {out}: tables, pictures, pages {', '.join(pages)}")
+        print_line(f"session {run + 1}: {outcome}")
     if not _logs_beliefs(recording):
         print_paragraph(
             "Beliefs are not in the logs; the pages show a replay in which all robots hear all messages."

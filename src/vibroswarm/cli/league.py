@@ -17,6 +17,7 @@ from vibroswarm.cli.options import (
     real,
     whole,
 )
+from vibroswarm.cli.saved import add_open
 from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
@@ -96,8 +97,9 @@ def add_parser(commands: Any) -> None:
         "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
     )
     add_json(group)
-    add_out(group, "save runs, tables and report here")
-    parser.set_defaults(run=run)
+    add_out(group, "save runs, tables and report here, or resume", force=True)
+    add_open(group)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argparse._ArgumentGroup:
@@ -126,8 +128,10 @@ def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argpars
 
 def run(arguments: argparse.Namespace) -> int:
     """Play the league, print and save its tables."""
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.printed import deliver
     from vibroswarm.cli.progress import study_progress
+    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
@@ -136,13 +140,16 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.league.fronts import front_table
     from vibroswarm.league.report import write_league_report
     from vibroswarm.scenario.fault_fields import FAULTS
+    from vibroswarm.study.store import Store
 
+    check_open(arguments)
     league, plain = league_from(arguments)
     if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
         known = ", ".join(f"'{one.label}'" for one in league.entries)
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
     for kind in arguments.faults or ():  # before anything is simulated
         check_choice(kind, "--faults", FAULTS)
+    claim(arguments, lambda: Store.existing(arguments.out, league.study))
     how = {"workers": arguments.workers, "executor": arguments.executor}
     with study_progress("simulating") as progress:
         standings = league.play(arguments.out, progress=progress, mixed=arguments.mixed, **how)
@@ -175,10 +182,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
         write_league_report(arguments.out, standings, tables)
-    if arguments.json:
-        print_json({name: table.fill_nan(None).to_dicts() for name, table in tables.items()})
-    else:
-        print_standings(standings, tables)
+    deliver(
+        arguments,
+        arguments.out,
+        "league",
+        lambda: print_standings(standings, tables),
+        lambda: {name: table.fill_nan(None).to_dicts() for name, table in tables.items()},
+    )
+    print_saved(arguments, "tables (CSV), the runs (shards) and a report", "report.html")
     return 0
 
 
@@ -256,13 +267,13 @@ def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
 
 def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> None:
     """Print the answer, then the tables."""
-    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.league.report import answers
 
     league, table = standings.league, tables["standings"]
     for sentence in answers(table, tables):
         print_paragraph(sentence)
-    print()
+    print_line()
     print_table(
         [
             "strategy",
@@ -290,7 +301,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         more=("right, %", "worst floor, %", "messages", "bytes"),
     )
     if tables["differences"].height:
-        print()
+        print_line()
         differences = tables["differences"]
         print_paragraph(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
         rows = [_difference(row) for row in differences.iter_rows(named=True)]
@@ -301,7 +312,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         print_faults(tables["faults"])
     if (tables["fronts"]["points"] > 1).any():
         print_fronts(tables["fronts"])
-    print()
+    print_line()
     untuned = [entry.label for entry in league.entries if not entry.tuned]
     if untuned:
         print_paragraph(f"Not tuned for a league ('vibroswarm tune'): {', '.join(untuned)}")
@@ -315,9 +326,9 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
 
 def print_beliefs(beliefs: pl.DataFrame) -> None:
     """Print what robots believed when they decided, and how often they were right."""
-    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
-    print()
+    print_line()
     print_paragraph("Robots that decided: what they believed, and how often they were right")
     print_table(
         ["strategy", "settings", "floors", "believed, %", "right, %", "decided, %"],
@@ -338,10 +349,10 @@ def print_beliefs(beliefs: pl.DataFrame) -> None:
 
 def print_fronts(fronts: pl.DataFrame) -> None:
     """Print time at equal error and error at equal time."""
-    from vibroswarm.cli.output import print_table
+    from vibroswarm.cli.output import print_line, print_table
 
-    print()
-    print("At equal error, and at equal time")
+    print_line()
+    print_line("At equal error, and at equal time")
     print_table(
         ["strategy", "entries on front", "time at its error, s", "error at its time, %"],
         [
@@ -358,7 +369,7 @@ def print_fronts(fronts: pl.DataFrame) -> None:
 
 def print_faults(curves: pl.DataFrame) -> None:
     """Print the forced error of each entry without faulty robots and with the most, and how many it bears."""
-    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.league.fault_curves import MARGIN, borne
 
     kinds = curves["kind"].unique(maintain_order=True).to_list()
@@ -367,7 +378,7 @@ def print_faults(curves: pl.DataFrame) -> None:
         for row in curves.iter_rows(named=True)
     }
     count = {(row["name"], row["kind"]): row["borne"] for row in borne(curves).iter_rows(named=True)}
-    print()
+    print_line()
     print_paragraph(
         "Faulty robots that a strategy bears, and the forced error (%) of the others with 0, 1, ... of them"
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
+from vibroswarm.cli.saved import add_open, check_open
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError
 
@@ -80,18 +81,22 @@ def add_parser(commands: Any) -> None:
         help="find which fields matter (Sobol indices) instead of the best",
     )
     add_execution_options(parser)
-    add_out(parser, "save the search here, or resume it")
+    add_out(parser, "save the search here, or resume it", force=True)
+    add_open(parser)
     add_style(parser)
     parser.add_argument("--no-pictures", action="store_true", help="numbers only; the report has no pictures")
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Search, compare, or analyse sensitivity."""
+    check_open(arguments)
     if arguments.sensitivity:
+        arguments.resumes = None
         return _sensitivity(arguments)
     if arguments.check is not None:
+        arguments.resumes = None
         return _check(arguments)
     if arguments.against is not None:
         raise InputError("needs --check", field="--against")
@@ -152,13 +157,17 @@ def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
 def _search(search: Search, arguments: argparse.Namespace) -> int:
     """Run a search, validate its winner, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_found
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.printed import deliver
     from vibroswarm.cli.progress import search_progress
+    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import run_search
     from vibroswarm.optimize.search_report import as_dict, write_report
     from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
     execution = _execution(arguments)
+    claim(arguments, lambda: Journal(arguments.out, search, mixed=arguments.mixed))
     _start(search)
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
@@ -176,34 +185,30 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
             truth = truth_of(result, progress=counted, **execution)
     if arguments.out is not None:
         write_report(result, truth, arguments.out, None if arguments.no_pictures else arguments.style, front)
-    if arguments.json:
-        print_json(as_dict(result, truth, front))
-        return 0
-    print_found(result, truth, front)
-    _print_saved(arguments.out, "best.toml, result.json, history.csv, candidates.csv, the search itself")
+    deliver(
+        arguments,
+        arguments.out,
+        "optimize",
+        lambda: print_found(result, truth, front),
+        lambda: as_dict(result, truth, front),
+    )
+    print_saved(
+        arguments, "best.toml, result.json, history.csv, candidates.csv, the search itself", "report.html"
+    )
     return 0
-
-
-def _print_saved(folder: Path | None, what: str) -> None:
-    """Print where the result is saved and how to open it."""
-    from vibroswarm.cli.output import print_paragraph
-    from vibroswarm.optimize.search_report import REPORT
-
-    if folder is None:
-        print_paragraph("Not saved; add --out DIR to save, and to resume later")
-        return
-    print(f"Saved in {folder}: {what}")
-    print(f"Report: open {(folder / REPORT).resolve()} in a browser")
 
 
 def _grid(arguments: argparse.Namespace) -> int:
     """Run a grid, score its lowest cell again, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_grid, print_truth
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.printed import deliver
     from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.cli.saved import print_saved
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.search_report import write_grid
+    from vibroswarm.study.store import Store
     from vibroswarm.study.study_result import run as run_study
 
     _refuse(arguments, ("noise", "budget"), "does not apply to a grid")
@@ -213,6 +218,7 @@ def _grid(arguments: argparse.Namespace) -> int:
     if arguments.seed is not None:
         study = replace(study, seed=arguments.seed)
     objective = grid.objective if arguments.cost is None else Objective(arguments.cost)
+    claim(arguments, lambda: Store.existing(arguments.out, study))
     say_compiling()
     with study_progress("simulating") as progress:
         result = run_study(study, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
@@ -222,34 +228,44 @@ def _grid(arguments: argparse.Namespace) -> int:
         truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
     if arguments.out is not None:
         write_grid(nodes, arguments.out, None if arguments.no_pictures else arguments.style, truth)
-    if arguments.json:
-        print_json(nodes.as_dict(truth))
-        return 0
-    print_truth(truth, nodes.best.cell.point, objective)
-    print_grid(nodes)
-    _print_saved(arguments.out, "best.toml, grid.toml, grid.csv, result.json, the runs (shards)")
+
+    def show() -> None:
+        print_truth(truth, nodes.best.cell.point, objective)
+        print_grid(nodes)
+
+    deliver(arguments, arguments.out, "optimize --method grid", show, lambda: nodes.as_dict(truth))
+    print_saved(arguments, "best.toml, grid.toml, grid.csv, result.json, the runs (shards)", "report.html")
     return 0
 
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
     """Compute sensitivity indices, and print and save them."""
     from vibroswarm.cli.optimize_output import print_sensitivity
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim, refuse_other
+    from vibroswarm.cli.printed import deliver, hash_of
+    from vibroswarm.cli.saved import print_saved
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
 
     _refuse(arguments, ("method", "noise", "fresh", "check"), "does not apply to --sensitivity")
     budget, arguments.budget = arguments.budget, None  # that of a search has other limits
     budget = 20_000 if budget is None else budget
     search = search_from(arguments)
+    work = hash_of(search.hash, budget)
+    claim(arguments, lambda: refuse_other(arguments.out, "optimize --sensitivity", work))
     _start(search)
     with _counting("simulating", budget) as counted:
         indices = sobol_indices(search, budget, progress=counted, **_execution(arguments))
     if arguments.out is not None:
         write_sensitivity(indices, arguments.out)
-    if arguments.json:
-        print_json(indices.as_dict())
-    else:
-        print_sensitivity(indices)
+    deliver(
+        arguments,
+        arguments.out,
+        "optimize --sensitivity",
+        lambda: print_sensitivity(indices),
+        indices.as_dict,
+        work=work,
+    )
+    print_saved(arguments, "sensitivity.csv")
     return 0
 
 

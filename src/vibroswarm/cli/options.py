@@ -127,7 +127,11 @@ def add_out(
     """Add the option for where to save; with ``force``, also the one that replaces existing files."""
     parser.add_argument("--out", metavar=metavar, type=Path, help=help)
     if force:
-        parser.add_argument("--force", action="store_true", help=f"replace {metavar} if it exists")
+        parser.add_argument(
+            "--force",
+            action="store_true",
+            help=f"replace {metavar} if it {'holds something else' if metavar == 'DIR' else 'exists'}",
+        )
 
 
 def add_settings(parser: argparse._ActionsContainer, help: str) -> None:

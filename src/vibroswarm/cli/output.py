@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli import terminal
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
     from vibroswarm.study.summary import Outcome
+
+
+MOST_ROWS: Final = 60
+"""Rows of a table that are printed without ``--wide``."""
 
 
 def print_json(document: Any) -> None:
@@ -23,18 +28,24 @@ def paragraph(text: str) -> str:
     from textwrap import fill
 
     indent = text[: len(text) - len(text.lstrip())]
-    return fill(
-        text,
+    lines = fill(
+        text.replace(" %", "\u00a0%"),  # a number keeps its unit
         terminal.text_width(),
         subsequent_indent=indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
+    return lines.replace("\u00a0%", " %")
 
 
 def print_paragraph(text: str) -> None:
     """Print text, broken into lines as by ``paragraph``."""
-    print(paragraph(text))
+    put({"text": text})
+
+
+def print_line(text: str = "") -> None:
+    """Print a line as it is, such as a path or an empty line."""
+    put({"line": text})
 
 
 def print_table(
@@ -45,13 +56,47 @@ def print_table(
     texts: int = 1,
     more: Sequence[str] = (),
 ) -> None:
-    """Print a table in a layout that fits the terminal (``cli.tables``).
+    """Print a table in a layout that fits the terminal (``cli.tables``), its first 60 rows unless ``--wide``.
 
     Args:
         names: number of first columns that name a row. texts: number of first columns aligned to the left.
         more: columns that are printed with ``--wide`` only.
     """
-    print("\n".join(table_lines(columns, rows, names=names, texts=texts, more=more)))
+    cells = [[str(value) for value in row] for row in rows]
+    put({"columns": [*columns], "rows": cells, "names": names, "texts": texts, "more": [*more]})
+
+
+Block = dict[str, Any]
+"""Something printed: a paragraph (``text``), a line (``line``) or a table (the arguments of ``print_table``)."""
+_collecting: list[list[Block]] = []
+
+
+@contextmanager
+def collected() -> Iterator[list[Block]]:
+    """Collect what is printed inside, instead of printing it."""
+    blocks: list[Block] = []
+    _collecting.append(blocks)
+    try:
+        yield blocks
+    finally:
+        _collecting.pop()
+
+
+def put(block: Block) -> None:
+    """Print a block, or collect it."""
+    if _collecting:
+        _collecting[-1].append(block)
+    elif "text" in block:
+        print(paragraph(block["text"]))
+    elif "line" in block:
+        print(block["line"])
+    else:
+        rows = block["rows"]
+        shown = rows if terminal.printing.wide else rows[:MOST_ROWS]
+        settings = {name: block[name] for name in ("names", "texts", "more")}
+        print("\n".join(table_lines(block["columns"], shown, **settings)))
+        if len(rows) > len(shown):
+            print(paragraph(f"... and {len(rows) - len(shown)} more rows (--wide prints all)."))
 
 
 def table_lines(
@@ -97,9 +142,6 @@ def percent(share: Interval | None, form: str = ".1f") -> str:
     return with_interval(share, form, scale=100.0, unit=" %")
 
 
-MOST_ROWS = 60
-
-
 def print_tables(outcome: Outcome) -> None:
     """Print the answer, the cells and warnings."""
     from vibroswarm.cli.answers_text import print_answers, print_effects
@@ -124,11 +166,6 @@ def print_tables(outcome: Outcome) -> None:
     print_effects(outcome)
     for warning in outcome.warnings:
         print_paragraph(f"Warning: {warning}")
-
-
-def most_rows() -> int:
-    """Return how many rows of a long table are printed."""
-    return 10**9 if terminal.printing.wide else MOST_ROWS
 
 
 def _print_cells(outcome: Outcome) -> None:
@@ -160,9 +197,7 @@ def _print_cells(outcome: Outcome) -> None:
                 with_interval(cell_outcome.summary.decision_time_s, ".0f"),
                 with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
             ]
-            for cell_outcome in outcome.cells[: most_rows()]
+            for cell_outcome in outcome.cells
         ],
         more=("split, %", "incomplete, %", "belief in truth"),
     )
-    if (left := len(outcome.cells) - most_rows()) > 0:
-        print(f"... and {left} more cells (--wide prints all).")

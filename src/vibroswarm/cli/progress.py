@@ -69,7 +69,10 @@ def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
 @contextmanager
 def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     """Yield a function that shows how far a study is, at what rate, and how much failed."""
+    from vibroswarm.study.runner import StudyProgress
+
     began_s = time.monotonic()
+    latest = [StudyProgress(0, 0, 0)]
 
     def values(now: StudyProgress) -> tuple[float, str]:
         passed_s = time.monotonic() - began_s
@@ -79,22 +82,49 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
         lines = _Lines()
 
         def line(now: StudyProgress) -> None:
+            latest[0] = now
             rate, failed = values(now)
             share = 100 * now.done / max(now.wanted, 1)
             left = f"{(now.wanted - now.done) / rate:.0f} s left" if rate else ""
             text = f"{what}: {now.done:,} of {now.wanted:,} runs ({share:.0f} %)"
             lines(", ".join(part for part in (text, f"{rate:,.0f} per second", left, failed) if part))
 
-        yield line
+        def line_while_compiling() -> None:
+            done = f"; {latest[0].done:,} of {latest[0].wanted:,} runs done" if latest[0].wanted else ""
+            lines(f"{what}: compiling{done}")
+
+        with _while_compiling(line_while_compiling):
+            yield line
         return
     with _bar(what) as update:
 
         def show(now: StudyProgress) -> None:
             rate, failed = values(now)
             note = f"{rate:,.0f} per second{f', {failed}' if failed else ''}"
-            update(total=now.wanted, completed=now.done, note=note)
+            update(description=what, total=now.wanted, completed=now.done, note=note)
 
-        yield show
+        with _while_compiling(lambda: update(description=f"{what}: compiling")):
+            yield show
+
+
+_compiling: list[Callable[[], None]] = []
+"""What is called when a kernel is about to be compiled, the last of them."""
+_listens: list[bool] = []
+
+
+@contextmanager
+def _while_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` when a kernel is about to be compiled: no run ends meanwhile, and the rest would seem stuck."""
+    from vibroswarm.core.jit import add_compile_listener
+
+    if not _listens:
+        _listens.append(True)
+        add_compile_listener(lambda module: _compiling[-1]() if _compiling else None)
+    _compiling.append(tell)
+    try:
+        yield
+    finally:
+        _compiling.remove(tell)
 
 
 @contextmanager

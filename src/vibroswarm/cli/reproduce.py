@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_out, between, list_of, whole
+from vibroswarm.cli.saved import add_open
 from vibroswarm.errors import InputError, RunError, nearest
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ def add_parser(commands: Any) -> None:
         description="Compute every figure and table of the paper, and report which of its claims hold.",
         epilog=EPILOG,
     )
-    add_out(parser, "save report, figures, tables and runs here")
+    add_out(parser, "save report, figures, tables and runs here, or resume", force=True)
+    add_open(parser)
     parser.add_argument("--only", metavar="NAME", nargs="+", help="only these items; 'list' lists them")
     parser.add_argument("--runs", metavar="N", type=whole, default=1000, help="runs per cell (default 1000)")
     parser.add_argument("--seed", metavar="S", type=whole, default=1, help="seed of all cells (default 1)")
@@ -66,12 +68,15 @@ def add_parser(commands: Any) -> None:
         help="recompute N cells of the archive (default 8) and report whether it is confirmed",
     )
     parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute what is missing, write the report and print the verdicts."""
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.printed import deliver
     from vibroswarm.cli.progress import labelled_progress_bar, progress_bar
+    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.core.atomic_io import folder_lock
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
@@ -89,6 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise InputError("is required", field="--out")
     items, settings = items_named(arguments.only), settings_of(arguments)
+    check_open(arguments)
+    claim(arguments, lambda: _refuse_other(arguments.out))
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -102,9 +109,22 @@ def run(arguments: argparse.Namespace) -> int:
             write_all(reproduction, arguments.out, draws, pictures=not arguments.no_pictures)
     if arguments.archive is not None:
         write_archive(reproduction, arguments.archive)
-    _print_verdicts(reproduction)
-    print(f"Saved in {arguments.out}\nReport: open {(arguments.out / REPORT).resolve()} in a browser")
+    deliver(arguments, arguments.out, "reproduce", lambda: _print_verdicts(reproduction), dict)
+    print_saved(arguments, "tables, figures, the runs and a report", REPORT)
     return 0
+
+
+PARTS = ("items", "runs", "figures", "tables", "report.html", "printed.json", ".lock")
+"""What a folder of a reproduction holds."""
+
+
+def _refuse_other(folder: Path) -> None:
+    """Refuse a folder with anything that is no part of a reproduction."""
+    if not folder.is_dir():
+        raise InputError("is a file; give the name of a folder", field=str(folder))
+    other = [path.name for path in folder.iterdir() if path.name not in PARTS and path.name[0] != "."]
+    if other:
+        raise InputError(f"exists but is not a reproduction: it holds '{other[0]}'", field=str(folder))
 
 
 def check(arguments: argparse.Namespace) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from vibroswarm.cli.options import (
     add_seed,
     real,
 )
+from vibroswarm.cli.saved import add_open
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def add_parser(commands: Any) -> None:
     add_motion(scenario)
     out = parser.add_argument_group("output")
     add_out(out, "save scenario, tables, picture and page here", force=True)
+    add_open(out, "open the page in the browser")
     out.add_argument(
         "--watch",
         metavar="SPEED",
@@ -65,19 +66,19 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, play back and print the verdict."""
+    from vibroswarm.cli.out_folder import claim, refuse_other_run
+    from vibroswarm.cli.output import print_paragraph
+    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
-    from vibroswarm.core.atomic_io import check_folder
 
     scenario = scenario_from(arguments)
-    if arguments.force and arguments.out is None:
-        raise InputError("has no effect without --out DIR", field="--force")
-    if arguments.out is not None:
-        check_folder(arguments.out, replace=arguments.force)
+    check_open(arguments)
     motion = chosen("motion", arguments.motion)
+    claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
     with_segments = arguments.out is not None or arguments.watch is not None
     result = _simulate(scenario, arguments.seed, motion, with_segments)
     if arguments.out is not None:
-        _save(result, arguments.out, replace=arguments.force)
+        _save(result, arguments.out)
     if arguments.watch is not None:
         if result.segments is None:
             raise InputError(
@@ -88,6 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
 
             play(result, arguments.watch)
     _print_verdict(result, arguments)
+    has_page = result.segments is not None
+    print_saved(arguments, "scenario, tables, picture and page", "run.html" if has_page else None)
+    if arguments.out is not None and not has_page and not arguments.json:
+        print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
     return 0
 
 
@@ -100,13 +105,13 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
         return simulate(scenario, seed, 1, motion=motion, segments=segments, progress=progress)
 
 
-def _save(result: Result, out: Path, *, replace: bool) -> None:
+def _save(result: Result, out: Path) -> None:
     """Write the folder of a result, completely or not at all."""
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.plots.run import write_run_picture
     from vibroswarm.run_page.write import write_run_page
 
-    with whole_folder(out, replace=replace) as part:
+    with whole_folder(out, replace=True) as part:
         result.write_into(part)
         write_run_picture(result, part / "run.png")
         if result.segments is not None:
@@ -114,7 +119,7 @@ def _save(result: Result, out: Path, *, replace: bool) -> None:
 
 
 def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
-    """Print the verdict, warnings, and where the result is saved."""
+    """Print the verdict and warnings."""
     from vibroswarm.analysis.decidability import decidability
     from vibroswarm.analysis.verdict import verdict
     from vibroswarm.cli.output import print_json, print_paragraph
@@ -139,12 +144,3 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
     print(verdict_text(result, summary))
     for warning in warnings:
         print_paragraph(f"Warning: {warning}")
-    if arguments.out is None:
-        print_paragraph("Not saved; add --out DIR to save scenario, tables, picture and page")
-    else:
-        print(f"Saved in {arguments.out}: scenario, tables and run.png")
-        if result.segments is not None:
-            print(f"Page: open {(arguments.out / 'run.html').resolve()} in a browser")
-        else:
-            print(f"No page: '{arguments.motion}' has no positions between samples")
-    sys.stdout.flush()

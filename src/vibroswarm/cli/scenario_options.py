@@ -66,6 +66,13 @@ def chosen(kind: str, text: str) -> str:
     if kind == "motion":
         import vibroswarm.simulation  # noqa: F401  (registers the engines)
     known = plugins.known_for(kind, text)
+    parts = [part.strip() for part in text.split(",")]
+    if kind == "strategy" and len(parts) > 1 and all(part in known for part in parts):
+        raise InputError(
+            f"'{text}' names several strategies, and this command takes one; to compare them: "
+            f"vibroswarm evaluate --strategy {','.join(parts)}",
+            field="--strategy",
+        )
     if text not in known:
         raise InputError(
             f"unknown {kind} '{text}'{nearest(text, known)} (known: {', '.join(known)}; or FILE.py:NAME)",

@@ -1,136 +1,147 @@
-"""``vibroswarm show``: the state of a study or search folder."""
+"""``vibroswarm show``: the state and the results of whatever a command has written."""
 
 from __future__ import annotations
 
 import argparse
-import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_json
+from vibroswarm.cli.saved import add_open, open_page
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.study.store import Store
+    from vibroswarm.result import Result
 
-
-MOST_FAILED = 5
-"""Batches that are listed one by one."""
+EPILOG = """\
+examples:
+  vibroswarm show first            a run: its verdict
+  vibroswarm show out/study        a study: how much is done, and its tables; --wide for all columns
+  vibroswarm show out/league --open
+  vibroswarm show mine.toml        a scenario: what differs from preset paper
+"""
+PAGES = ("report.html", "run.html", "run-1.html")
+"""Pages that commands write, in the order in which ``--open`` looks for them."""
 
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "show",
-        help="show what a study or search folder contains",
-        description="Show what a folder contains: its study or search, how much is done, what is damaged or failed.",
+        help="show the state and the results of a folder or file that a command has written",
+        description="Show what a command has written: runs, studies, searches, leagues, reproductions, recordings, "
+        "scenarios, floors, tables. Prints the results again, how much is done, and what is damaged or failed.",
+        epilog=EPILOG,
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a study or search")
+    parser.add_argument("folder", metavar="PATH", type=Path, help="folder or file that a command has written")
     add_json(parser)
+    add_open(parser, "open its page or report in the browser")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the folder, check its shards and print its state."""
-    from vibroswarm.cli.output import print_json
-    from vibroswarm.optimize.journal import held, is_search
-    from vibroswarm.study.store import Store
-
-    is_of_search = is_search(arguments.folder)
-    state = held(arguments.folder) if is_of_search else state_of(Store.open(arguments.folder))
-    if arguments.json:
-        print_json(state)
+    """Print what is there."""
+    path: Path = arguments.folder
+    if path.is_dir():
+        _show_folder(path, arguments)
     else:
-        print("\n".join((_search_lines if is_of_search else _study_lines)(state)))
+        from vibroswarm.cli.show_file import show_file
+
+        show_file(path, arguments)
+    if arguments.open:
+        pages = [path / name for name in PAGES if (path / name).is_file()]
+        if not pages:
+            raise InputError("has no page to open", field=str(path))
+        open_page(pages[0])
     return 0
 
 
-def state_of(store: Store) -> dict[str, Any]:
-    """Return the state of a study folder in plain values."""
-    from vibroswarm.study.plan import plan_of
-    from vibroswarm.study.study_result import StudyResult
+def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
+    """Print the state of a study or search, then results."""
+    from vibroswarm.cli import printed, show_study
+    from vibroswarm.cli.output import print_json, print_line, print_paragraph
+    from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD
+    from vibroswarm.optimize.journal import SEARCH, held, is_search
+    from vibroswarm.study.store import HEAD, Store
 
-    study, plan = store.study, plan_of(store.study)
-    cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
-    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
-    return {
-        "folder": str(store.folder),
-        "name": study.name,
-        "study_hash": study.hash,
-        "seed": study.seed,
-        "varied": study.varied,
-        "cells": len(study.cells),
-        "motion_groups": len(plan.groups),
-        "runs_wanted": int(cells["wanted"].sum()),
-        "runs_there": int(cells["there"].sum()),
-        "runs_each": study.runs,
-        "until": None if study.until is None else study.until.as_values(),
-        "shards": len(store.shards),
-        "bytes": size,
-        "keeps": ["robots and runs", *study.keep],
-        "damaged": store.damaged,
-        "failed_batches": store.failures,
-        "left_over_files": store.left_over,
-        "made_by": store.made_by,
-    }
-
-
-def _search_lines(about: dict[str, Any]) -> list[str]:
-    """Describe the state of a search folder, line by line."""
-    done, requested = about["runs_there"], about["runs_wanted"]
-    from vibroswarm.optimize.search_tables import values_said
-
-    lines = [
-        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
-        f"{about['runs_failed']:,} failed.",
-        f"Fields: {', '.join(about['fields'])}.",
-    ]
-    if about["result"] is None:
-        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
-        return lines
-    if truth := about["result"].get("truth"):
-        score = truth["true"]["score"]
-        believed, estimate, low, high = (
-            math.nan if value is None else value
-            for value in (truth["believed"], score["estimate"], score["low"], score["high"])
-        )
-        lines.append(f"Best: {values_said(about['result']['best'])}")
-        lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
-    if front := about["result"].get("front"):
-        lines.append(front["says"])
-    return lines
+    document: dict[str, Any] = {}
+    lines: list[str] = []
+    store = None
+    there = printed.read(folder)
+    if is_search(folder) or any(os.path.lexists(folder / name) for name in (SEARCH_HEAD, SEARCH)):
+        if not is_search(folder):
+            raise InputError(
+                f"is a damaged search: {SEARCH_HEAD} or {SEARCH} is missing or no plain file",
+                field=str(folder),
+            )
+        document = held(folder)
+        lines = show_study.search_lines(document, with_result=there is None)
+    elif (folder / HEAD).exists():
+        store = Store.open(folder)
+        document = show_study.state_of(store)
+        lines = show_study.study_lines(document)
+    if there is None and store is None and not document:
+        _show_result(folder, arguments)
+        return
+    if arguments.json:
+        results = show_study.results_of(store) if store is not None and there is None else None
+        if there is not None:
+            document |= {"command": there.command, "printed": there.blocks}
+        print_json(document | ({} if results is None else {"results": results.as_dict()}))
+        return
+    for line in lines:
+        (print_line if line.startswith("To resume") else print_paragraph)(line)  # a command stays on one line
+    if there is not None:
+        if lines:
+            print_line()
+        printed.play(there.blocks)
+    elif store is not None:
+        show_study.print_results(store)
 
 
-def _study_lines(about: dict[str, Any]) -> list[str]:
-    """Describe the state of a study folder, line by line."""
-    requested, done = about["runs_wanted"], about["runs_there"]
-    each = (
-        f"{about['runs_each']:,} each"
-        if about["runs_each"]
-        else f"until {about['until']['figure']} is known to {about['until']['until']}"
+def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
+    """Print the verdict of a run or a recording, or what tables a folder holds."""
+    from vibroswarm.cli.options import read_result
+    from vibroswarm.cli.output import print_json, print_line, print_table
+
+    if not (folder / "result.json").exists():
+        from vibroswarm.cli.show_file import show_tables
+
+        show_tables(folder, arguments)
+        return
+    from vibroswarm.analysis.verdict import verdict
+    from vibroswarm.cli.verdict_text import verdict_text
+
+    result = read_result(folder)
+    runs = result.runs["run"].to_list()
+    verdicts = [verdict(result, run=run) for run in runs]
+    if arguments.json:
+        print_json({"seed": result.seed, "verdicts": [one.as_dict() for one in verdicts]})
+        return
+    if len(runs) == 1:
+        print_line(verdict_text(result, verdicts[0]).rstrip())
+        return
+    print_line(f"{len(runs)} runs, {_origin(result)}")
+    print_table(
+        ["run", "consensus", "at, s", "robots right", "wrong", "undecided"],
+        [
+            [
+                run,
+                one.consensus or "not logged",
+                "-" if one.consensus_time_s is None else f"{one.consensus_time_s:.1f}",
+                one.right,
+                one.wrong,
+                one.undecided,
+            ]
+            for run, one in zip(runs, verdicts, strict=True)
+        ],
+        texts=2,
     )
-    name = f"{about['name'] or 'Study'} in {about['folder']}"
-    lines = [
-        f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
-        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['shards']} shards, "
-        f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
-        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
-    ]
-    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
-    failed = about["failed_batches"]
-    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
-    if len(failed) > MOST_FAILED:
-        lines.append(
-            f"... and {len(failed) - MOST_FAILED} more failed batches, in {about['folder']}/failures."
-        )
-    if about["left_over_files"]:
-        lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
-    lines += [
-        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
-        for versions in about["made_by"]
-    ]
-    if len(about["made_by"]) > 1:
-        lines.append("Parts come from different versions; the whole may not be repeatable.")
-    if done < requested:
-        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
-    return lines
+
+
+def _origin(result: Result) -> str:
+    robots = result.scenario.swarm.robots
+    floor, strategy = result.floor().name, result.scenario.strategy.name
+    seed = "as recorded" if result.seed is None else f"seed {result.seed}"
+    return f"{robots} robots, strategy {strategy}, on '{floor}', {seed}"

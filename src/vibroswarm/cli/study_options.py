@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_style
+from vibroswarm.cli.saved import add_open
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError, RunError
 
@@ -34,6 +35,7 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     add_json(output)
     add_style(output)
+    add_open(output)
     output.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
     output.add_argument(
         "--no-confirm",
@@ -74,9 +76,12 @@ def run_study_of(
     Args:
         allow_failures: return the result even if runs failed.
     """
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import study_progress
+    from vibroswarm.cli.saved import check_open
     from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.study.runner import Job, run_batch
+    from vibroswarm.study.store import Store
     from vibroswarm.study.study_result import run
 
     job = None if arguments.shard is None else Job.from_words(arguments.shard)
@@ -88,6 +93,8 @@ def run_study_of(
         raise InputError("cannot be used with --shard", field="--batch")
     if (job or arguments.batch) and arguments.out is None:
         raise InputError("needs --out DIR", field="--shard" if job else "--batch")
+    check_open(arguments)
+    claim(arguments, lambda: Store.existing(arguments.out, study))
     warn_of(cell.scenario for cell in study.cells)
     if arguments.batch is not None:
         store = run_batch(study, arguments.out, arguments.batch)
@@ -187,9 +194,7 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
     sys.stdout.flush()
     if arguments.out is not None and not arguments.no_pictures:
         _draw(outcome, arguments)
-    if not arguments.json:
-        _print_saved(arguments)
-        sys.stdout.flush()
+    _print_saved(arguments)
     return 0
 
 
@@ -210,13 +215,13 @@ def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
 
 def _print_saved(arguments: argparse.Namespace) -> None:
     """Print where the study and its report are saved."""
-    from vibroswarm.cli.output import print_paragraph
+    from vibroswarm.cli.saved import print_saved
 
-    if arguments.out is None:
-        print_paragraph("Not saved; add --out DIR to save runs, numbers, pictures and a report")
-        return
-    tables = ("summary.csv", "comparisons.csv", "equal_error.csv")
-    saved = ", ".join(name for name in tables if (arguments.out / name).is_file())
-    print(f"Saved in {arguments.out}: {saved}, the runs (shards)")
-    if not arguments.no_pictures:
-        print(f"Report: open {(arguments.out / 'report.html').resolve()} in a browser")
+    tables: tuple[str, ...] = ("summary.csv", "comparisons.csv", "equal_error.csv")
+    if arguments.out is not None:
+        tables = tuple(name for name in tables if (arguments.out / name).is_file())
+    saved = ", ".join(tables)
+    page = None if arguments.no_pictures else "report.html"
+    plain = arguments.no_pictures and arguments.out is not None
+    report_words = "" if plain else ", pictures and a report"
+    print_saved(arguments, f"{saved}, the runs (shards){report_words}", page)

@@ -35,11 +35,11 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
     )
     parser.add_argument("study", metavar="STUDY.toml", type=Path, help="the study file")
-    add_out(parser, "save the runs here, or resume the study here")
+    add_out(parser, "save the runs here, or resume the study here", force=True)
     parser.add_argument("--runs", metavar="N", type=whole, help="runs per cell (default: those of the file)")
     add_running_options(parser)
     add_outcome_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import (
@@ -59,15 +59,19 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay all settings on the same runs and print the Pareto front."""
     from vibroswarm.analysis.tradeoff import time_error_curve
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.out_folder import claim, refuse_other
+    from vibroswarm.cli.printed import deliver, hash_of
     from vibroswarm.cli.progress import say_compiling
+    from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.study.summary import write_table
 
     scenario = scenario_from(arguments)
-    if arguments.out is not None:
-        check_folder(arguments.out, replace=arguments.force, marker=MARKER)
+    work = hash_of(
+        scenario.hash, arguments.seed, arguments.runs, arguments.thresholds, arguments.observations
+    )
+    claim(arguments, lambda: refuse_other(arguments.out, "tradeoff", work), at_once=False)
     say_compiling()
     curve = time_error_curve(
         scenario,
@@ -77,16 +81,19 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.observations,
         workers=arguments.workers,
     )
-    if arguments.out is not None:
-        with whole_folder(arguments.out, replace=arguments.force, marker=MARKER) as part:
+
+    def deliver_to(part: Path | None) -> None:
+        deliver(arguments, part, "tradeoff", lambda: _print_front(curve), curve.to_dicts, work=work)
+
+    if arguments.out is None:
+        deliver_to(None)
+    else:
+        with whole_folder(arguments.out, replace=True, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
             _picture(curve, arguments.style).write(part / "front")
             (part / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
-    if arguments.json:
-        print_json(curve.to_dicts())
-    else:
-        _print_front(curve)
-    sys.stdout.flush()
+            deliver_to(part)
+    print_saved(arguments, "table, picture (front) and scenario")
     return 0
 
 

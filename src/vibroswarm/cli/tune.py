@@ -42,14 +42,15 @@ def add_parser(commands: Any) -> None:
         help='bounds of the fields to search, in TOML: [voter] with "strategy.voter.phase_s" = { from = 5, to = 90 }',
     )
     add_out(group, "write the settings here, for 'vibroswarm league --settings'", metavar="FILE", force=True)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, resumes="file")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune, print and write the settings."""
-    from vibroswarm.cli.output import print_paragraph, print_table
+    from vibroswarm.cli.interruption import folder_of_runs
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.core.atomic_io import remove_folder, whole_file
     from vibroswarm.league.entries import read_settings
     from vibroswarm.league.tuning import AGAIN, FINALISTS, spaces, tune
 
@@ -58,6 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
         # Opened first: a name that cannot be written is refused before the work, not after.
         out = arguments.out and stack.enter_context(whole_file(arguments.out, replace=arguments.force))
         progress = stack.enter_context(progress_bar("tuning"))
+        runs_folder = arguments.out and folder_of_runs(arguments.out)
+        if runs_folder is not None and arguments.force and runs_folder.exists():
+            remove_folder(runs_folder)
         tuned = tune(
             base,
             names,
@@ -69,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
             runs=arguments.runs,
             seed=arguments.seed,
             progress=progress,
+            folder=runs_folder,
             workers=arguments.workers,
             executor=arguments.executor,
         )
@@ -79,6 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
         if out is not None:
             out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
+    if runs_folder is not None and runs_folder.exists():
+        remove_folder(runs_folder)
     chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
     print_paragraph(
         f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error"
@@ -102,4 +109,6 @@ def run(arguments: argparse.Namespace) -> int:
     print_paragraph(
         f"{how} The figures favour the settings that were lucky: play a league with another seed."
     )
+    if arguments.out is not None:
+        print_line(f"Saved: {arguments.out}")
     return 0

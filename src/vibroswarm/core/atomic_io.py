@@ -207,6 +207,8 @@ def _holder(path: Path) -> str:
 
 MARKER = "scenario.toml"
 """The file that marks a folder as a result."""
+OURS: Final = (MARKER, "study.toml", "search.toml", "tradeoff.csv", "printed.json", "recording.json", "items")
+"""Files of which a folder that a command writes has at least one."""
 MAX_TRIES = 20
 MAX_NAME_LENGTH = 100
 """Characters of a name that go into the temporary one, which file systems limit too."""
@@ -270,8 +272,8 @@ def _make_empty(part: Path) -> None:
 def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> Iterator[Path]:
     """Yield an empty folder beside ``path``; on success, rename it to ``path``.
 
-    An existing ``path`` is refused, or replaced if ``replace`` is true and it is empty or holds ``marker``: any
-    other folder is never removed.
+    An existing ``path`` is refused, or replaced if ``replace`` is true and it is empty or holds ``marker`` or a file
+    of ``OURS``: any other folder is never removed.
 
     Raises:
         InputError: ``path`` exists, or cannot be written.
@@ -303,6 +305,22 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def remove_folder(path: Path) -> None:
+    """Remove a folder that no other process works in.
+
+    Raises:
+        InputError: another process works in it. RunError: it cannot be removed.
+    """
+    with folder_lock(path):
+        pass
+    old = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{OLD_MARK}{tag()}"
+    try:
+        path.replace(old)  # at once: nobody sees half of it
+        shutil.rmtree(old)
+    except OSError as error:
+        raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
 def _swap_in(part: Path, path: Path) -> None:
@@ -361,7 +379,7 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
             return
         if not replace:
             raise InputError(f"'{path}' exists already; choose another name or add --force", field="--out")
-        if path.is_symlink() or not (path / marker).is_file():
+        if path.is_symlink() or not any((path / name).exists() for name in (marker, *OURS)):
             raise InputError(
                 f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",
                 field="--out",

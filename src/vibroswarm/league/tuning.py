@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
@@ -78,6 +79,7 @@ def tune(
     runs: int = 100,
     seed: int = 1,
     progress: Callable[[float], None] = lambda share: None,
+    folder: Path | None = None,
     **how: Any,
 ) -> Tuned:
     """Tune each strategy.
@@ -87,9 +89,10 @@ def tune(
         space_of: by strategy, bounds by field, or the value of a field that all settings share; by default
             ``spaces()``. points, runs: of the first round.
         seed: of the first round; the second has the next one. progress: called with the share done.
+        folder: where runs are saved, so that the same call continues after an interruption; by default nowhere.
         how: workers and executor, as of ``League.play``.
     Raises:
-        InputError: a strategy has no space.
+        InputError: a strategy has no space, or ``folder`` holds runs of another tuning.
     """
     known = spaces() if space_of is None else space_of
     players = entries_of(strategies, {})
@@ -99,7 +102,11 @@ def tune(
     league = League(base, (Entry(BASE, base.strategy.name, {}),), tuple(floors), tuple(robots), runs, seed)
     second = replace(league, runs=AGAIN * runs, seed=seed + 1)
     settings, tables = {}, []
-    target = second.play(**how).interval(0, "forced_error").estimate
+
+    def play(part: str, entries: Sequence[Entry], of: League) -> Standings:
+        return replace(of, entries=tuple(entries)).play(folder and folder / part, **how)
+
+    target = play("target", second.entries, second).interval(0, "forced_error").estimate
     for done, player in enumerate(players):
         progress(done / len(players))
         name = player.strategy
@@ -111,9 +118,9 @@ def tune(
             replace(player, label=f"{name} {k}", settings=fixed | _rounded(point))
             for k, point in enumerate(drawn)
         ]
-        ranked = by_criterion(replace(league, entries=tuple(first)).play(**how), target)
+        ranked = by_criterion(play(f"{done}-first", first, league), target)
         finalists = [*(first[k] for k in ranked[:FINALISTS]), default]
-        found = replace(second, entries=tuple(finalists)).play(**how)
+        found = play(f"{done}-second", finalists, second)
         best = by_criterion(found, target)[0]
         settings[name] = dict(finalists[best].settings)
         words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in finalists}

@@ -1,0 +1,132 @@
+"""The state of a study or search folder, and the results of a study, for ``vibroswarm show``."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vibroswarm.study.store import Store
+    from vibroswarm.study.summary import Outcome
+
+
+MOST_FAILED = 5
+"""Batches that are listed one by one."""
+
+
+def state_of(store: Store) -> dict[str, Any]:
+    """Return the state of a study folder in plain values."""
+    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.study_result import StudyResult
+
+    study, plan = store.study, plan_of(store.study)
+    cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
+    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
+    return {
+        "folder": str(store.folder),
+        "name": study.name,
+        "study_hash": study.hash,
+        "seed": study.seed,
+        "varied": study.varied,
+        "cells": len(study.cells),
+        "motion_groups": len(plan.groups),
+        "runs_wanted": int(cells["wanted"].sum()),
+        "runs_there": int(cells["there"].sum()),
+        "runs_each": study.runs,
+        "until": None if study.until is None else study.until.as_values(),
+        "shards": len(store.shards),
+        "bytes": size,
+        "keeps": ["robots and runs", *study.keep],
+        "damaged": store.damaged,
+        "failed_batches": store.failures,
+        "left_over_files": store.left_over,
+        "made_by": store.made_by,
+    }
+
+
+def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str]:
+    """Describe the state of a search folder, and its result, line by line."""
+    done, requested = about["runs_there"], about["runs_wanted"]
+    from vibroswarm.optimize.search_tables import values_said
+
+    lines = [
+        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
+        f"{about['runs_failed']:,} failed.",
+        f"Fields: {', '.join(about['fields'])}.",
+    ]
+    if about["result"] is None:
+        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
+        return lines
+    if not with_result:
+        return lines
+    if truth := about["result"].get("truth"):
+        score = truth["true"]["score"]
+        believed, estimate, low, high = (
+            math.nan if value is None else value
+            for value in (truth["believed"], score["estimate"], score["low"], score["high"])
+        )
+        lines.append(f"Best: {values_said(about['result']['best'])}")
+        lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
+    if front := about["result"].get("front"):
+        lines.append(front["says"])
+    return lines
+
+
+def study_lines(about: dict[str, Any]) -> list[str]:
+    """Describe the state of a study folder, line by line."""
+    requested, done = about["runs_wanted"], about["runs_there"]
+    each = (
+        f"{about['runs_each']:,} each"
+        if about["runs_each"]
+        else f"until {about['until']['figure']} is known to {about['until']['until']}"
+    )
+    name = f"{about['name'] or 'Study'} in {about['folder']}"
+    lines = [
+        f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['shards']} shards, "
+        f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
+        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
+    ]
+    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
+    failed = about["failed_batches"]
+    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
+    if len(failed) > MOST_FAILED:
+        lines.append(
+            f"... and {len(failed) - MOST_FAILED} more failed batches, in {about['folder']}/failures."
+        )
+    if about["left_over_files"]:
+        lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
+    lines += [
+        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
+        for versions in about["made_by"]
+    ]
+    if len(about["made_by"]) > 1:
+        lines.append("Parts come from different versions; the whole may not be repeatable.")
+    if done < requested:
+        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+    return lines
+
+
+def results_of(store: Store) -> Outcome | None:
+    """Summarise the runs of a study that are there, with those on other seeds; None if there are none."""
+    from vibroswarm.study.cell_comparison import SECOND
+    from vibroswarm.study.store import HEAD
+    from vibroswarm.study.study_result import StudyResult
+    from vibroswarm.study.summary import outcome_of
+
+    result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
+    if not result.cells["there"].sum():
+        return None
+    second = store.folder / SECOND
+    return outcome_of(result, StudyResult.open(second) if (second / HEAD).exists() else None)
+
+
+def print_results(store: Store) -> None:
+    """Print the tables of a study."""
+    from vibroswarm.cli.output import print_line, print_tables
+
+    outcome = results_of(store)
+    if outcome is not None:
+        print_line()
+        print_tables(outcome)

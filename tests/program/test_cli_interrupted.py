@@ -1,0 +1,126 @@
+"""After Ctrl-C: exit code 130, what is saved, the command that resumes, and the same results in the end."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.optimize.journal import Journal
+from vibroswarm.study.store import Store
+
+SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
+LEAGUE = ["--patterns", "stripe", "--strategy", "none,soft", "--runs", "3", *SHORT]
+RESUMED = {
+    "evaluate": [*SHORT, "--vary", "walk.walk_duration_scale_ms=9000,9500", "--runs", "3", "--no-pictures"],
+    "detect": [*SHORT, "--fills", "0.4,0.6", "--runs", "3"],
+    "league": [*LEAGUE, "--belief-runs", "2", "--fault-runs", "0"],
+    "tune": [*LEAGUE, "--points", "4"],
+    "optimize": ["search.toml", "--budget", "120", "--fresh", "4", "--no-pictures"],
+}
+SEARCH = """
+[scenario]
+preset = "paper"
+swarm = { robots = 2 }
+run = { t_end_s = 60 }
+[space]
+"decision.min_observations" = { from = 1, to = 20 }
+[search]
+method = "random"
+finalists = 2
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "search.toml").write_text(SEARCH)
+    return tmp_path
+
+
+def stop_after(times: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the so manieth piece of finished work end with Ctrl-C, once it is saved."""
+    left = [times]
+    for kind in (Store, Journal):
+        real = kind.add
+
+        def add(self, *given, real=real):
+            real(self, *given)
+            left[0] -= 1
+            if left[0] == 0:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(kind, "add", add)
+
+
+def results(text: str) -> list[str]:
+    """Lines of results, without those of where they are saved."""
+    return [line for line in text.splitlines() if not line.startswith(("Saved", "Report"))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RESUMED)
+def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, capsys):
+    file = "settings.toml" if name == "tune" else None
+    assert main([name, *RESUMED[name], "--out", file or "whole"]) == 0
+    whole = capsys.readouterr().out
+    text = Path(file).read_text() if file else ""
+    command = [name, *RESUMED[name], "--out", f"my {file or 'out'}"]
+    with monkeypatch.context() as patched:
+        stop_after(1, patched)
+        assert main(command) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    kept = Path(f"my {file}.runs" if file else "my out")
+    assert said.startswith(f"vibroswarm: interrupted; finished work is saved in '{kept}'. To resume: ")
+    assert any(kept.iterdir())
+    resume = shlex.split(said.partition("To resume: ")[2])
+    assert resume == ["vibroswarm", *command]
+    assert main(resume[1:]) == 0
+    assert results(capsys.readouterr().out) == results(whole)
+    if file:
+        assert Path(f"my {file}").read_text() == text
+        assert not kept.exists(), "the runs of a search that is done are removed"
+
+
+def test_work_that_is_saved_is_not_done_again(here, monkeypatch, capsys):
+    added = []
+    command = ["tune", *RESUMED["tune"], "--out", "s.toml"]
+    with monkeypatch.context() as patched:
+        stop_after(2, patched)
+        assert main(command) == 130
+    real = Store.add
+    monkeypatch.setattr(
+        Store, "add", lambda self, done: (added.append(self.folder.name), real(self, done))[1]
+    )
+    assert main(command) == 0
+    assert "target" not in added
+    assert "0-second" in added
+    assert main([*command, "--force"]) == 0
+    assert "target" in added, "anew"
+
+
+def test_what_is_said_without_a_folder(here, monkeypatch, capsys):
+    stop_after(1, monkeypatch)
+    assert main(["evaluate", *RESUMED["evaluate"]]) == 130
+    assert "nothing is saved: with --out, finished work is saved" in capsys.readouterr().err
+
+
+def test_what_is_said_of_a_command_that_starts_again(here, monkeypatch, capsys):
+    def stopped(*given, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vibroswarm.simulation.simulate", stopped)
+    assert main(["run", "--out", "out"]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "vibroswarm: interrupted; nothing is saved"
+    assert not Path("out").exists()
+
+
+def test_the_runs_of_another_tuning_are_not_mixed_in(here, monkeypatch, capsys):
+    command = ["tune", *RESUMED["tune"], "--out", "s.toml"]
+    with monkeypatch.context() as patched:
+        stop_after(2, patched)
+        assert main(command) == 130
+    assert main([*command, "--seed", "5"]) == 2
+    assert "holds another study: seed" in capsys.readouterr().err

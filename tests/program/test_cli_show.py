@@ -1,0 +1,215 @@
+"""``vibroswarm show`` on whatever commands write, and one rule for folders that exist already."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import webbrowser
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.cli import main
+
+ROOT = Path(__file__).parents[2]
+SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
+STUDY = ["--runs", "4", "--robots", "2", *SHORT]
+LEAGUE = ["--patterns", "stripe", "--strategy", "none,soft", "--robots", "2", *SHORT]
+LOGS = [f"examples/lab/session-{k}.csv" for k in (1, 2)]
+ON_FLOOR = ["--floor", "examples/lab/floor.txt", "--tiles", "5x5"]
+
+COMMANDS: dict[str, list[str]] = {
+    "run": ["run", "--robots", "2", *SHORT],
+    "evaluate": ["evaluate", "--strategy", "none,soft", "--no-pictures", *STUDY],
+    "detect": ["detect", "--fills", "0.4,0.6", *STUDY],
+    "tradeoff": ["tradeoff", "--thresholds", "0.8,0.95", "--observations", "0,5", *STUDY],
+    "league": ["league", "--runs", "3", "--belief-runs", "0", "--fault-runs", "0", *LEAGUE],
+    "optimize": ["optimize", "search.toml", "--budget", "120", "--fresh", "4", "--no-pictures"],
+    "lab import": ["lab", "import", *LOGS, *ON_FLOOR],
+}
+SEARCH = """
+[scenario]
+preset = "paper"
+swarm = { robots = 2 }
+run = { t_end_s = 60 }
+[space]
+"decision.min_observations" = { from = 1, to = 20 }
+[search]
+method = "random"
+finalists = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """The folder in which commands run, with their input."""
+    place = tmp_path_factory.mktemp("written")
+    shutil.copytree(ROOT / "examples", place / "examples")
+    (place / "search.toml").write_text(SEARCH)
+    return place
+
+
+@pytest.fixture(autouse=True)
+def here(place, monkeypatch):
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def out_of(name: str) -> str:
+    return name.replace(" ", "-")
+
+
+def made(name: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """What the command prints when its folder is made, or made again."""
+    assert main([*COMMANDS[name], "--out", out_of(name)]) == 0
+    return capsys.readouterr().out
+
+
+def results(text: str) -> list[str]:
+    """Lines of results, without those of where they are saved."""
+    places = ("Saved", "Page", "Report", "Not saved")
+    return [line for line in text.splitlines() if line.strip() and not line.startswith(places)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
+    printed = results(made(name, capsys))
+    assert len(printed) >= 4
+    assert main(["show", out_of(name)]) == 0
+    shown = results(capsys.readouterr().out)
+    assert shown[-len(printed) :] == printed
+    assert main(["show", out_of(name), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)
+    assert results(made(name, capsys)) == printed, "the same work is no obstacle"
+    other = [*COMMANDS[name], "--out", out_of(name), "--seed", "7"]
+    if name == "lab import":
+        other = ["lab", "import", LOGS[0], *ON_FLOOR, "--out", out_of(name)]
+    assert main(other) == 2
+    err = capsys.readouterr().err
+    assert out_of(name) in err
+    assert "give another --out, or add --force to replace it" in err
+    assert main(["show", out_of(name)]) == 0
+    assert results(capsys.readouterr().out) == shown, "nothing was changed"
+
+
+@pytest.mark.slow
+def test_an_empty_folder_is_used(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    for name in ("evaluate", "tradeoff"):
+        out = tmp_path / name
+        out.mkdir()
+        assert main([*COMMANDS[name], "--out", str(out)]) == 0
+
+
+@pytest.mark.slow
+def test_force_replaces_what_vibroswarm_wrote_and_nothing_else(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main([*COMMANDS["evaluate"], "--out", str(out)]) == 0
+    assert main([*COMMANDS["run"], "--out", str(out)]) == 2
+    assert main([*COMMANDS["run"], "--out", str(out), "--force"]) == 0
+    assert (out / "run.html").exists()
+    assert not (out / "study.json").exists()
+    assert main([*COMMANDS["evaluate"], "--out", str(out)]) == 2
+    assert main([*COMMANDS["evaluate"], "--out", str(out), "--force"]) == 0
+    assert (out / "study.json").exists()
+    assert not (out / "run.html").exists()
+    mine = tmp_path / "thesis"
+    mine.mkdir()
+    (mine / "thesis.tex").write_text("ten years")
+    capsys.readouterr()
+    for name in COMMANDS:
+        assert main([*COMMANDS[name], "--out", str(mine), "--force"]) == 2, name
+        assert "--force does not replace it" in capsys.readouterr().err
+        assert [path.name for path in mine.iterdir()] == ["thesis.tex"]
+    assert main(["reproduce", "--only", "fill-ratios", "--out", str(mine)]) == 2
+    assert "is not a reproduction: it holds 'thesis.tex'" in capsys.readouterr().err
+
+
+FILES = {
+    "scenario.toml": (["scenario", "--robots", "8", "--out"], "swarm.robots       8      5"),
+    "floor.txt": (
+        ["floors", "make", "--tiles", "4x4", "--fill-ratio", "0.5", "--moran", "0", "--out"],
+        "8 vibrating",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_shown(name, capsys):
+    command, words = FILES[name]
+    assert main([*command, name]) == 0
+    capsys.readouterr()
+    assert main(["show", name]) == 0
+    assert " ".join(words.split()) in " ".join(capsys.readouterr().out.split())
+    assert main(["show", name, "--json"]) == 0
+    json.loads(capsys.readouterr().out)
+
+
+def test_tables_settings_and_studies_are_shown(tmp_path, capsys):
+    (tmp_path / "a.csv").write_text("name,value\nx,0.25\n")
+    (tmp_path / "settings.toml").write_text('# how\n\n[none]\n"decision.credible_threshold" = 0.9\n')
+    (tmp_path / "study.toml").write_text('runs = 4\n[grid]\n"strategy.name" = ["none", "soft"]\n')
+    for name, words in {
+        "a.csv": "name value x 0.25",
+        "settings.toml": "how strategy field value none decision.credible_threshold 0.9",
+        "study.toml": "2 cells, seed 1, varied: strategy.name",
+        ".": "a.csv 1 2",
+    }.items():
+        assert main(["show", str(tmp_path / name)]) == 0
+        assert words in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda about: about.pop("blocks"),
+        lambda about: about["blocks"].append(3),
+        lambda about: about["blocks"].append(
+            {"columns": ["a"], "rows": [["1", "2"]], "names": 1, "texts": 1}
+        ),
+        lambda about: about.__setitem__("format", 99),
+        lambda about: about["blocks"].append({"text": 5}),
+    ],
+)
+def test_a_damaged_file_of_what_was_printed_is_named(harm, tmp_path, capsys):
+    about = {"format": 1, "command": "league", "work": "", "blocks": [{"text": "fine"}]}
+    (tmp_path / "printed.json").write_text(json.dumps(about))
+    assert main(["show", str(tmp_path)]) == 0
+    harm(about)
+    (tmp_path / "printed.json").write_text(json.dumps(about))
+    assert main(["show", str(tmp_path)]) == 2
+    assert "printed.json" in capsys.readouterr().err
+
+
+def test_escape_sequences_of_a_foreign_file_reach_no_terminal(tmp_path, capsys):
+    blocks = [
+        {"text": "a\x1b[2Jb"},
+        {"columns": ["\x1b]0;x\x07"], "rows": [["\x1b[31m"]], "names": 1, "texts": 1},
+    ]
+    blocks[1]["more"] = []
+    (tmp_path / "printed.json").write_text(
+        json.dumps({"format": 1, "command": "x", "work": "", "blocks": blocks})
+    )
+    assert main(["show", str(tmp_path)]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_open(tmp_path, monkeypatch, capsys):
+    page = tmp_path / "run.html"
+    page.write_text("<p>")
+    (tmp_path / "a.csv").write_text("a\n1\n")
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("vibroswarm.cli.saved.has_display", lambda: True)
+    assert main(["show", str(tmp_path), "--open"]) == 0
+    assert opened == [page.resolve().as_uri()]
+    monkeypatch.setattr("vibroswarm.cli.saved.has_display", lambda: False)
+    assert main(["show", str(tmp_path), "--open"]) == 0
+    assert len(opened) == 1
+    assert f"no browser can be opened here; open {page}" in capsys.readouterr().err
+    page.unlink()
+    assert main(["show", str(tmp_path), "--open"]) == 2
+    assert "has no page to open" in capsys.readouterr().err
+    assert main(["run", "--open"]) == 2
+    assert "--open: needs --out" in capsys.readouterr().err
