@@ -159,9 +159,11 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 def _print_verdicts(made: Reproduction) -> None:
     """Print how many claims hold, then each claim, then what was skipped."""
-    from vibroswarm.cli.output import print_table
+    from textwrap import fill
+
+    from vibroswarm.cli.output import TEXT_WIDTH, print_paragraph
     from vibroswarm.paper.claims import CHECKED, VERDICTS
-    from vibroswarm.paper.reproduction_report import claims_table
+    from vibroswarm.paper.reproduction_report import claims_table, few_runs
 
     table = claims_table(made.decided)
     columns = [
@@ -179,12 +181,16 @@ def _print_verdicts(made: Reproduction) -> None:
             counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:
                 print(f"{column}, {kind}s: {', '.join(counts)}")
-    if table.height:
-        print_table(
-            ["claim", *columns],
-            [[row["claim"], *(row[column] or "-" for column in columns)] for row in table.to_dicts()],
-            texts=1 + len(columns),
-        )
+    for sentence in few_runs(made.decided, made.settings):
+        print(sentence)
+    for row in table.to_dicts():
+        print()
+        print_paragraph(f"{row['says']} ({row['claim']})")
+        for column in columns:
+            if row[column]:
+                words = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
+                print(fill(words, TEXT_WIDTH, initial_indent="  ", subsequent_indent="      "))
+    print()
     for entry in made.made:
         if entry.skipped:
             print(f"{entry.item.name}: skipped. {entry.skipped}")
