@@ -188,8 +188,8 @@ def _print_verdicts(made: Reproduction) -> None:
         print_paragraph(f"{row['says']} ({row['claim']})")
         for column in columns:
             if row[column]:
-                words = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
-                print(fill(words, TEXT_WIDTH, initial_indent="  ", subsequent_indent="      "))
+                line = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
+                print(fill(line, TEXT_WIDTH, initial_indent="  ", subsequent_indent="      "))
     print()
     for entry in made.made:
         if entry.skipped:
