@@ -50,7 +50,7 @@ def _measured(work: Work) -> Iterator[Row]:
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield decision time with each timer."""
     points = limits(tables["cells"], "decision_time_s").select(
-        "estimate", "low", "high", "runs", x="timer", series="strategy"
+        "estimate", "low", "high", "runs", x=pl.col("timer").str.replace_all("_", " "), series="strategy"
     )
     draw = partial(draw_error_bars, points, label=TIME)
     yield Picture("timer-decision-time", "Decision time with each timer", draw)
