@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import (
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.spec import Study
-    from vibroswarm.study.study_result import StudyResult
 
 EPILOG = """\
 examples:
@@ -69,7 +68,7 @@ def add_parser(commands: Any) -> None:
     )
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
     add_json(options)
-    add_out(options, "save runs, tables and pictures here")
+    add_out(options, "save runs, tables, pictures and report here")
     add_style(options)
     add_running_options(parser)
     parser.set_defaults(run=run)
@@ -107,18 +106,24 @@ def run(arguments: argparse.Namespace) -> int:
     curve = detection_curve(cells, t_end_s)
     need = needed(cells, t_end_s, error, false_alarms=false_alarms)
     distinguished = pairs(need)
-    if arguments.out is not None:
-        _save(result, {"detection": curve, "needed": need, "pairs": distinguished}, error, arguments)
     warnings = _warnings(study)
+    if arguments.out is not None:
+        tables = {"detection": curve, "needed": need, "pairs": distinguished}
+        _save(base, tables, (error, false_alarms), warnings, arguments)
     if arguments.json:
-        tables = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
-        print_json(tables | {"warnings": warnings})
+        plain = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
+        print_json(plain | {"warnings": warnings})
     else:
         print_detection(need, distinguished, base, error, false_alarms)
         if added:
             print(f"Fill ratios added to count false alarms: {', '.join(f'{fill:g}' for fill in added)}.")
         for warning in warnings:
             print(f"Warning: {warning}")
+        if arguments.out is not None:
+            print(
+                f"Saved in {arguments.out}: detection.csv, needed.csv, pairs.csv, pictures, the runs (shards)"
+            )
+            print(f"Report: open {(arguments.out / 'report.html').resolve()} in a browser")
     sys.stdout.flush()
     return 0
 
@@ -169,14 +174,21 @@ def _warnings(study: Study) -> list[str]:
 
 
 def _save(
-    result: StudyResult, tables: Mapping[str, pl.DataFrame], error: float, arguments: argparse.Namespace
+    base: Scenario,
+    tables: dict[str, pl.DataFrame],
+    tolerated: tuple[float, float],
+    warnings: list[str],
+    arguments: argparse.Namespace,
 ) -> None:
-    """Write tables and pictures into the folder."""
-    from vibroswarm.cli.detect_output import detection_pictures
+    """Write tables, pictures and the report into the folder."""
+    from vibroswarm.report.html import write_report
+    from vibroswarm.study.detection_report import pictures_of, report_of
     from vibroswarm.study.summary import write_table
 
     for name, table in tables.items():
         write_table(table, arguments.out / name)
-    boundary = result.study.cells[0].scenario.decision.decision_boundary
-    for name, picture in detection_pictures(tables["detection"], boundary, error, arguments.style):
+    boundary = base.decision.decision_boundary
+    for name, picture in pictures_of(tables["detection"], boundary, tolerated[0], arguments.style):
         picture.write(arguments.out / name)
+    report = report_of(tables, base, arguments.seed, *tolerated, warnings)
+    write_report(arguments.out / "report.html", report)

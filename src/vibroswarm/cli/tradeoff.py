@@ -51,7 +51,7 @@ def add_parser(commands: Any) -> None:
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
     options.add_argument("--workers", metavar="N", type=whole, default=2, help="threads (default 2)")
     add_json(options)
-    add_out(options, "save table, picture and scenario here", force=True)
+    add_out(options, "save table, picture, report and scenario here", force=True)
     add_style(options)
     parser.set_defaults(run=run)
 
@@ -59,11 +59,13 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay all settings on the same runs and print the Pareto front."""
     from vibroswarm.analysis.tradeoff import time_error_curve
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
+    from vibroswarm.report.html import write_report
     from vibroswarm.study.summary import write_table
+    from vibroswarm.study.tradeoff_report import answer, front_picture, report_of
 
     scenario = scenario_from(arguments)
     if arguments.out is not None:
@@ -80,34 +82,21 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         with whole_folder(arguments.out, replace=arguments.force, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
-            _picture(curve, arguments.style).write(part / "front")
+            front_picture(curve, arguments.style).write(part / "front")
+            write_report(part / "report.html", report_of(curve, scenario, arguments.seed))
             (part / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
     if arguments.json:
         print_json(curve.to_dicts())
     else:
+        for sentence in answer(curve, scenario):
+            print_paragraph(sentence)
+        print()
         _print_front(curve)
+        if arguments.out is not None:
+            print(f"Saved in {arguments.out}: tradeoff.csv, front (picture), scenario.toml")
+            print(f"Report: open {(arguments.out / 'report.html').resolve()} in a browser")
     sys.stdout.flush()
     return 0
-
-
-def _picture(curve: pl.DataFrame, style: str) -> Any:
-    """Draw time against error of all points."""
-    import polars as pl
-
-    from vibroswarm.plots.front import draw_front
-
-    frame = curve.select(
-        "error",
-        "error_low",
-        "error_high",
-        "runs",
-        name=pl.format("p_c {}, O_c {}", "credible_threshold", "min_observations"),
-        time="decision_time_s",
-        time_low="decision_time_s_low",
-        time_high="decision_time_s_high",
-        front="pareto",
-    )
-    return draw_front(frame, error_label="share of robots wrong", percent=True, style=style)
 
 
 def _print_front(curve: pl.DataFrame) -> None:
@@ -136,4 +125,3 @@ def _print_front(curve: pl.DataFrame) -> None:
         ],
         texts=0,
     )
-    print("An undecided robot counts with the whole time, and not as wrong.")

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any, Final
 
+import polars as pl
+
 from vibroswarm.paper.cell_tables import TIME, limits, two_forms
 from vibroswarm.paper.claim_values import Row, frame
 from vibroswarm.paper.columns import STRATEGIES
