@@ -165,6 +165,13 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert {"detection.csv", "detection-2-robots.svg", "detection-robots.pdf"} <= {
         p.name for p in out.iterdir()
     }
+    found = pairs.filter((pl.col("robots") == 6) & pl.col("time_s").is_not_null()).sort("fill_ratio")
+    fill, time_s = found.select("fill_ratio", "time_s").row(0)
+    sentence = f"6 robots find a fill ratio of {fill:g} within {time_s:.0f} s, without false"
+    assert sentence in " ".join(said.split())
+    page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
+    assert sentence in page
+    assert page.count("<figure") == 3
     code, said, _ = told(capsys, *line, "--json")
     assert len(json.loads(said)["needed"]) == 6
 
@@ -250,6 +257,13 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     front = table.filter(pl.col("pareto")).sort("decision_time_s")
     assert front["error"].is_sorted(descending=True)
     assert {"front.svg", "front.csv", "scenario.toml"} <= {path.name for path in out.iterdir()}
+    fastest, surest = front.row(0, named=True), front.row(-1, named=True)
+    page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
+    for text in (" ".join(said.split()), page):
+        for word, row in (("Fastest", fastest), ("Least often wrong", surest)):
+            setting = f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}"
+            assert f"{word}: {setting}, {row['decision_time_s']:.0f} s [" in text
+        assert f"{100 * surest['error']:.1f} % [" in text
     assert told(capsys, *line)[1] == said, "the same work is done again"
     assert told(capsys, "show", out)[1] in said
     code, _, err = told(capsys, *line, "--seed", "2")

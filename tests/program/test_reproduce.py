@@ -164,6 +164,7 @@ def test_checks_are_not_counted(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["reproduce", "--only", "headline", *asked]) == 0
     told = capsys.readouterr().out
     assert "paper, claims" not in told
+    assert "(headline-engine)\n  paper: passed; 0.0 to 0.0 s; holds if within ± 1 s\n" in told
     assert "paper, checks: 1 passed, 1 open" in told
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Checks, which do not count as verdicts" in page

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,6 +23,20 @@ LEAST = Claim("b", "difficulty", "More.", "difference", "at_least", 1, effect=5.
 
 def _decided(rows: Sequence[dict[str, Any]], claims: Sequence[Claim] = (WITHIN, LEAST)) -> dict[str, str]:
     return {one.claim.id: one.verdict for one in decide(frame(rows), claims) if one.column == "paper"}
+
+
+def test_every_claim_has_a_unit_and_says_its_bound_in_it() -> None:
+    by_id = {claim.id: claim.words for claim in all_claims()}
+    assert by_id["fill-time"] == "at least 50 s"
+    assert by_id["soft-wrong"] == "at most 2 points"
+    assert by_id["soft-belief"] == "at least -0.02 in belief"
+    assert by_id["search-score-holds"] == "within ± 10 %"
+    for claim in all_claims():  # what is said to be in s, m, or a share of robots is measured so
+        said = [unit for unit in ("s", "m") if re.search(rf", {unit}(,|$)", claim.measured)]
+        said += ["s"] if claim.measured.startswith("seconds ") else []
+        assert said == ([claim.unit] if claim.unit in ("s", "m") else []), claim.id
+        assert not claim.measured.startswith("share of robots wrong") or claim.unit == "points"
+        assert not claim.measured.startswith("belief") or claim.unit == "in belief"
 
 
 def test_the_file_names_every_item_but_those_without_a_claim_and_no_other() -> None:

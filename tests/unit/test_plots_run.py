@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from importlib.resources import files
 
 import pytest
 from matplotlib.patches import Rectangle
 
 from vibroswarm.plots.picture import themed_svg
 from vibroswarm.plots.run import run_figure
-from vibroswarm.plots.style import settings
+from vibroswarm.plots.style import RUN, settings
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
@@ -29,11 +30,27 @@ def test_tiles_samples_and_robots_are_there(result: Result) -> None:
     assert "no feedback, seed 3" in axes.get_title()
 
 
-def test_all_but_the_paths_follow_light_and_dark(result: Result) -> None:
+def test_marks_are_those_of_the_replay_page(result: Result) -> None:
+    """Its colours, by their names in the page's style sheet; a diamond says vibrating; misread samples are struck."""
+    sheet = files("vibroswarm.run_page").joinpath("assets", "page.css").read_text(encoding="utf-8")
+    light = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", sheet.partition("@media")[0]))
+    assert {name: light[{"trail": "ink-3"}.get(name, name)] for name in RUN} == RUN
+    (axes,) = run_figure(result).axes
+    still, vibrating = axes.collections
+    assert [len(one.get_offsets()) for one in (still, vibrating)] == [
+        (result.observations["observation"] == bit).sum() for bit in (0, 1)
+    ]
+    tiles, tile = result.floor(0).tiles.ravel(), result.observations["tile"].to_numpy()
+    misread = (tile >= 0) & (tiles[tile] != result.observations["observation"].to_numpy())
+    (struck,) = [line for line in axes.lines if line.get_label() == "misread"]
+    assert 0 < len(struck.get_xdata()) == misread.sum()
+
+
+def test_all_follow_light_and_dark(result: Result) -> None:
     """A colour that a page cannot replace would be dark on dark."""
     with settings():
         svg = themed_svg(run_figure(result))
     assert svg.count("var(--fig-paper") > 5  # open marks, and the robots' numbers
     styles = " ".join(re.findall(r' style="([^"]*)"', svg))
     fixed = set(re.findall(r"#[0-9a-f]{6}", re.sub(r"var\([^)]*\)", "", styles)))
-    assert fixed <= {"#4c78a8"}, fixed
+    assert not fixed, fixed

@@ -20,7 +20,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
 from vibroswarm.report.answer import ReportAnswer, ReportEffect
-from vibroswarm.report.columns import number_text
+from vibroswarm.report.columns import decimals_of, number_text
 from vibroswarm.report.html import (
     Column,
     Report,
@@ -284,6 +284,14 @@ def test_numbers_of_a_column_have_the_same_decimals_and_their_limits():
         "0.3", "31", "–", "1.000",
     ]  # fmt: skip
     assert "low" not in "".join(page.texts["th"])
+
+
+def test_settings_have_no_more_decimals_than_they_need():
+    assert decimals_of([0.7, 0.95, 0.9], Column()) == 2
+    assert decimals_of([0.7, 0.995], Column()) == 3
+    assert decimals_of([0.5, 0.5], Column()) == 1
+    assert decimals_of([2.0, None, 40.0], Column()) == 0
+    assert decimals_of([0.486, 0.5], Column()) == 3
 
 
 def answer(name: str, low: float = -153.0, high: float = -102.0) -> ReportAnswer:

@@ -51,10 +51,10 @@ def test_two_numbers_with_three_values_each_make_a_plane() -> None:
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ("walk.avoidance_threshold_mm", "avoidance threshold (mm)"),
+        ("walk.avoidance_threshold_mm", "avoidance threshold θ_c (mm)"),
         ("robot.full_speed_m_s", "full speed (m/s)"),
-        ("sample.sample_interval_ms", "sample interval (ms)"),
-        ("strategy.soft.eta", "eta"),
+        ("sample.sample_interval_ms", "sample interval τ (ms)"),
+        ("strategy.soft.eta", "feedback η"),
     ],
 )
 def test_labels_have_units(field: str, words: str) -> None:

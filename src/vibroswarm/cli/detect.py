@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import (
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.spec import Study
-    from vibroswarm.study.study_result import StudyResult
 
 EPILOG = """\
 examples:
@@ -68,7 +67,7 @@ def add_parser(commands: Any) -> None:
     )
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
     add_json(options)
-    add_out(options, "save runs, tables and pictures here, or resume", force=True)
+    add_out(options, "save runs, tables, pictures and report here, or resume", force=True)
     add_style(options)
     add_running_options(parser)
     parser.set_defaults(run=run, resumes="folder")
@@ -108,9 +107,10 @@ def run(arguments: argparse.Namespace) -> int:
     curve = detection_curve(cells, t_end_s)
     need = needed(cells, t_end_s, error, false_alarms=false_alarms)
     distinguished = pairs(need)
-    if arguments.out is not None:
-        _save(result, {"detection": curve, "needed": need, "pairs": distinguished}, error, arguments)
     warnings = _warnings(study)
+    if arguments.out is not None:
+        tables = {"detection": curve, "needed": need, "pairs": distinguished}
+        _save(base, tables, (error, false_alarms), warnings, arguments)
 
     def show() -> None:
         print_detection(need, distinguished, base, error, false_alarms)
@@ -122,11 +122,11 @@ def run(arguments: argparse.Namespace) -> int:
             print_paragraph(f"Warning: {warning}")
 
     def document() -> dict[str, Any]:
-        tables = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
-        return tables | {"warnings": warnings}
+        named = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
+        return named | {"warnings": warnings}
 
     deliver(arguments, arguments.out, "detect", show, document)
-    print_saved(arguments, "tables (CSV), pictures and the runs (shards)")
+    print_saved(arguments, "tables (CSV), pictures, the runs (shards)", "report.html")
     return 0
 
 
@@ -176,14 +176,21 @@ def _warnings(study: Study) -> list[str]:
 
 
 def _save(
-    result: StudyResult, tables: Mapping[str, pl.DataFrame], error: float, arguments: argparse.Namespace
+    base: Scenario,
+    tables: dict[str, pl.DataFrame],
+    tolerated: tuple[float, float],
+    warnings: list[str],
+    arguments: argparse.Namespace,
 ) -> None:
-    """Write tables and pictures into the folder."""
-    from vibroswarm.cli.detect_output import detection_pictures
+    """Write tables, pictures and the report into the folder."""
+    from vibroswarm.report.html import write_report
+    from vibroswarm.study.detection_report import pictures_of, report_of
     from vibroswarm.study.summary import write_table
 
     for name, table in tables.items():
         write_table(table, arguments.out / name)
-    boundary = result.study.cells[0].scenario.decision.decision_boundary
-    for name, picture in detection_pictures(tables["detection"], boundary, error, arguments.style):
+    boundary = base.decision.decision_boundary
+    for name, picture in pictures_of(tables["detection"], boundary, tolerated[0], arguments.style):
         picture.write(arguments.out / name)
+    report = report_of(tables, base, arguments.seed, *tolerated, warnings)
+    write_report(arguments.out / "report.html", report)

@@ -179,9 +179,12 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 def _print_verdicts(made: Reproduction) -> None:
     """Print how many claims hold, then each claim, then what was skipped."""
-    from vibroswarm.cli.output import print_paragraph, print_table
+    from textwrap import fill
+
+    from vibroswarm.cli import terminal
+    from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.paper.claims import CHECKED, VERDICTS
-    from vibroswarm.paper.reproduction_report import claims_table
+    from vibroswarm.paper.reproduction_report import claims_table, few_runs
 
     table = claims_table(made.decided)
     columns = [
@@ -199,12 +202,16 @@ def _print_verdicts(made: Reproduction) -> None:
             counts = [f"{counted[word]} {word}" for word in words if counted[word]]
             if counts:
                 print_paragraph(f"{column}, {kind}s: {', '.join(counts)}")
-    if table.height:
-        print_table(
-            ["claim", *columns],
-            [[row["claim"], *(row[column] or "-" for column in columns)] for row in table.to_dicts()],
-            texts=1 + len(columns),
-        )
+    for sentence in few_runs(made.decided, made.settings):
+        print_paragraph(sentence)
+    for row in table.to_dicts():
+        print_line()
+        print_paragraph(f"{row['says']} ({row['claim']})")
+        for column in columns:
+            if row[column]:
+                line = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
+                print_line(fill(line, terminal.text_width(), initial_indent="  ", subsequent_indent="      "))
+    print_line()
     for entry in made.made:
         if entry.skipped:
             print_paragraph(f"{entry.item.name}: skipped. {entry.skipped}")

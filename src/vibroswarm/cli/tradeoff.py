@@ -51,7 +51,7 @@ def add_parser(commands: Any) -> None:
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
     options.add_argument("--workers", metavar="N", type=whole, default=2, help="threads (default 2)")
     add_json(options)
-    add_out(options, "save table, picture and scenario here", force=True)
+    add_out(options, "save table, picture, report and scenario here", force=True)
     add_style(options)
     parser.set_defaults(run=run)
 
@@ -60,12 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay all settings on the same runs and print the Pareto front."""
     from vibroswarm.analysis.tradeoff import time_error_curve
     from vibroswarm.cli.out_folder import claim, refuse_other
+    from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.cli.printed import deliver, hash_of
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.report.html import write_report
     from vibroswarm.study.summary import write_table
+    from vibroswarm.study.tradeoff_report import answer, front_picture, report_of
 
     scenario = scenario_from(arguments)
     work = hash_of(
@@ -82,39 +85,26 @@ def run(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
     )
 
+    def show() -> None:
+        for sentence in answer(curve, scenario):
+            print_paragraph(sentence)
+        print_line()
+        _print_front(curve)
+
     def deliver_to(part: Path | None) -> None:
-        deliver(arguments, part, "tradeoff", lambda: _print_front(curve), curve.to_dicts, work=work)
+        deliver(arguments, part, "tradeoff", show, curve.to_dicts, work=work)
 
     if arguments.out is None:
         deliver_to(None)
     else:
         with whole_folder(arguments.out, replace=True, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
-            _picture(curve, arguments.style).write(part / "front")
+            front_picture(curve, arguments.style).write(part / "front")
+            write_report(part / "report.html", report_of(curve, scenario, arguments.seed))
             (part / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
             deliver_to(part)
-    print_saved(arguments, "table, picture (front) and scenario")
+    print_saved(arguments, "tradeoff.csv, front (picture), scenario.toml", "report.html")
     return 0
-
-
-def _picture(curve: pl.DataFrame, style: str) -> Any:
-    """Draw time against error of all points."""
-    import polars as pl
-
-    from vibroswarm.plots.front import draw_front
-
-    frame = curve.select(
-        "error",
-        "error_low",
-        "error_high",
-        "runs",
-        name=pl.format("p_c {}, O_c {}", "credible_threshold", "min_observations"),
-        time="decision_time_s",
-        time_low="decision_time_s_low",
-        time_high="decision_time_s_high",
-        front="pareto",
-    )
-    return draw_front(frame, error_label="share of robots wrong", percent=True, style=style)
 
 
 def _print_front(curve: pl.DataFrame) -> None:
@@ -144,4 +134,3 @@ def _print_front(curve: pl.DataFrame) -> None:
         names=2,
         texts=0,
     )
-    print_paragraph("An undecided robot counts with the whole time, and not as wrong.")

@@ -31,6 +31,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.search_page import file_text, search_page
 from vibroswarm.optimize.validation import Front, Truth
 from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
+from vibroswarm.plots.field_labels import label_of, setting_words
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.report.html import write_report as write_page
 from vibroswarm.scenario.scenario import Scenario
@@ -96,7 +97,7 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     ]
     own = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
     shares = [
-        (iteration.number, name.rpartition(".")[2], share)
+        (iteration.number, label_of(name).text, share)
         for iteration in history
         for name, share in zip(space.names, iteration.mean_point, strict=True)
     ]
@@ -112,14 +113,14 @@ def front_picture(front: Front, style: str = "column") -> Picture:
     """Draw a front of two objectives on fresh runs."""
     rows = [
         {
-            "name": ", ".join(f"{name.rpartition('.')[2]} {_short(value)}" for name, value in member.values.items()),
+            "name": ", ".join(setting_words(name, value) for name, value in member.values.items()),
             "time": first.estimate, "time_low": first.low, "time_high": first.high,
             "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
         }
         for member in front.members
         for first, second in [member.true]
     ]  # fmt: skip
-    first, second = (f"{n}, {u}" if u else n for n, u in zip(front.names, front.units, strict=True))
+    first, second = (f"{n} ({u})" if u else n for n, u in zip(front.names, front.units, strict=True))
     return draw_front(pl.DataFrame(rows), time_label=first, error_label=second, style=style)
 
 
@@ -251,7 +252,7 @@ def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
         "decision_time_s": "decision time (s)",
         "belief_in_truth": "belief in the truth",
     }
-    x_label, y_label = (field.rpartition(".")[2] for field in varied)
+    x_label, y_label = (label_of(field).text for field in varied)
     drawn = {}
     for name, label in labels.items():
         frame = table.select(x=varied[0], y=varied[1], value=name, runs="runs")
@@ -260,7 +261,3 @@ def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
             frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
         )
     return drawn
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

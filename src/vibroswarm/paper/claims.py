@@ -172,6 +172,8 @@ class Claim:
     kind: str = "claim"
     no_control: str | None = None
     """Why negative controls need not change its verdict."""
+    unit: str = ""
+    """Of the measured value as it is printed: "s", "points", "in belief"; see ``scale``."""
 
     def __post_init__(self) -> None:
         if self.test not in TESTS:
@@ -197,17 +199,26 @@ class Claim:
 
     @property
     def words(self) -> str:
-        """The test in words."""
+        """The test in words, with its unit."""
         if self.test == "within":
-            return f"within ± {self.margin:g}"
-        return f"{'at least' if self.test == 'at_least' else 'at most'} {self.effect:g}"
+            assert self.margin is not None
+            return f"within ± {self.scale * self.margin:g} {self.unit}".rstrip()
+        assert self.effect is not None
+        return (
+            f"{'at least' if self.test == 'at_least' else 'at most'} {self.scale * self.effect:g} {self.unit}"
+        )
+
+    @property
+    def scale(self) -> float:
+        """Factor from measured to printed values: 100 for percent and percentage points."""
+        return 100.0 if self.unit == "points" or self.unit.startswith("%") else 1.0
 
 
 def claims_from(text: str) -> tuple[Claim, ...]:
     """Parse claims from TOML.
 
     Raises:
-        InputError: invalid TOML, an unknown key, or a repeated id.
+        InputError: invalid TOML, an unknown key, a claim without unit, or a repeated id.
     """
     try:
         tables = tomllib.loads(text)["claim"]
@@ -219,6 +230,8 @@ def claims_from(text: str) -> tuple[Claim, ...]:
         if unknown := set(table) - known:
             raise InputError(f"unknown key{nearest(min(unknown), known)}", field=min(unknown))
         claims.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
+        if not claims[-1].unit:
+            raise InputError("needs a unit, or what its numbers count: 'in belief'", field=claims[-1].id)
     if len({claim.id for claim in claims}) != len(claims):
         raise InputError("an id is repeated", field="claims.toml")
     return tuple(claims)

@@ -10,7 +10,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Decided, all_claims
+from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS, CONTROLS
 from vibroswarm.paper.item import CLAIMS, Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
@@ -25,6 +25,8 @@ ROWS_IN_SIGHT: Final = 12
 """Longer tables are folded below the pictures that show them."""
 ROWS_WITHOUT_PICTURES: Final = 40
 """The same for items without pictures."""
+ENOUGH: Final = 1000
+"""Runs for which the margins were set."""
 Progress = Callable[[float], None]
 
 
@@ -82,7 +84,7 @@ def claims_table(
         for column in COLUMNS:
             of_column = [verdict for verdict in of_claim if verdict.column == column]
             row[column] = _verdict_words(of_column[0]) if of_column else None
-            row[f"{column}: ours"] = _value_words(of_column[0].cells) if of_column else None
+            row[f"{column}: ours"] = _value_words(of_column[0]) if of_column else None
         rows.append(row)
     each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours"))
     names = ("item", "claim", "kind", "says", "measured", "holds if", *each)
@@ -99,20 +101,33 @@ def _verdict_words(one: Decided) -> str:
     return f"{one.verdict} ({', '.join(parts)})"
 
 
-def _value_words(cells: pl.DataFrame) -> str:
+def _value_words(one: Decided) -> str:
     """Return the value with its interval, or the range of several; reasons why others cannot be asked."""
+    cells = one.cells
     reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
     estimated = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
-    return "; ".join(([_range_words(estimated)] if estimated.height else []) + reasons) or "-"
+    known = [f"{_range_words(estimated, one.claim)} {one.claim.unit}"] if estimated.height else []
+    return "; ".join(known + reasons) or "-"
 
 
-def _range_words(cells: pl.DataFrame) -> str:
-    """Write the range of several estimates, or one with its interval."""
-    values = cells["estimate"].to_list()
+def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
+    """Write the range of several estimates, or one with its interval, with the decimals of its interval."""
+    values = [claim.scale * value for value in cells["estimate"]]
+    decimals = _decimals(claim)
     if len(values) > 1:
-        return f"{min(values):.3g} to {max(values):.3g}"
-    estimate, low, high = cells.select("estimate", "low", "high").row(0)
-    return f"{estimate:.3g}" if low is None or low == high else f"{estimate:.3g} [{low:.3g}, {high:.3g}]"
+        return f"{min(values):.{decimals}f} to {max(values):.{decimals}f}"
+    low, high = cells.select("low", "high").row(0)
+    limits = [f"{claim.scale * end:.{decimals}f}" for end in (low, high) if end is not None and low != high]
+    return f"{values[0]:.{decimals}f}" + (f" [{', '.join(limits)}]" if len(limits) == 2 else "")
+
+
+def _decimals(claim: Claim) -> int:
+    """Return decimals of a claim's values: one more than its margin or effect has, at least those of its unit."""
+    bound = claim.scale * (claim.margin if claim.margin is not None else claim.effect or 0.0)
+    digits = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1
+    return max(digits if bound else 0, {"s": 0, "points": 1, "%": 1, "m": 4}.get(claim.unit, 3)) - (
+        1 if claim.unit == "s" and abs(bound) >= 10 else 0
+    )
 
 
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
@@ -120,7 +135,8 @@ def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
     frames = [
         verdict.cells.select(
             pl.lit(verdict.claim.id).alias("claim"), pl.lit(verdict.column).alias("column"), "cell",
-            "estimate", "low", "high", "level", pl.lit(verdict.claim.words).alias("holds if"), "n", "holds", "why",
+            "estimate", "low", "high", "level", pl.lit(verdict.claim.words).alias("holds if"),
+            pl.lit(verdict.claim.unit if verdict.claim.scale == 1.0 else "share").alias("unit"), "n", "holds", "why",
         )
         for verdict in decided
     ]  # fmt: skip
@@ -190,7 +206,9 @@ def report_of(
     return Report(
         title="The paper, reproduced",
         lead=(
-            f"{settings.runs:,} runs per cell, seed {settings.seed}. " + _counts(decided),
+            "Does the paper's own model give what the paper says? " + _counts(decided),
+            *few_runs(decided, settings),
+            f"{settings.runs:,} runs per cell, seed {settings.seed}.",
             "Every number here was computed, except those called printed or published, which are the paper's. "
             "The caption of each table has the command that makes it; rows of cells have their own command "
             "in the CSV.",
@@ -217,11 +235,21 @@ def _counts(decided: Sequence[Decided]) -> str:
     return " ".join(words)
 
 
+def few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
+    """Return what to do where runs are too few to tell, in a sentence; none where there are ``ENOUGH``."""
+    count = sum(one.verdict == "inconclusive" for one in decided)
+    if not count or settings.runs >= ENOUGH:
+        return []
+    return [
+        f"{count} verdicts are inconclusive: {settings.runs:,} runs are too few to tell; use --runs {ENOUGH}."
+    ]
+
+
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     """Return the section with the verdicts on all claims and checks."""
     tables = []
     for kind, name in (("claim", "claims"), ("check", "checks")):
-        table = claims_table(decided, kind=kind).select("item", "claim", "says", "holds if", *COLUMNS)
+        table = claims_table(decided, kind=kind).select("says", "holds if", *COLUMNS, "item", "claim")
         table = table.select(*(_typeset(column) for column in table.columns))
         if kind == "claim" or not table.is_empty():
             tables.append(ReportTable(table, _CLAIMS, _CAPTIONS[kind].format(command_of(settings)), name))

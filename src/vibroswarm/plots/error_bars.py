@@ -140,9 +140,13 @@ def draw_estimates(
 
 
 def is_constant(part: pl.DataFrame) -> bool:
-    """Tell whether a series has the same estimate and interval at each of several x."""
+    """Tell whether a series has the same estimate within the same interval at each of several x.
+
+    A share of none or of all may be the same by chance, so its interval must reach to both sides.
+    """
     values = part.select("estimate", "low", "high")
-    return part.height > 2 and values.unique().height == 1 and values["estimate"].null_count() == 0
+    inside = (values["low"] < values["estimate"]) & (values["estimate"] < values["high"])
+    return part.height > 2 and values.unique().height == 1 and bool(inside.fill_null(False).all())
 
 
 def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:

@@ -19,7 +19,7 @@ from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, style_name
 NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
 """Most points of the front that are numbered and named below, if their names do not fit beside them; of more, an even
 selection."""
-DIRECT_UP_TO = 16
+DIRECT_UP_TO = 12
 """Most points of which the names stand beside them."""
 VECTORS_UP_TO = 2000
 """Points; more are drawn as an image in SVG and PDF, without intervals."""
@@ -80,7 +80,9 @@ def draw_front(
     _points(axes, sizes, known, looks)
     _steps(axes, sizes, chosen)
     beside = known if known.height <= DIRECT_UP_TO else chosen
-    if not label_points(figure, axes, sizes, _labels(beside, "name"), known, always=False):
+    if beside.height > DIRECT_UP_TO or not label_points(
+        figure, axes, sizes, _labels(beside, "name"), known, always=False
+    ):
         names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
         more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
         figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)

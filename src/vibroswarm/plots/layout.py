@@ -160,7 +160,7 @@ def plain_axes(
     more = max(0, legend_lines(style, legend) - free) * style.small_pt * 1.4 / 72
     figure = new_figure(style, title=title, height_in=style.height_in + more)
     axes = figure.add_subplot()
-    name_axes(axes, style, x_label, y_label)
+    name_axes(axes, style, x_label, y_label, share_of_height=0.68 * style.height_in / figure.get_figheight())
     axes.grid(True)
     return figure, axes
 

@@ -14,7 +14,7 @@ from vibroswarm.plots.style import INK, PAPER, Style
 WIDEST = 0.34
 """Widest label, relative to the axes."""
 HIDES = 30
-"""Cost from which a label hides another one or leaves the axes."""
+"""Cost of hiding another label; that of hiding a point is 1."""
 
 
 def label_points(
@@ -48,7 +48,7 @@ def label_points(
         spots = _spots(x, y, width_pt(plain(text), size), size * 0.75, gap)
         costs = [_cost(spot, placed, marks, inside, gap) for spot in spots]
         best = min(range(len(spots)), key=lambda spot: (costs[spot], spot))
-        if not always and costs[best] >= HIDES:
+        if not always and costs[best] >= 1:  # it would hide a point, or another label
             return False
         placed.append(spots[best])
         offsets.append((spots[best][0] - x, spots[best][1] - y))

@@ -9,12 +9,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.observe import vibrating_at
-from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, OUTCOMES, PAPER
+from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -91,15 +92,18 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
 
 
 POINTS_PER_S = 2
-WRONG = OUTCOMES["wrong"]
+VIBRATES: Final = 1
+READ: Final = ((0, "read still", "o"), (1, "read vibrating", "D"))
+"""Bit, words and mark of a reading, as on the replay page."""
+FEEDBACK: Final = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
-    """Draw floor, paths and samples of one run, drawn to scale; legible in grey.
+    """Draw floor, paths and samples of one run, drawn to scale, in the marks and words of the replay page.
 
-    Vibrating tiles are hatched. A sample is a mark at its place: filled when it read "vibrating", open when
-    "still", in red with a cross when the reading is not the tile's kind. Colours are the palette's, so that a page may
-    show it in dark ones.
+    Vibrating tiles are hatched. A sample is a mark at its place: a filled diamond read as vibrating, an open circle
+    read as still, struck through where it was misread. A robot at its end has the shape and colour of its decision, or
+    is open without one. Colours are the palette's, so that a page may show it in dark ones.
 
     Args:
         run: one of the result's runs, which has to have a floor; paths are drawn where segments were kept.
@@ -116,17 +120,19 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     _draw_floor(axes, result, run)
     _draw_paths(axes, result, run)
     _draw_samples(axes, result, run)
+    _draw_robots(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
-    feedback = "no" if scenario.strategy.name == "none" else scenario.strategy.name
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
+    outcome = (summary["consensus"] or "decisions not logged").replace("_", " ")
+    feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
     axes.set_title(
         f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{feedback} feedback, {origin}: {summary['consensus'] or 'decisions not logged'}",
+        f"{feedback}, {origin}: {outcome}",
         fontsize=9,
         wrap=True,
     )
-    figure.legend(loc="outside lower center", ncols=3, fontsize=7.5, frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=7.5, frameon=False)
     return figure
 
 
@@ -137,15 +143,19 @@ def _draw_floor(axes: Axes, result: Result, run: int) -> None:
 
     floor = result.floor(run)
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    label: str | None = "vibrating tile"
-    with rc_context({"hatch.color": FAINT}):  # from matplotlib 3.11 on; before, it is the edge's
-        for row, column in np.argwhere(floor.tiles == 1):
+    labels = {1: "tile vibrates", 0: "tile is still"}
+    with rc_context({"hatch.color": RUN["ripple"]}):  # from matplotlib 3.11 on; before, it is the edge's
+        for (row, column), vibrates in np.ndenumerate(floor.tiles):
             corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)
-            tile = Rectangle(
-                corner, tile_w, tile_h, facecolor=LINE, edgecolor=FAINT, hatch="////", lw=0, label=label
-            )
-            axes.add_patch(tile)
-            label = None
+            looks: dict[str, Any] = {"facecolor": RUN["tile-still"], "edgecolor": LINE, "lw": 0.4}
+            if vibrates:
+                looks = {
+                    "facecolor": RUN["tile-vibrating"],
+                    "edgecolor": RUN["ripple"],
+                    "lw": 0,
+                    "hatch": "////",
+                }
+            axes.add_patch(Rectangle(corner, tile_w, tile_h, label=labels.pop(int(vibrates), None), **looks))
     outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
     axes.add_patch(outline)
 
@@ -155,42 +165,61 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
     if result.segments is None:
         return
     ends = result.ends.filter(pl.col("run") == run)
-    for robot, end_s, x_m, y_m in ends.select("robot", "end_s", "x_m", "y_m").iter_rows():
+    for robot, end_s in ends.select("robot", "end_s").iter_rows():
         times = np.arange(0.0, end_s, 1.0 / POINTS_PER_S)
         path = pose(result.segments, run, robot, times)
-        axes.plot(
-            path[:, 0], path[:, 1], color="#4c78a8", lw=0.35, alpha=0.5, label="path" if robot == 0 else None
-        )
-        axes.annotate(str(robot), (x_m, y_m), ha="center", va="center", fontsize=6, color=PAPER, zorder=5)
-    axes.plot(ends["x_m"], ends["y_m"], "o", ms=9, color=INK, ls="", zorder=4, label="robot at the end")
+        label = "path" if robot == 0 else None
+        axes.plot(path[:, 0], path[:, 1], color=RUN["trail"], lw=0.35, alpha=0.6, label=label)
 
 
 def _draw_samples(axes: Axes, result: Result, run: int) -> None:
-    """Draw the samples, with misread ones marked."""
+    """Draw the samples; misread ones are struck through."""
+    from matplotlib.path import Path as Outline
+
     samples = result.motion.filter(pl.col("run") == run).join(
         result.observations, on=["run", "robot", "sample"]
     )
-    bit = samples["observation"].to_numpy()
-    tile = samples["tile"].to_numpy()
-    amiss = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (bit == 1))
+    bit, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
+    misread = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (bit == VIBRATES))
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
-    for chosen, face, edge, marker, label in (
-        ((bit == 1) & ~amiss, INK, INK, "o", "read as vibrating"),
-        ((bit == 0) & ~amiss, PAPER, INK, "o", "read as still"),
-        ((bit == 1) & amiss, WRONG, WRONG, "X", "vibrating, wrongly"),
-        ((bit == 0) & amiss, PAPER, WRONG, "X", "still, wrongly"),
-    ):
+    stroke = Outline([(-1.0, -1.0), (1.0, 1.0)])
+    axes.plot(
+        x[misread], y[misread], ls="", marker=stroke, ms=6, color=INK, mew=0.8, zorder=2.9, label="misread"
+    )  # fmt: skip
+    for value, label, marker in READ:
+        chosen, colour = bit == value, RUN["vibrating" if value == VIBRATES else "still"]
         axes.scatter(
             x[chosen],
             y[chosen],
-            s=11,
-            c=face,
-            edgecolors=edge,
-            linewidths=0.5,
+            s=9,
+            c=colour if value == VIBRATES else PAPER,
+            edgecolors=colour,
+            linewidths=0.7,
             marker=marker,
             label=label,
             zorder=3,
         )
+
+
+def _draw_robots(axes: Axes, result: Result, run: int) -> None:
+    """Draw the robots at the end, with their numbers, in the shape and colour of their decisions."""
+    ends = result.ends.filter(pl.col("run") == run)
+    decisions = dict(result.robots.filter(pl.col("run") == run).select("robot", "decision").iter_rows())
+    no, yes = answers_of(result.scenario)
+    words = {0: f"robot: {no}", 1: f"robot: {yes}", -1: "robot: undecided"}
+    for robot, x_m, y_m in ends.select("robot", "x_m", "y_m").iter_rows():
+        decision = decisions.get(robot)
+        decision = -1 if decision is None else int(decision)
+        colour = INK if decision == -1 else RUN["vibrating" if decision == VIBRATES else "still"]
+        axes.plot(
+            x_m, y_m, ls="", marker="D" if decision == VIBRATES else "o", ms=10, zorder=4,
+            markerfacecolor=PAPER if decision == -1 else colour,
+            markeredgecolor=colour if decision == -1 else PAPER, label=words.pop(decision, None),
+        )  # fmt: skip
+        axes.annotate(
+            str(robot), (x_m, y_m), ha="center", va="center", fontsize=6.5, fontweight="bold", zorder=5,
+            color=INK if decision == -1 else PAPER,
+        )  # fmt: skip
 
 
 def write_run_picture(result: Result, path: Path, run: int = 0) -> None:

@@ -60,10 +60,15 @@ def looks_of(names: Sequence[str]) -> list[Look]:
     of = [strategy_in(name) for name in names]
     if not any(of):
         return [look(index) for index in range(len(names))]
+    used = {_place(strategy)[0] for strategy in of if strategy}
+    free = [k for k in range(len(SERIES)) if k not in used] or list(range(len(SERIES)))
     found: list[Look] = []
     taken: set[tuple[int, int]] = set()
     for index, strategy in enumerate(of):
-        colour, marker = _place(strategy) if strategy else (index % len(SERIES), index % len(MARKERS))
+        others = index - sum(map(bool, of[:index]))  # series before it that are of no strategy
+        colour, marker = _place(strategy) if strategy else (free[others % len(free)], others % len(MARKERS))
+        if not strategy:
+            marker = max(colour, marker)
         while (colour, marker) in taken:  # the same strategy again: its colour, the next marker
             marker = (marker + 1) % len(MARKERS)
             colour = colour if marker else (colour + 1) % len(SERIES)

@@ -55,6 +55,16 @@ OUTCOME_HATCHES: Final = {
     "truth_undefined": "\\\\",
 }
 
+RUN: Final = {
+    "still": "#00639c",
+    "vibrating": "#b54a00",
+    "tile-still": "#fdfcf8",
+    "tile-vibrating": "#f9e9db",
+    "ripple": "#e5b48f",
+    "trail": "#878c93",
+}
+"""Colours of a picture of one run: those of the replay page (``run_page/assets/page.css``)."""
+
 NAMES: Final[dict[str, str]] = {
     "ink": INK,
     "faint": FAINT,
@@ -63,6 +73,7 @@ NAMES: Final[dict[str, str]] = {
     "band": BAND,
     **{f"series-{index}": colour for index, colour in enumerate(SERIES)},
     **{kind.replace("_", "-"): colour for kind, colour in OUTCOMES.items()},
+    **RUN,
 }
 """Name of each colour that a dark page may replace."""
 

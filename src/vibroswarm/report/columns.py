@@ -50,7 +50,11 @@ def decimals_of(values: Iterable[float | None], column: Column) -> int | None:
         return None
     decimals = max(column.digits - 1 - math.floor(math.log10(largest)), 0)
     smallest = min(size for size in sizes if size > 0)
-    return decimals if smallest >= 0.5 * 10**-decimals else None
+    if smallest < 0.5 * 10**-decimals:
+        return None
+    while decimals and all(f"{size:.{decimals}f}".endswith("0") for size in sizes):
+        decimals -= 1  # settings such as 0.95 and 0.9 end there
+    return decimals
 
 
 def number_text(value: float, column: Column, decimals: int | None = None) -> str:

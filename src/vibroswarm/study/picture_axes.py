@@ -6,19 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
+from vibroswarm.plots import field_labels
 from vibroswarm.study.spec import SOURCE, Cell
-
-UNITS: Final = {
-    "_ms": "ms",
-    "_mm": "mm",
-    "_m_s": "m/s",
-    "_m": "m",
-    "_s": "s",
-    "_rad": "rad",
-    "_deg": "degrees",
-}
 
 
 @dataclass(frozen=True)
@@ -67,14 +58,8 @@ def number_of(cell: Cell, field: str) -> float:
 
 
 def label_of(field: str) -> str:
-    """Write a field with its unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold (mm)"."""
-    if field == SOURCE:
-        return "fill ratio"
-    name = field.rpartition(".")[2]
-    for suffix, unit in UNITS.items():
-        if name.endswith(suffix):
-            return f"{name.removesuffix(suffix).replace('_', ' ')} ({unit})"
-    return name.replace("_", " ")
+    """Write a field with symbol and unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold θ_c (mm)"."""
+    return field_labels.label_of(field).text
 
 
 def _varied(cells: Sequence[Cell]) -> list[str]:

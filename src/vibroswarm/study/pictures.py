@@ -71,6 +71,7 @@ _FIGURES: Final = (
     ("decision_time_s", "Decision time (restricted mean)", "decision time (s)", False),
     ("belief_in_truth", "Belief in the truth (the paper's accuracy)", "belief in the truth", False),
     ("robots_right", "Robots that decided rightly", "robots right", True),
+    ("robots_wrong", "Robots that decided wrongly", "robots wrong", True),
 )
 
 

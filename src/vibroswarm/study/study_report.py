@@ -91,7 +91,8 @@ def report_of(
             if named_picture.name.partition("-")[0] in kinds
         )
 
-    outcomes = shown("outcomes", "decision_time_s", "belief_in_truth", "robots_right", "heat", "detection")
+    figures = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong")
+    outcomes = shown("outcomes", *figures, "heat", "detection")
     sampling = (_walk_table(outcome, references),)
     compared = tuple(_comparison_tables(outcome)) if outcome.comparisons else ()
     matched = any(answer.matched is not None for answer in outcome.answers)

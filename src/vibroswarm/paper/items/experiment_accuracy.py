@@ -203,7 +203,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         part = tables["accuracy"].filter(pl.col("strategy") == strategy)
         if not part.is_empty():
             mean, half = pl.col("ours"), 1.96 * pl.col("ours_error")
-            series = pl.format("{}, {}, {}", "column", "theta_E", "gate")
+            series = pl.format("{}, θ_E {}, gate {}", "column", "theta_E", "gate")
             published_line = published_points(published(f"experiments.belief_in_truth.{strategy}"))
             both = pl.concat([published_line, points(part, series, "ours", mean - half, mean + half)])
             draw = partial(draw_error_bars, both, x_label="robots", label="belief in the truth")

@@ -218,7 +218,7 @@ def draw_loss(part: pl.DataFrame) -> Drawn:
     for name, (threshold, gate) in [*(("with", setting) for setting in SETTINGS), ("without", SETTINGS[0])]:
         of_setting = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))
         mean, half = pl.col(f"{name}_s"), Z * pl.col(f"{name}_error_s")
-        series = pl.lit(f"{name} loss, {threshold}, {gate}")
+        series = pl.lit(f"{name} loss, θ_E {threshold}, gate {gate}")
         frames.append(points(of_setting, series, f"{name}_s", mean - half, mean + half))
     label = "difference in time, positive - none (s)"
     return draw_error_bars(pl.concat(frames), x_label="robots", label=label)

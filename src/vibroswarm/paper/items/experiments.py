@@ -147,7 +147,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
         own = points(part, pl.col("column"), "as the text has it", "least", "most")
         both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
-        band = f"band over thresholds and gates (mark: theta_E {TEXTS}, the robots' gate)"
+        band = f"band over thresholds and gates (mark: θ_E {TEXTS}, the robots' gate)"
         draw = partial(
             draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band, spans=True
         )

@@ -61,16 +61,14 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield a line for each kappa, with no feedback and positive feedback across, as in the paper."""
+    """Yield a line for each kappa (κ) over eta (η), with no feedback and positive feedback across, as in the paper."""
     table = tables["cells"]
-    soft = table.filter(pl.col("strategy") == "soft").with_columns(
-        series=pl.format("kappa {}", pl.col("kappa"))
-    )
+    soft = table.filter(pl.col("strategy") == "soft").with_columns(series=pl.format("κ {}", pl.col("kappa")))
     across = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
     lines = across.join(pl.DataFrame({"eta": _etas()}), how="cross")
     names = [name for name in soft.columns if name != "strategy"]
     together = pl.concat([soft.select(names), lines.select(names)]).sort("series", maintain_order=True)
-    yield from both_forms("feedback-grid", together, settings.columns, "eta", "eta", "series", FIGURES[:5])
+    yield from both_forms("feedback-grid", together, settings.columns, "eta", "η", "series", FIGURES[:5])
 
 
 KEYS: Final = ("column", "strategy", "eta", "kappa")

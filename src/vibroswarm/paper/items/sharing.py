@@ -151,7 +151,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     if "costs" in tables:
         chosen = tables["costs"].filter(pl.col("eta") == ETAS[1])
         costs = chosen.select("low", "high", estimate="cost", x="kappa", series="case")
-        draw = partial(draw_error_bars, costs, x_label="kappa", label="cost (time / T_end + 4 x share wrong)")
+        draw = partial(draw_error_bars, costs, x_label="κ", label="cost (time / T_end + 4 × share wrong)")
         yield Picture("sharing-costs", "Cost over kappa, eta 1500", draw)
 
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any, Final
 
+import polars as pl
+
 from vibroswarm.paper.cell_tables import TIME, limits, two_forms
 from vibroswarm.paper.claim_values import Row, frame
 from vibroswarm.paper.columns import STRATEGIES
@@ -50,7 +52,7 @@ def _measured(work: Work) -> Iterator[Row]:
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield decision time with each timer."""
     points = limits(tables["cells"], "decision_time_s").select(
-        "estimate", "low", "high", "runs", x="timer", series="strategy"
+        "estimate", "low", "high", "runs", x=pl.col("timer").str.replace_all("_", " "), series="strategy"
     )
     draw = partial(draw_error_bars, points, label=TIME)
     yield Picture("timer-decision-time", "Decision time with each timer", draw)

@@ -1,0 +1,127 @@
+"""The page of a trade-off: how much time fewer wrong decisions cost, over the settings of the decision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.picture import Picture
+from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of
+from vibroswarm.report.text import minus_signs
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import versions
+
+_SHARES: Final = {
+    "error": "robots wrong",
+    "robots_undecided": "robots undecided",
+    "robots_right": "robots right",
+    "swarm_right": "swarms right",
+}
+
+
+def front_picture(curve: pl.DataFrame, style: str) -> Picture:
+    """Draw time against the share of robots wrong, of all settings.
+
+    Args:
+        curve: of ``analysis.tradeoff.time_error_curve``, with undecided robots not counted as wrong.
+    """
+    frame = curve.select(
+        "error",
+        "error_low",
+        "error_high",
+        "runs",
+        name=pl.format("p_c {}, O_c {}", "credible_threshold", "min_observations"),
+        time="decision_time_s",
+        time_low="decision_time_s_low",
+        time_high="decision_time_s_high",
+        front="pareto",
+    )
+    return draw_front(frame, error_label="robots wrong", percent=True, style=style)
+
+
+def answer(curve: pl.DataFrame, scenario: Scenario) -> list[str]:
+    """Say what was asked, and how much time fewer wrong decisions cost, from one end of the front to the other.
+
+    Args:
+        curve: of ``analysis.tradeoff.time_error_curve``. scenario: of which it is.
+    """
+    front = curve.filter("pareto").sort("decision_time_s").to_dicts()
+    asked = (
+        f"How much time do fewer wrong decisions cost? {scenario.strategy.name}, {scenario.swarm.robots} robots, floor "
+        f"{scenario.floor.source}, up to {scenario.run.t_end_s:g} s; {curve.height} settings of p_c and O_c, replayed "
+        f"on the same {curve['runs'][0]:,} runs."
+    )
+    if not front:
+        return [asked, "No setting has both a time and a share of wrong decisions."]
+    fastest, surest = front[0], front[-1]
+    sentences = [asked, f"Fastest: {_setting(fastest)}, {_figures(fastest)}."]
+    if len(front) > 1:
+        sentences.append(f"Least often wrong: {_setting(surest)}, {_figures(surest)}.")
+        sentences.append(
+            f"{len(front)} of {curve.height} settings are on the front: no other is faster without being wrong more "
+            "often. An undecided robot counts with the whole time, and not as wrong."
+        )
+    return sentences
+
+
+def _setting(row: Mapping[str, Any]) -> str:
+    return f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}"
+
+
+def _figures(row: Mapping[str, Any]) -> str:
+    """Write time, wrong and undecided of a setting with their intervals."""
+
+    def limits(name: str, scale: float, decimals: int) -> str:
+        low, high = row[f"{name}_low"], row[f"{name}_high"]
+        if low is None or high is None:
+            return ""
+        return f" [{scale * low:.{decimals}f}, {scale * high:.{decimals}f}]"
+
+    return (
+        f"{row['decision_time_s']:.0f} s{limits('decision_time_s', 1, 0)}, "
+        f"{100 * row['error']:.1f} %{limits('error', 100, 1)} of the robots wrong, "
+        f"{100 * row['robots_undecided']:.1f} %{limits('robots_undecided', 100, 1)} undecided"
+    )
+
+
+def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
+    """Lay out the page.
+
+    Args:
+        curve: of ``analysis.tradeoff.time_error_curve``. scenario, seed: of which it is.
+    """
+    asked, *found = answer(curve, scenario)
+    picture = picture_of(front_picture(curve, "page"), "front")
+    front = curve.filter("pareto").sort("decision_time_s")
+    text = (
+        "The front is that of the estimates: the best of many settings are partly lucky, and worse on other seeds.",
+    )
+    return Report(
+        f"Time against wrong decisions: {scenario.strategy.name}",
+        (asked, *map(minus_signs, found)),
+        sections=(
+            Section("The front", text, (picture, _table(front, "front"))),
+            Section("All settings", (), (_table(curve, "tradeoff"),), folded=True),
+        ),
+        details={"scenario": scenario.hash, "seed": str(seed), **versions()},
+    )
+
+
+def _table(rows: pl.DataFrame, name: str) -> ReportTable:
+    """Tabulate settings with their figures."""
+    columns = {
+        "credible_threshold": Column("credible threshold p_c"),
+        "min_observations": Column("minimum of observations O_c"),
+        "decision_time_s": Column(
+            "decision time", "s", decimals=0, limits=("decision_time_s_low", "decision_time_s_high")
+        ),
+    }
+    columns |= {
+        key: Column(words, percent=True, limits=(f"{key}_low", f"{key}_high"))
+        for key, words in _SHARES.items()
+    }
+    names = [end for key, column in columns.items() for end in (key, *(column.limits or ()))]
+    return ReportTable(rows.select(names), columns, "In brackets: 95 % intervals over runs.", name)
