@@ -22,7 +22,7 @@ from vibroswarm.plots.layout import (
     ticks_at,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.strategy_looks import looks_of, row_looks
+from vibroswarm.plots.strategy_looks import looks_of, row_looks, strategy_in
 from vibroswarm.plots.style import FAINT, PAPER, Look, Style, style_named
 
 BAND = 0.2
@@ -199,9 +199,11 @@ def _along(
     looks, constant = looks_of(series), [is_constant(part) for part in parts]
     varying = [k for k, same in enumerate(constant) if not same or all(constant)]
     nudge = 0.0 if spans else _nudge(frame, len(varying), log)
+    merged = _merged(parts, [k for k in range(len(parts)) if k not in varying])
     for index, part in enumerate(parts):
         if index not in varying:
-            _constant(axes, style, part, looks[index])
+            if index in merged:
+                _constant(axes, style, part, looks[index])
             continue
         shift = (varying.index(index) - (len(varying) - 1) / 2) * nudge
         draw_estimates(axes, style, part, looks[index], shift=shift, log=log, spans=spans)
@@ -211,14 +213,33 @@ def _along(
         ticks_at(axes.xaxis, style, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
-    last = [part["estimate"].drop_nulls() for part in parts]
+    drawn = [k for k in range(len(named)) if k in varying or k in merged]
+    names = [_name_of(named[k], [named[j] for j in merged.get(k, ())]) for k in drawn]
+    last = [parts[k]["estimate"].drop_nulls() for k in drawn]
     if all(values.len() for values in last) and label_ends(
-        figure, axes, style, named, looks, [float(values[-1]) for values in last][: len(named)]
+        figure, axes, style, names, [looks[k] for k in drawn], [float(values[-1]) for values in last]
     ):
         return figure
-    handles = [series_handle(style, looks[k], mark=k in varying) for k in range(len(named))]
-    legend_below(figure, style, handles, named)
+    handles = [series_handle(style, looks[k], mark=k in varying) for k in drawn]
+    legend_below(figure, style, handles, names)
     return figure
+
+
+def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int, list[int]]:
+    """Return the first of each set of equal constant series, with all of the set."""
+    sets: dict[tuple[float, ...], list[int]] = {}
+    for k in constant:
+        sets.setdefault(parts[k].select("estimate", "low", "high").row(0), []).append(k)
+    return {members[0]: members for members in sets.values()}
+
+
+def _name_of(name: str, alike: Sequence[str]) -> str:
+    """Name a series for all that are equal to it: by their strategy if it is the same."""
+    if len(alike) < 2:
+        return name
+    of = {strategy_in(one) for one in alike}
+    common = of.pop() if len(of) == 1 else None
+    return common or f"{name} and {len(alike) - 1} alike"
 
 
 def _rows(
