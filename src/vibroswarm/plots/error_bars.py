@@ -40,6 +40,7 @@ def draw_error_bars(
     log: bool = False,
     percent: bool = False,
     spans: bool = False,
+    constant: Sequence[str] = (),
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -56,6 +57,7 @@ def draw_error_bars(
         log: whether a numeric x is drawn logarithmically.
         percent: whether estimates are shares, written in percent.
         spans: whether low and high are a range of settings, or a scale, and no interval: drawn as bands, not bars.
+        constant: series that do not depend on x by their definition, whatever their values.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -68,7 +70,7 @@ def draw_error_bars(
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
     if frame.schema["x"].is_numeric():
-        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, title)
+        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, constant, title)
     else:
         figure = _rows(sizes, frame, series, label, percent, spans, title)
     missing = frame["estimate"].null_count()
@@ -189,6 +191,7 @@ def _along(
     log: bool,
     percent: bool,
     spans: bool,
+    constant: Sequence[str],
     title: str,
 ) -> Any:
     """Draw the figure along a numeric axis."""
@@ -196,8 +199,9 @@ def _along(
     figure, axes = plain_axes(style, *labels, title=title, legend=named)
     few_ticks(axes.xaxis, style)
     parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
-    looks, constant = looks_of(series), [is_constant(part) for part in parts]
-    varying = [k for k, same in enumerate(constant) if not same or all(constant)]
+    looks = looks_of(series)
+    same = [name in constant or is_constant(part) for name, part in zip(series, parts, strict=True)]
+    varying = [k for k, alike in enumerate(same) if not alike or all(same)]
     nudge = 0.0 if spans else _nudge(frame, len(varying), log)
     merged = _merged(parts, [k for k in range(len(parts)) if k not in varying])
     for index, part in enumerate(parts):
@@ -239,7 +243,7 @@ def _name_of(name: str, alike: Sequence[str]) -> str:
         return name
     of = {strategy_in(one) for one in alike}
     common = of.pop() if len(of) == 1 else None
-    return common or f"{name} and {len(alike) - 1} alike"
+    return common or " = ".join(alike)
 
 
 def _rows(
