@@ -57,7 +57,7 @@ def draw_error_bars(
         log: whether a numeric x is drawn logarithmically.
         percent: whether estimates are shares, written in percent.
         spans: whether low and high are a range of settings, or a scale, and no interval: drawn as bands, not bars.
-        constant: series that do not depend on x by their definition, whatever their values.
+        constant: series that do not depend on x; without, those whose values are the same everywhere.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -200,7 +200,9 @@ def _along(
     few_ticks(axes.xaxis, style)
     parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
     looks = looks_of(series)
-    same = [name in constant or is_constant(part) for name, part in zip(series, parts, strict=True)]
+    same = [
+        name in constant if constant else is_constant(part) for name, part in zip(series, parts, strict=True)
+    ]
     varying = [k for k, alike in enumerate(same) if not alike or all(same)]
     nudge = 0.0 if spans else _nudge(frame, len(varying), log)
     merged = _merged(parts, [k for k in range(len(parts)) if k not in varying])
