@@ -14,6 +14,7 @@ import pytest
 from vibroswarm.optimize import Search, run_search, truth_of
 from vibroswarm.optimize import write_report as write_search
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
+from vibroswarm.report.answer import ReportAnswer, ReportEffect
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
 
 Open = Callable[..., Any]
@@ -121,6 +122,53 @@ def open_report(browser: Any, path: Path, long_path: Path) -> Iterator[Open]:
     for context in contexts:
         context.close()
     assert noise == []
+
+
+IN_SIGHT = """() => {
+    const words = [], range = document.createRange();
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+        range.selectNodeContents(node);
+        const box = range.getBoundingClientRect();
+        const inside = box.left >= 0 && box.right <= innerWidth && box.top >= 0 && box.bottom <= innerHeight;
+        if (box.width && inside) words.push(node.data.trim());
+    }
+    return words.filter(Boolean).join(" ");
+}"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (400, 800)])
+def test_the_first_screen_answers(open_report: Open, tmp_path: Path, width: int, height: int) -> None:
+    """Which is faster, which is wrong more often, and how sure that is: in sight without scrolling, with 3 answers."""
+    effects = [
+        ReportEffect("time", "-127 s", "[-153, -102]", -127, -153, -102, "good", "better"),
+        ReportEffect("right", "+11.9 points", "[+8.4, +15.5]", 11.9, 8.4, 15.5, "good", "better"),
+        ReportEffect("wrong", "+6.7 points", "[+3.9, +9.4]", 6.7, 3.9, 9.4, "bad", "worse"),
+        ReportEffect("undecided", "-18.6 points", "[-23.0, -14.5]", -18.6, -23, -14.5, "good", "better"),
+    ]
+    sentence = "soft against none: 127 s faster [102, 153], 6.7 points more wrong [3.9, 9.4]; confirmed on other seeds."
+    aside = "At equal error (24.8 %, that of soft): no significant difference in time, +94 s [-56, +226]."
+    answer = ReportAnswer("soft is faster than none, and wrong more often", sentence, aside, tuple(effects))
+    file = tmp_path / "report.html"
+    asked = "Which decides sooner, and which is wrong more often: none or soft? 5 robots; 300 runs each."
+    write_report(
+        file, replace(made(), title="none and soft", lead=(asked,), warnings=(), answers=(answer,) * 3)
+    )
+    page = open_report(file=file, viewport={"width": width, "height": height})
+    seen = page.evaluate(IN_SIGHT)
+    for words in (
+        "soft is faster than none, and wrong more often",
+        "−127 s",
+        "+6.7 points",
+        "[+3.9, +9.4]",
+        "worse",
+    ):
+        assert words in seen
+    assert "confirmed on other seeds" in seen
+    assert "no significant difference in time" in seen
+    assert (
+        "Outcomes" not in seen or width > 1000
+    )  # the contents come after the answer where they stand above it
 
 
 def cells(page: Any, column: int) -> list[str]:

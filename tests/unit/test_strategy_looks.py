@@ -87,6 +87,18 @@ def test_a_series_that_does_not_change_is_a_band_and_has_no_marks() -> None:
     assert len(axes.patches) == 1
 
 
+def test_constants_that_are_equal_are_one_band_under_their_strategys_name() -> None:
+    rows = [
+        {"x": x, "series": name, "estimate": y + x * slope, "low": y - 9.0, "high": y + 9.0}
+        for name, y, slope in (("none, κ 1", 10.0, 0.0), ("none, κ 2", 10.0, 0.0), ("soft, κ 1", 30.0, 1.0))
+        for x in (1.0, 2.0, 3.0)
+    ]
+    figure = draw_error_bars(pl.DataFrame(rows)).figure
+    assert len(figure.axes[0].patches) == 1
+    assert "none" in words(figure)
+    assert not {"none, κ 1", "none, κ 2"} & set(words(figure))
+
+
 def test_ranges_of_settings_are_bands_and_never_bars() -> None:
     frame = pl.DataFrame({"x": [1.0, 2.0], "estimate": [5.0, 6.0], "low": [2.0, 3.0], "high": [9.0, 9.0]})
     bars, spans = (draw_error_bars(frame, spans=spans).figure.axes[0] for spans in (False, True))

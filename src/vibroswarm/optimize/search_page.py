@@ -30,7 +30,7 @@ from vibroswarm.optimize.search_tables import (
     short_names,
     standing,
     value_said,
-    values_said,
+    winner_words,
 )
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
@@ -209,7 +209,7 @@ def best_words(values: dict[str, Any], truth: Truth, unit: str) -> str:
     """Summarise a winner: its values, its true score, and the score that the search believed."""
     unit, score = f" {unit}".rstrip(), truth.winner.score
     return (
-        f"Best: {values_said(values)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; "
+        f"Best: {winner_words(values)}. True, on {score.n:,} fresh runs: {interval_said(score)}{unit}; "
         f"believed score: {truth.believed:.4g}{unit}."
     )
 
@@ -224,8 +224,17 @@ def _lead(found: Found, truth: Truth | None, front: Front | None) -> Iterable[st
     )
     if truth is not None:
         yield best_words(found.values, truth, search.objectives[0].unit)
+        yield from _against_words(search, truth)
     if front is not None:
         yield f"{len(front.members)} candidates are on the Pareto front of {' and '.join(front.names)}."
+
+
+def _against_words(search: Search, truth: Truth) -> Iterable[str]:
+    """Say against which starts the winner is better; warnings say of the others that it is not."""
+    for k, name in enumerate(other_names(search, truth)):
+        if standing(truth, k) == "better":
+            less = interval_said(truth.against[k], sign=True)
+            yield f"It costs less than the {name}, run by run on the same fresh runs (winner - {name}: {less})."
 
 
 def _aims(search: Search) -> str:

@@ -14,6 +14,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Scored, Truth
+from vibroswarm.plots.field_labels import label_of
 from vibroswarm.report.html import Column, ReportTable
 
 REASONS: Final = 3
@@ -49,6 +50,16 @@ def value_said(value: Any) -> str:
 def values_said(values: dict[str, Any]) -> str:
     """Write values with the last parts of their fields' names."""
     return ", ".join(f"{name.rpartition('.')[2]} {value_said(value)}" for name, value in values.items())
+
+
+def winner_words(values: Mapping[str, Any]) -> str:
+    """Write a winner's values in words: ``sample interval τ 4750 ms``; ``best.toml`` has all digits."""
+    return ", ".join(
+        f"{label.words} {label.symbol} {value:.4g} {label.unit}".replace("  ", " ").strip()
+        if isinstance(value, float)
+        else f"{label.words} {label.symbol} {value} {label.unit}".replace("  ", " ").strip()
+        for label, value in ((label_of(name), value) for name, value in values.items())
+    )
 
 
 def short_names(names: Sequence[str]) -> dict[str, str]:
@@ -92,8 +103,8 @@ def believed_and_true(truth: Truth, believed_runs: int, unit: str) -> ReportTabl
          "high": plain(score.high - believed), "runs": None, "luck": truth.luck},
     ]  # fmt: skip
     columns = {
-        "what": Column("of the winner"), "score": Column("score", unit, 4), "low": Column("from", unit, 4),
-        "high": Column("to", unit, 4), "luck": Column("luck of the choice", tones=LUCK_TONES),
+        "what": Column("of the winner"), "score": Column("score", unit, 4, limits=("low", "high")),
+        "luck": Column("luck of the choice", tones=LUCK_TONES),
     }  # fmt: skip
     return ReportTable(_frame(rows), columns, "With 95 % intervals; the unit is the run.", "truth")
 
@@ -104,9 +115,7 @@ def case_table(scored: Scored, names: Sequence[str], unit: str) -> ReportTable |
         return None
     rows = [{"case": name, **_limits(case)} for name, case in zip(names, scored.cases, strict=True)]
     columns = {
-        "score": Column("score", unit, 4),
-        "low": Column("from", unit, 4),
-        "high": Column("to", unit, 4),
+        "score": Column("score", unit, 4, limits=("low", "high")),
     }
     return ReportTable(_frame(rows), columns, "The winner in each case by itself, on fresh runs.", "cases")
 
@@ -122,7 +131,7 @@ def part_table(scored: Scored) -> ReportTable | None:
         rows.append({"part": words, "value": plain(times * value.estimate), "low": plain(times * value.low),
                      "high": plain(times * value.high), "says": scored.near.get(name)})  # fmt: skip
     columns = {
-        "low": Column("from"), "high": Column("to"),
+        "value": Column(limits=("low", "high")),
         "says": Column("against its limit", prose=True, tones=LIMIT_TONES),
     }  # fmt: skip
     worst = " Each in the case where it is worst." if scored.cases else ""
@@ -159,9 +168,8 @@ def against_table(search: Search, truth: Truth) -> ReportTable:
         )
     ]  # fmt: skip
     columns = {
-        "other": Column("against"), "score": Column("its score", unit, 4), "low": Column("from", unit, 4),
-        "high": Column("to", unit, 4), "less": Column("the winner less this", unit, 4),
-        "less_low": Column("from", unit, 4), "less_high": Column("to", unit, 4),
+        "other": Column("against"), "score": Column("its score", unit, 4, limits=("low", "high")),
+        "less": Column("winner - this", unit, 4, limits=("less_low", "less_high")),
         "standing": Column("the winner is", tones=STANDING_TONES),
     }  # fmt: skip
     caption = (

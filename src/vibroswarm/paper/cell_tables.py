@@ -104,8 +104,13 @@ def both_forms(
     x_label: str,
     series: str,
     figures: Sequence[tuple[str, str, str, str]] = FIGURES,
+    constant: Sequence[str] = (),
 ) -> Iterator[Picture]:
-    """Yield pictures of figures over ``x`` for each column: as the paper draws them, and with intervals over runs."""
+    """Yield pictures of figures over ``x`` for each column: as the paper draws them, and with intervals over runs.
+
+    Args:
+        constant: series that do not depend on x.
+    """
     for place, column in enumerate(columns):
         part = whole.filter(pl.col("column") == column)
         if part.is_empty():
@@ -114,11 +119,20 @@ def both_forms(
             figures if place == 0 else [entry for entry in figures if entry[3] in ALSO]
         ):
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
-            draw = partial(_draw, part, figure, label, form, x, x_label, series)
+            draw = partial(_draw, part, figure, label, form, x, x_label, series, constant)
             yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, place > 0)
 
 
-def _draw(part: pl.DataFrame, figure: str, label: str, form: str, x: str, x_label: str, series: str) -> Drawn:
+def _draw(
+    part: pl.DataFrame,
+    figure: str,
+    label: str,
+    form: str,
+    x: str,
+    x_label: str,
+    series: str,
+    constant: Sequence[str],
+) -> Drawn:
     """Draw a figure over ``x`` with a line for each value of ``series``."""
     intervals = bars(part, figure) if form == "papers" else limits(part, figure)
     frame = intervals.select(
@@ -130,7 +144,9 @@ def _draw(part: pl.DataFrame, figure: str, label: str, form: str, x: str, x_labe
         name: place for place, name in enumerate(part[series].cast(pl.String).unique(maintain_order=True))
     }
     frame = frame.sort(pl.col("series").replace_strict(order, return_dtype=pl.Int64), "x")
-    return draw_error_bars(frame, x_label=x_label, label=label, interval=interval, percent=percent)
+    return draw_error_bars(
+        frame, x_label=x_label, label=label, interval=interval, percent=percent, constant=constant
+    )
 
 
 PAPERS_BAR: Final = "the paper's bar (sd over robots / root of runs)"

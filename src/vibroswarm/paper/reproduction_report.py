@@ -206,7 +206,8 @@ def report_of(
     return Report(
         title="The paper, reproduced",
         lead=(
-            "Does the paper's own model give what the paper says? " + _counts(decided),
+            "Does the paper's own model give what the paper says?",
+            *_counts(decided),
             *few_runs(decided, settings),
             f"{settings.runs:,} runs per cell, seed {settings.seed}.",
             "Every number here was computed, except those called printed or published, which are the paper's. "
@@ -219,8 +220,8 @@ def report_of(
     )
 
 
-def _counts(decided: Sequence[Decided]) -> str:
-    """Number of claims and checks by verdict, for each preset."""
+def _counts(decided: Sequence[Decided]) -> list[str]:
+    """Number of claims and checks by verdict, a sentence for each preset."""
     words = []
     for column in COLUMNS:
         of_column = [verdict for verdict in decided if verdict.column == column]
@@ -231,8 +232,9 @@ def _counts(decided: Sequence[Decided]) -> str:
             words.append(f"Preset `{column}`: of {len(verdicts)} claims {counted}.")
         if checks:
             counted = ", ".join(f"{checks.count(v)} {v}" for v in _CHECKED if v in checks)
-            words.append(f"Checks: {counted}.")
-    return " ".join(words)
+            before = f"{words.pop()} " if verdicts else ""
+            words.append(f"{before}Checks: {counted}.")
+    return words
 
 
 def few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
@@ -249,7 +251,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
     """Return the section with the verdicts on all claims and checks."""
     tables = []
     for kind, name in (("claim", "claims"), ("check", "checks")):
-        table = claims_table(decided, kind=kind).select("says", "holds if", *COLUMNS, "item", "claim")
+        table = claims_table(decided, kind=kind).select("says", "holds if", *COLUMNS, "claim")
         table = table.select(*(_typeset(column) for column in table.columns))
         if kind == "claim" or not table.is_empty():
             tables.append(ReportTable(table, _CLAIMS, _CAPTIONS[kind].format(command_of(settings)), name))

@@ -22,7 +22,7 @@ from vibroswarm.plots.layout import (
     ticks_at,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.strategy_looks import looks_of, row_looks
+from vibroswarm.plots.strategy_looks import looks_of, row_looks, strategy_in
 from vibroswarm.plots.style import FAINT, PAPER, Look, Style, style_named
 
 BAND = 0.2
@@ -40,6 +40,7 @@ def draw_error_bars(
     log: bool = False,
     percent: bool = False,
     spans: bool = False,
+    constant: Sequence[str] = (),
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -56,6 +57,7 @@ def draw_error_bars(
         log: whether a numeric x is drawn logarithmically.
         percent: whether estimates are shares, written in percent.
         spans: whether low and high are a range of settings, or a scale, and no interval: drawn as bands, not bars.
+        constant: series that do not depend on x; without, those whose values are the same everywhere.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -68,7 +70,7 @@ def draw_error_bars(
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
     if frame.schema["x"].is_numeric():
-        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, title)
+        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, constant, title)
     else:
         figure = _rows(sizes, frame, series, label, percent, spans, title)
     missing = frame["estimate"].null_count()
@@ -189,6 +191,7 @@ def _along(
     log: bool,
     percent: bool,
     spans: bool,
+    constant: Sequence[str],
     title: str,
 ) -> Any:
     """Draw the figure along a numeric axis."""
@@ -196,12 +199,17 @@ def _along(
     figure, axes = plain_axes(style, *labels, title=title, legend=named)
     few_ticks(axes.xaxis, style)
     parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
-    looks, constant = looks_of(series), [is_constant(part) for part in parts]
-    varying = [k for k, same in enumerate(constant) if not same or all(constant)]
+    looks = looks_of(series)
+    same = [
+        name in constant if constant else is_constant(part) for name, part in zip(series, parts, strict=True)
+    ]
+    varying = [k for k, alike in enumerate(same) if not alike or all(same)]
     nudge = 0.0 if spans else _nudge(frame, len(varying), log)
+    merged = _merged(parts, [k for k in range(len(parts)) if k not in varying])
     for index, part in enumerate(parts):
         if index not in varying:
-            _constant(axes, style, part, looks[index])
+            if index in merged:
+                _constant(axes, style, part, looks[index])
             continue
         shift = (varying.index(index) - (len(varying) - 1) / 2) * nudge
         draw_estimates(axes, style, part, looks[index], shift=shift, log=log, spans=spans)
@@ -211,14 +219,33 @@ def _along(
         ticks_at(axes.xaxis, style, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
-    last = [part["estimate"].drop_nulls() for part in parts]
+    drawn = [k for k in range(len(named)) if k in varying or k in merged]
+    names = [_name_of(named[k], [named[j] for j in merged.get(k, ())]) for k in drawn]
+    last = [parts[k]["estimate"].drop_nulls() for k in drawn]
     if all(values.len() for values in last) and label_ends(
-        figure, axes, style, named, looks, [float(values[-1]) for values in last][: len(named)]
+        figure, axes, style, names, [looks[k] for k in drawn], [float(values[-1]) for values in last]
     ):
         return figure
-    handles = [series_handle(style, looks[k], mark=k in varying) for k in range(len(named))]
-    legend_below(figure, style, handles, named)
+    handles = [series_handle(style, looks[k], mark=k in varying) for k in drawn]
+    legend_below(figure, style, handles, names)
     return figure
+
+
+def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int, list[int]]:
+    """Return the first of each set of equal constant series, with all of the set."""
+    sets: dict[tuple[float, ...], list[int]] = {}
+    for k in constant:
+        sets.setdefault(parts[k].select("estimate", "low", "high").row(0), []).append(k)
+    return {members[0]: members for members in sets.values()}
+
+
+def _name_of(name: str, alike: Sequence[str]) -> str:
+    """Name a series for all that are equal to it: by their strategy if it is the same."""
+    if len(alike) < 2:
+        return name
+    of = {strategy_in(one) for one in alike}
+    common = of.pop() if len(of) == 1 else None
+    return common or " = ".join(alike)
 
 
 def _rows(

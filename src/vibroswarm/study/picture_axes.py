@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vibroswarm.plots import field_labels
+from vibroswarm.study.factors import PLAIN
 from vibroswarm.study.spec import SOURCE, Cell
 
 
@@ -31,10 +32,10 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
     numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
     several = {name: values for name, values in numeric.items() if len(set(values.values())) > 1}
     if not several:
-        return Layout(None, "", None, {cell.number: cell.name for cell in cells})
+        return Layout(None, "", None, {cell.number: name_of(cell) for cell in cells})
     field = max(several, key=lambda name: len(set(several[name].values())))
     x = several[field]
-    series = {cell.number: cell.words_of(k for k in cell.point if k != field) or "all" for cell in cells}
+    series = {cell.number: _words(cell, [k for k in cell.point if k != field]) or "all" for cell in cells}
     places = Counter((x[number], words) for number, words in series.items())
     twice = {number for number, words in series.items() if places[x[number], words] > 1}
     series |= {number: f"{series[number]} (cell {number})" for number in twice}
@@ -60,6 +61,24 @@ def number_of(cell: Cell, field: str) -> float:
 def label_of(field: str) -> str:
     """Write a field with symbol and unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold θ_c (mm)"."""
     return field_labels.label_of(field).text
+
+
+def name_of(cell: Cell) -> str:
+    """Name a cell in a picture: with symbols and units in place of the fields' names, unless it has a label."""
+    return (
+        _words(cell, list(cell.point)) if cell.point and cell.name == cell.words_of(cell.point) else cell.name
+    )
+
+
+def _words(cell: Cell, fields: Sequence[str]) -> str:
+    """Write varied values as in ``Cell.words_of``, with symbols and units."""
+    return ", ".join(
+        cell.words[field]
+        if field in PLAIN
+        else f"{field_labels.label_of(field).short} {cell.words[field]} {field_labels.label_of(field).unit}".strip()
+        for field in fields
+        if field in cell.words
+    )
 
 
 def _varied(cells: Sequence[Cell]) -> list[str]:

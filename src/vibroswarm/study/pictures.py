@@ -24,7 +24,7 @@ from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
 from vibroswarm.study.cell_comparison import Compared
-from vibroswarm.study.picture_axes import Layout, label_of, layout_of, number_of, plane_of
+from vibroswarm.study.picture_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
@@ -83,7 +83,7 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
         shares = {kind: getattr(cell_outcome.summary, f"swarm_{kind}") for kind in kinds}
         counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
-        rows.append({"cell": cell_outcome.cell.name, **counts, **limits})
+        rows.append({"cell": name_of(cell_outcome.cell), **counts, **limits})
     return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
 
 
@@ -94,7 +94,7 @@ def _bars(
     rows = []
     for cell_outcome in cells:
         estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
-        x = cell_outcome.cell.name if layout.x is None else layout.x[number]
+        x = name_of(cell_outcome.cell) if layout.x is None else layout.x[number]
         series = {} if layout.x is None else {"series": layout.series[number]}
         interval = {"estimate": estimated.estimate, "low": estimated.low, "high": estimated.high}
         rows.append({"x": x, **series, **interval, "runs": cell_outcome.summary.runs})
@@ -102,7 +102,7 @@ def _bars(
     many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
     if many:  # too many lines: one row per cell
         frame = frame.select(
-            pl.Series("x", [cell_outcome.cell.name for cell_outcome in cells]),
+            pl.Series("x", [name_of(cell_outcome.cell) for cell_outcome in cells]),
             pl.all().exclude("x", "series"),
         )
         frame = frame.head(MOST_ROWS)
@@ -187,7 +187,7 @@ def _incidence(
         t_end_s = cell_outcome.summary.t_end_s
         times_s = np.linspace(0.0, t_end_s, TIMES)
         incidence = robot_incidence if unit == "robot" else swarm_incidence
-        series = cell_outcome.cell.name if layout is None else layout.series[cell_outcome.cell.number]
+        series = name_of(cell_outcome.cell) if layout is None else layout.series[cell_outcome.cell.number]
         frames.append(incidence(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
     count, t_end_s = (
         min(cell_outcome.summary.runs for cell_outcome in cells),
@@ -209,7 +209,7 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
     """Draw the distribution of consensus times by cell."""
     frames = [
         outcome.result.tables(cell_outcome.cell.number)[1].select(
-            cell=pl.lit(cell_outcome.cell.name), value="consensus_time_s"
+            cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"
         )
         for cell_outcome in outcome.cells
     ]
@@ -238,7 +238,7 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
         time, error = cell_outcome.summary.decision_time_s, cell_outcome.forced_error
         rows.append(
             {
-                "name": cell_outcome.cell.name,
+                "name": name_of(cell_outcome.cell),
                 "time": time.estimate,
                 "time_low": time.low,
                 "time_high": time.high,
@@ -312,7 +312,7 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
             in_group = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells]
             if in_group:
                 name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
-                words = f": {in_group[0].cell.name}" if len(groups) > 1 else ""
+                words = f": {name_of(in_group[0].cell)}" if len(groups) > 1 else ""
                 yield NamedPicture(
                     name, f"Where robots sampled{words}", partial(_density, outcome, in_group[0])
                 )
@@ -376,7 +376,7 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     prior = betainc(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
     belief[np.isnan(belief)] = float(prior)
     columns = {f"q{q:02d}": np.quantile(belief, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
-    return pl.DataFrame({"time_s": times, "series": [one.cell.name] * TIMES, **columns})
+    return pl.DataFrame({"time_s": times, "series": [name_of(one.cell)] * TIMES, **columns})
 
 
 def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:

@@ -68,7 +68,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     lines = across.join(pl.DataFrame({"eta": _etas()}), how="cross")
     names = [name for name in soft.columns if name != "strategy"]
     together = pl.concat([soft.select(names), lines.select(names)]).sort("series", maintain_order=True)
-    yield from both_forms("feedback-grid", together, settings.columns, "eta", "η", "series", FIGURES[:5])
+    flat = ("none", "positive")
+    yield from both_forms(
+        "feedback-grid", together, settings.columns, "eta", "η", "series", FIGURES[:5], flat
+    )
 
 
 KEYS: Final = ("column", "strategy", "eta", "kappa")

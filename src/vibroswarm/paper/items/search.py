@@ -16,6 +16,7 @@ from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
 from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_parameters, draw_search
+from vibroswarm.plots.field_labels import SYMBOLS
 from vibroswarm.report.html import Column
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
@@ -152,7 +153,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         .str.split(".")
         .list.last()
     )
-    drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field)
+    labels = {name.rpartition(".")[2]: label.text for name, label in SYMBOLS.items()}
+    drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field.replace(labels))
     yield Picture("search-parameters", "Mean of the parameters", lambda: draw_parameters(drawn))
 
 
