@@ -122,6 +122,25 @@ class Expressions:
             self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a number")
         return value
 
+    def in_any_order(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
+        """Return expressions that C may compute in any order: only one of them may change a row."""
+        found, changing = [], 0
+        for item in items:
+            before = self.changes
+            found.append(self.expression(item))
+            changing += self.changes > before
+        if changing > 1:
+            self.refuse(node, "two calls that may change a row in one expression, whose order C leaves open")
+        return found
+
+    def numbers(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
+        """Return expressions that must be numbers, computed in any order."""
+        values = self.in_any_order(node, items)
+        for item, value in zip(items, values, strict=True):
+            if value.type not in (INT, LONG, REAL, BOOL):
+                self.refuse(item, f"'{ast.unparse(item)[:60]}' is not a number")
+        return values
+
     def truth(self, node: ast.expr) -> Value:
         """Return an expression that must be true or false."""
         value = self.expression(node)
@@ -233,7 +252,8 @@ class Expressions:
 
     def on_binop(self, node: ast.BinOp) -> Value:
         """Translate arithmetic."""
-        return self.arithmetic(node, node.op, self.number(node.left), self.number(node.right))
+        left, right = self.numbers(node, [node.left, node.right])
+        return self.arithmetic(node, node.op, left, right)
 
     def arithmetic(self, node: ast.AST, operator: ast.operator, left: Value, right: Value) -> Value:
         """Return the result of an operator, with Python's meaning of division and remainder."""
@@ -287,7 +307,7 @@ class Expressions:
 
     def on_compare(self, node: ast.Compare) -> Value:
         """Translate a comparison, or several in a row of which those in the middle have no effects."""
-        values = [self.number(item) for item in (node.left, *node.comparators)]
+        values = self.numbers(node, [node.left, *node.comparators])
         if any(type(operator) not in COMPARE for operator in node.ops):
             self.refuse(node, f"the comparison '{ast.unparse(node)[:60]}'")
         if len(node.ops) > 1 and not all(
@@ -351,7 +371,7 @@ class Expressions:
         """Return the arguments of a call with ``count`` numbers."""
         if node.keywords or len(node.args) != count:
             self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
-        return [self.number(argument) for argument in node.args]
+        return self.numbers(node, node.args)
 
     def call_of_math(self, node: ast.Call, name: str) -> Value:
         """Translate a function of ``math``."""
@@ -417,8 +437,11 @@ class Expressions:
         given |= {word.arg: word.value for word in node.keywords if word.arg}
         if len(node.args) > len(names) or set(given) != set(names):
             self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
-        values = [self.expression(given[name]) for name in names]
+        values = self.in_any_order(node, [given[name] for name in names])
         compiled = self.program.function(called, [value.type for value in values], self.source, node)
+        if compiled.changes:
+            self.changes += 1
+            self.writes = True
         texts = []
         for value, kind in zip(values, compiled.parameters, strict=True):
             if isinstance(kind, Struct):
@@ -439,6 +462,10 @@ class Expressions:
         return name
 
     held: int = 0
+    changes: int = 0
+    """Calls so far that may change a row."""
+    writes: bool = False
+    """Whether the function may change a row."""
 
 
 BUILT_IN: Final[dict[str, Any]] = {

@@ -34,6 +34,8 @@ class Compiled:
     returns: Any
     head: str
     text: str
+    changes: bool
+    """Whether it may change a row or array that it is given."""
 
 
 class Program:
@@ -140,7 +142,7 @@ class Function(Expressions):
         ]
         place = f"/* {self.source.file}, line {self.source.before + self.source.tree.lineno} */"
         text = "\n".join([place, f"{head}", "{", *local, *self.lines, "}"])
-        return Compiled(self.name, self.given, returns, head, text)
+        return Compiled(self.name, self.given, returns, head, text, self.writes)
 
     @property
     def parameters_in_order(self) -> list[str]:
@@ -342,6 +344,7 @@ class Function(Expressions):
         if not isinstance(target, ast.Attribute | ast.Subscript):
             self.refuse(node, f"an assignment to '{ast.unparse(target)[:60]}'")
         place = self.expression(target)
+        self.writes = True
         if joined(place.type, value.type) is None:
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
         if place.type in INTEGERS and value.type == REAL:
