@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from helpers.exported_robots import STRICT
 from vibroswarm.errors import InputError
-from vibroswarm.export.c_expressions import Value
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
 from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, struct_of_class, typedef
+from vibroswarm.export.c_values import Value
 
 NUMBERS: tuple[str, ...] = ("one", "two")
 
@@ -103,6 +103,10 @@ def in_any_order(row: Any) -> float:
     return add_one(row) - 2.0 * add_one(row)
 
 
+def beside_a_field(row: Any) -> float:
+    return float(row.mean) * add_one(row)
+
+
 def number_as_test(x: float) -> float:
     return 1.0 if x else 0.0
 
@@ -127,6 +131,7 @@ def a_global(x: float) -> float:
         (beyond, ROW, 1, "the index 3 of an array of 3"),
         (no_such_field, ROW, 1, "the field 'median'"),
         (in_any_order, ROW, 1, "two calls that may change a row"),
+        (beside_a_field, ROW, 1, "a call that may change a row beside a field"),
         (number_as_test, REAL, 1, "'x' is not a comparison"),
         (a_global, REAL, 1, "'len'"),
     ],

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vibroswarm.export.c_expressions import OMITTED, Expressions, Value, as_real, identifier
+from vibroswarm.export.c_calls import Calls
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
@@ -22,6 +22,7 @@ from vibroswarm.export.c_types import (
     joined,
     parameter,
 )
+from vibroswarm.export.c_values import OMITTED, Value, as_real, identifier
 from vibroswarm.export.source import Source, plain, source_of, without_docstring
 
 
@@ -107,7 +108,7 @@ class Program:
         return name
 
 
-class Function(Expressions):
+class Function(Calls):
     """Translates one function."""
 
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:

@@ -10,7 +10,6 @@ from typing import Any, Final
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.export import robot_memory, robot_program
 from vibroswarm.export.assembly import RobotParts
-from vibroswarm.export.c_expressions import Value, literal
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
@@ -24,6 +23,7 @@ from vibroswarm.export.c_types import (
     struct_of_row,
     typedef,
 )
+from vibroswarm.export.c_values import Value, literal
 from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
