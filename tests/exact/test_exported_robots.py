@@ -104,7 +104,7 @@ def test_c_in_double_precision_is_the_exported_python_bit_by_bit(
 def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
     ours, theirs = rows(found, swarm), rows(expected, swarm)
     np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])
-    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-5)
 
 
 @needs_gcc

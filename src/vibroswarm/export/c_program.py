@@ -31,11 +31,16 @@ from vibroswarm.robot.walk import Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
 
+SINGLE, MIXED, DOUBLE = 1, 2, 3
 NEEDS_DOUBLE: Final = {
-    "mcp": "the confidence of a perfect sensor divides by (1 - 0.999999)^2, which float does not resolve",
-    "three_valued": "phases last whole control periods, and float would end them a period later",
+    "mcp": (
+        DOUBLE,
+        "the confidence of a perfect sensor divides by (1 - 0.999999)^2, which float does not resolve",
+    ),
+    "bayes_cpf": (MIXED, "float beliefs were off by up to 0.005"),
+    "three_valued": (DOUBLE, "phases last whole control periods, and float would end them a period later"),
 }
-"""Strategies that float does not serve, and why."""
+"""Strategies that float does not serve: what does, and why."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
 
 
@@ -103,15 +108,11 @@ def c_sources(parts: RobotParts) -> CSources:
     )
 
 
-SINGLE, MIXED, DOUBLE = 1, 2, 3
-
-
 def precision_of(parts: RobotParts) -> tuple[int, str]:
     """Return the precision in which a strategy's robots do what they do in double, and why it is that one."""
     if parts.mixture is not None:
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
-    reason = NEEDS_DOUBLE.get(parts.strategy.name)
-    return (DOUBLE, reason) if reason else (SINGLE, "float makes the same events as double")
+    return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, "float makes the same events as double"))
 
 
 def made_by(parts: RobotParts) -> str:
