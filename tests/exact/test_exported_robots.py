@@ -1,6 +1,7 @@
 """Exported robots do what the simulated ones do: plain Python, C in double and single precision, on a Cortex-M0.
 
-One inspection of 1200 s by five robots; each exported robot is fed what one of them measured and heard.
+One inspection of 1200 s by five robots, for every strategy but ``places`` (``test_exported_places``). Each exported
+robot is fed what one of them measured and heard.
 """
 
 from __future__ import annotations
@@ -12,17 +13,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from helpers.exported_robots import Swarm, built, built_for_arm, run_on_arm, run_program
+from helpers.exported_robots import (
+    Swarm,
+    built,
+    built_for_arm,
+    measured_at_each_tick,
+    run_on_arm,
+    run_program,
+)
 from vibroswarm import preset, simulate
+from vibroswarm.export.c_program import NEEDS_DOUBLE
 from vibroswarm.strategies import names
 
-SEED = 4
+SEED, TICKS = 4, 60_000
 STRATEGIES = [name for name in names() if name != "places"]
 BASE = preset("paper").with_values({"floor.source": "random:0.48", "run.stop": "t_end"})
+WHOLE = ("soft", "three_valued")
+"""Strategies, one without and one with timers, of which the whole program is run, walk and inbox included."""
+OF_SINGLE = [name for name in STRATEGIES if name not in NEEDS_DOUBLE]
+HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 needs_arm = pytest.mark.skipif(
-    shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-system-arm") is None,
-    reason="arm-none-eabi-gcc or qemu-system-arm is not installed",
+    not HAS_ARM,
+    reason="arm-none-eabi-gcc or qemu-system-arm is not installed (Debian: gcc-arm-none-eabi, "
+    "libnewlib-arm-none-eabi, qemu-system-arm)",
 )
 
 
@@ -32,17 +46,26 @@ def inspection() -> Any:
 
 
 @pytest.fixture(scope="module")
-def swarms(inspection: Any) -> dict[str, Swarm]:
-    return {}
+def measured() -> np.ndarray[Any, Any]:
+    return measured_at_each_tick(BASE, SEED, TICKS - 1)
 
 
-def swarm_of(name: str, inspection: Any, swarms: dict[str, Swarm]) -> Swarm:
-    if name not in swarms:
-        readings = inspection.observations["observation"].to_list()
-        scenario = BASE.with_values({"strategy.name": name})
-        swarms[name] = Swarm(scenario, SEED, inspection.motion, inspection.ends, readings)
-        swarms[name].run()
-    return swarms[name]
+@pytest.fixture(scope="module")
+def swarms(inspection: Any, measured: np.ndarray[Any, Any]) -> Any:
+    made: dict[str, Swarm] = {}
+    readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
+
+    def swarm_of(name: str) -> Swarm:
+        if name not in made:
+            swarm = Swarm(BASE.with_values({"strategy.name": name}), SEED, measured, readings)
+            if name in WHOLE:
+                swarm.run()
+            else:
+                swarm.run_as(swarm_of(WHOLE[0]))
+            made[name] = swarm
+        return made[name]
+
+    return swarm_of
 
 
 def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
@@ -50,15 +73,15 @@ def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
     return np.array(numbers).reshape(-1, 6 + len(swarm.fields))
 
 
-@pytest.mark.parametrize("name", ["soft"])
-def test_exported_python_decides_as_the_simulation(
-    name: str, inspection: Any, swarms: dict[str, Swarm]
-) -> None:
-    swarm = swarm_of(name, inspection, swarms)
+def test_exported_python_does_what_the_simulation_did(inspection: Any, swarms: Any) -> None:
+    swarm = swarms("soft")
     for i, robot in enumerate(swarm.robots):
         found, expected = rows(swarm.did[i], swarm), inspection.inference.filter(robot=i)
+        samples = inspection.motion.filter(robot=i)
         assert found.shape[0] == expected.height > 150
+        np.testing.assert_array_equal(found[:, 1], np.rint(samples["time_s"].to_numpy() * 50.0))
         np.testing.assert_array_equal(found[:, 3], expected["decision"])
+        np.testing.assert_array_equal(found[:, 5], expected["messages_received"])
         np.testing.assert_array_equal(found[:, 6], expected["message"])
         np.testing.assert_allclose(found[:, 4], expected["belief_below"], rtol=0, atol=1e-12)
         assert robot.decided_s == inspection.robots["decision_time_s"][i]
@@ -67,22 +90,58 @@ def test_exported_python_decides_as_the_simulation(
 @needs_gcc
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_c_in_double_precision_is_the_exported_python_bit_by_bit(
-    name: str, inspection: Any, swarms: dict[str, Swarm], tmp_path: Path
+    name: str, swarms: Any, tmp_path: Path
 ) -> None:
-    swarm = swarm_of(name, inspection, swarms)
+    swarm = swarms(name)
     program = built(BASE.with_values({"strategy.name": name}), tmp_path, precision=3)
-    for events, did in zip(swarm.events, swarm.did, strict=True):
+    for events, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, events)).tobytes() == np.array(did).tobytes()
+    if name in WHOLE:
+        for events, walked in zip(swarm.whole, swarm.walked, strict=True):
+            assert np.array(run_program(program, events)).tobytes() == np.array(walked).tobytes()
+
+
+def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
+    ours, theirs = rows(found, swarm), rows(expected, swarm)
+    np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])
+    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-5)
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["distrust"] if HAS_ARM else OF_SINGLE)  # the Cortex-M0 runs the others
+def test_single_precision_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
+    swarm = swarms(name)
+    program = built(BASE.with_values({"strategy.name": name}), tmp_path, precision=1)
+    for events, did in zip(swarm.short, swarm.did, strict=True):
+        check_events(run_program(program, events), did, swarm)
+
+
+@needs_gcc
+def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Path) -> None:
+    swarm = swarms("three_valued")
+    program = built(BASE.with_values({"strategy.name": "three_valued"}), tmp_path, precision=1)
+    found = [run_program(program, events) for events in swarm.short]
+    assert any(
+        not np.array_equal(rows(ours, swarm)[:, :4], rows(theirs, swarm)[:, :4])
+        for ours, theirs in zip(found, swarm.did, strict=True)
+    )
 
 
 @needs_arm
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_a_cortex_m0_makes_the_same_events(
-    name: str, inspection: Any, swarms: dict[str, Swarm], tmp_path: Path
-) -> None:
-    swarm = swarm_of(name, inspection, swarms)
+def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
+    swarm = swarms(name)
     program = built_for_arm(BASE.with_values({"strategy.name": name}), tmp_path)
-    for events, did in zip(swarm.events, swarm.did, strict=True):
-        found, expected = rows(run_on_arm(program, events), swarm), rows(did, swarm)
-        np.testing.assert_array_equal(found[:, [0, 1, 2, 3, 5]], expected[:, [0, 1, 2, 3, 5]])
-        np.testing.assert_allclose(found[:, 4], expected[:, 4], rtol=0, atol=1e-4)
+    for events, did in zip(swarm.short, swarm.did, strict=True):
+        check_events(run_on_arm(program, events), did, swarm)
+
+
+@needs_arm
+def test_a_cortex_m0_walks_the_same_walk(swarms: Any, tmp_path: Path) -> None:
+    swarm = swarms("soft")
+    program = built_for_arm(BASE.with_values({"strategy.name": "soft"}), tmp_path)
+    for events, walked in zip(swarm.whole[:2], swarm.walked[:2], strict=True):
+        found = np.array(run_on_arm(program, events))
+        np.testing.assert_allclose(found, walked, rtol=1e-3, atol=1e-4)
+        ticks = np.array(walked) == np.rint(walked)
+        np.testing.assert_array_equal(found[ticks], np.array(walked)[ticks])

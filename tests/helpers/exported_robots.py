@@ -23,6 +23,7 @@ from vibroswarm.export.c_library import ASSETS
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
 from vibroswarm.export.python_program import python_source
+from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -74,63 +75,6 @@ def python_module(scenario: Scenario) -> types.ModuleType:
     exec(compile(python_source(parts_of(scenario)), "exported", "exec"), vars(module))  # noqa: S102 - our own text
     vars(module)["math"] = SameMath()
     return module
-
-
-def run_in_python(scenario: Scenario, events: list[float]) -> list[float]:
-    """Return what the exported Python does."""
-    module, fields = python_module(scenario), message_fields(scenario)
-    robot, out, numbers = module.Robot(), list[float](), iter(events)
-
-    def content() -> Any:
-        message = module.Message()
-        for field in fields:
-            value = next(numbers)
-            setattr(message, field, value if isinstance(getattr(message, field), float) else int(value))
-        return message
-
-    def note(kind: int) -> None:
-        out.extend((kind, robot.tick, robot.sends, robot.decision, robot.belief, robot.heard))
-        out.extend(getattr(robot.out, field) for field in fields)
-
-    def state() -> tuple[int, int, int]:
-        return robot.walk.mode, robot.walk.legs, robot.walk.avoidances
-
-    for kind in numbers:
-        if kind == START:
-            module.start(robot, int(next(numbers)), int(next(numbers)), int(next(numbers)))
-        elif kind == STEP:
-            before, timers = state(), robot.timers
-            module.step(robot, next(numbers), next(numbers))
-            if state() != before:
-                out.extend((robot.tick, *state(), robot.walk.leg_ms, robot.walk.error_deg))
-            if robot.timers != timers:
-                note(TIMER)
-        elif kind == SAMPLE:
-            module.sample(robot, int(next(numbers)))
-            note(SAMPLE)
-        elif kind == RECEIVE:
-            module.receive(robot, int(next(numbers)), int(next(numbers)), content())
-        elif kind == HEAR:
-            robot.tick = int(next(numbers))
-            module.hear(robot, int(next(numbers)), int(next(numbers)), content())
-        elif kind == TIMER:
-            robot.tick = int(next(numbers))
-            module.timer(robot)
-            note(TIMER)
-        elif kind == TICK:
-            robot.tick = int(next(numbers))
-        elif kind == TOLD:
-            module.told_simulated(robot, next(numbers), next(numbers), next(numbers))
-        elif kind == MOVED:
-            module.moved(robot, *(next(numbers) for _ in range(6)))
-        elif kind == STOPPED:
-            module.stopped(robot)
-            out.extend(robot.estimate if hasattr(robot, "estimate") else ())
-        elif kind == ACCELERATE:
-            module.accelerate(robot, next(numbers), next(numbers), next(numbers))
-        else:
-            out.append(-1 - module.observed(robot))
-    return [float(value) for value in out]
 
 
 def write_sources(scenario: Scenario, folder: Path) -> list[str]:
@@ -192,112 +136,154 @@ def run_on_arm(program: Path, events: list[float]) -> list[float]:
 
 
 class Swarm:
-    """An inspection by exported Python robots, over motion and readings of a simulation.
+    """An inspection by exported Python robots that measure what those of a simulation measured.
 
-    ``events``: what each robot is fed. ``did``: what it did, as numbers.
+    ``whole``: what each robot is fed, period by period. ``short``: the same without the walk, by what it heard, its
+    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, samples: Any, ends: Any, readings: list[int]) -> None:
-        module, self.tick_ms = python_module(scenario), scenario.run.control_period_ms
-        count = scenario.swarm.robots
-        self.robots = [module.Robot() for _ in range(count)]
-        self.events: list[list[float]] = [[] for _ in range(count)]
-        self.did: list[list[float]] = [[] for _ in range(count)]
-        self.fields = message_fields(scenario)
-        self.module, self.unread = module, [list[Any]() for _ in range(count)]
+    def __init__(
+        self, scenario: Scenario, seed: int, measured: np.ndarray[Any, Any], readings: list[list[int]]
+    ) -> None:
+        """Make the robots.
+
+        Args:
+            measured: as ``measured_at_each_tick`` returns it. readings: of each robot's samples.
+        """
+        self.standing = np.zeros(measured.shape[:2], dtype=bool)  # at each tick from 1 on, of each robot
+        self.sampling = np.zeros(measured.shape[:2], dtype=bool)
+        self.module, self.fields = python_module(scenario), message_fields(scenario)
+        self.measured, self.readings = measured, readings
+        self.robots = [self.module.Robot() for _ in readings]
+        self.whole: list[list[float]] = [[] for _ in readings]
+        self.short: list[list[float]] = [[] for _ in readings]
+        self.walked: list[list[float]] = [[] for _ in readings]
+        self.did: list[list[float]] = [[] for _ in readings]
         for i, robot in enumerate(self.robots):
-            module.start(robot, seed, 0, i)
-            self.events[i] += [START, seed, 0, i]
-        self.end = self.tick(max(ends["end_s"]))
-        self.sample_at: dict[tuple[int, int], int] = {}
-        self.stop_at: dict[tuple[int, int], int] = {}
-        self.standing: set[tuple[int, int]] = set()
-        rows = samples.select("robot", "stop_start_s", "time_s").iter_rows()
-        for (i, stop_s, time_s), reading in zip(rows, readings, strict=True):
-            first, last = self.tick(stop_s), self.tick(time_s)
-            self.sample_at[i, last] = reading
-            self.standing |= {(i, tick) for tick in range(first, last + 1)}
-        for i, stop_s in ends.select("robot", "stop_start_s").iter_rows():
-            if stop_s is not None:
-                self.standing |= {(i, tick) for tick in range(self.tick(stop_s), self.end + 1)}
+            self.module.start(robot, seed, 0, i)
+            for events in (self.whole[i], self.short[i]):
+                events += [START, seed, 0, i]
 
-    def tick(self, time_s: float) -> int:
-        return round(time_s * 1000.0 / self.tick_ms)
+    def told(self, poses: list[tuple[float, float, float]]) -> None:
+        """Tell the robots where they start; their localisation is then noted too."""
+        for i, pose in enumerate(poses):
+            self.module.told_simulated(self.robots[i], *pose)
+            for events in (self.whole[i], self.short[i]):
+                events += [TOLD, *pose]
+        moved, stopped = self.module.moved, self.module.stopped
+        numbers = {id(robot): i for i, robot in enumerate(self.robots)}
 
-    def run(self, before: Any = None) -> None:
-        """Go through all control periods. ``before`` is called with robot and tick before each sample."""
+        def note_moved(robot: Any, *values: float) -> None:
+            self.short[numbers[id(robot)]] += [TICK, robot.tick, MOVED, *values]
+            moved(robot, *values)
+
+        def note_stopped(robot: Any) -> None:
+            stopped(robot)
+            self.short[numbers[id(robot)]] += [STOPPED]
+            self.did[numbers[id(robot)]] += robot.estimate
+
+        vars(self.module).update(moved=note_moved, stopped=note_stopped)
+
+    def run(self) -> None:
+        """Go through all control periods."""
+        for row in self.measured.tolist():
+            self.deliver([item for i, (gyro, ray) in enumerate(row) for item in self.period(i, gyro, ray)])
+
+    def run_as(self, other: Swarm) -> None:
+        """Go through the control periods of robots that walked and sampled as those of another inspection."""
         has_timer = hasattr(self.module, "timer_of_state")
-        busy = {tick for _, tick in self.sample_at}
-        for tick in range(1, self.end):
-            if not has_timer and tick not in busy and not any(self.unread):
-                continue
-            sent = [item for i in range(len(self.robots)) for item in self.period(i, tick, before)]
-            for sender, number, message in sent:
-                for j, unread in enumerate(self.unread):
-                    if j != sender:
-                        unread.append((sender, number, message))
+        sampling, standing = other.sampling, other.standing
+        busy = set((np.flatnonzero(sampling.any(axis=1)) + 1).tolist())
+        for tick in range(1, sampling.shape[0] + 1):
+            if has_timer or tick in busy or any(robot.waiting for robot in self.robots):
+                at, stands = sampling[tick - 1], standing[tick - 1]
+                self.deliver(
+                    [x for i in range(at.size) for x in self.event(i, tick, at[i], stands[i], has_timer)]
+                )
 
-    def period(self, i: int, tick: int, before: Any) -> list[Any]:
-        """Do what robot ``i`` does at a tick; return what it sends."""
-        robot, events = self.robots[i], self.events[i]
-        reading = self.sample_at.get((i, tick))
-        if reading is not None:
-            if before is not None:
-                before(i, tick)
-            robot.tick = tick
-            self.module.sample(robot, reading)
-            events += [TICK, tick, SAMPLE, reading]
-            return self.note(i, SAMPLE)
-        if (i, tick) in self.standing:
-            return []
-        for sender, number, message in self.unread[i]:
-            robot.tick = tick
-            self.module.hear(robot, sender, number, message)
-            content = [float(getattr(message, field)) for field in self.fields]
-            events += [HEAR, tick, sender, number, *content]
-        self.unread[i].clear()
-        due_s = getattr(robot.state, "next_s", math.inf)
-        if hasattr(self.module, "timer_of_state") and due_s * 1000.0 / self.tick_ms - 1e-9 <= tick:
-            robot.tick = tick
-            self.module.timer(robot)
-            events += [TIMER, tick]
-            return self.note(i, TIMER)
-        return []
-
-    def note(self, i: int, kind: int) -> list[Any]:
-        """Note what the robot has just done; return what it sends."""
+    def event(self, i: int, tick: int, samples: bool, stands: bool, has_timer: bool) -> list[Any]:
+        """Do what robot ``i`` does at a tick, but for its walk; return what it sends."""
         robot = self.robots[i]
-        self.did[i] += [kind, robot.tick, robot.sends, robot.decision, robot.belief, robot.heard]
-        self.did[i] += [float(getattr(robot.out, field)) for field in self.fields]
+        robot.tick, robot.sends = tick, False
+        if samples:
+            self.sample(i)
+        elif not stands:
+            self.note_heard(i, robot.waiting)
+            self.module.read_inbox(robot)
+            due = has_timer and robot.state.next_s * 1000.0 / robot.world.tick_ms - 1e-9 <= tick
+            if due:
+                self.module.timer(robot)
+                self.short[i] += [TIMER, tick]
+                self.note(i, TIMER)
         return [(i, robot.sent - 1, robot.out)] if robot.sends else []
 
+    def deliver(self, sent: list[Any]) -> None:
+        """Hand messages to all other robots."""
+        for sender, number, message in sent:
+            content = [float(getattr(message, field)) for field in self.fields]
+            for j, robot in enumerate(self.robots):
+                if j != sender:
+                    assert self.module.receive(robot, sender, number, message)
+                    self.whole[j] += [RECEIVE, sender, number, *content]
 
-def moves_before_samples(scenario: Scenario, seed: int, result: Any) -> list[list[tuple[int, list[float]]]]:
-    """Return what each robot's localisation is told: (tick, events), those of a tick before its sample."""
-    from vibroswarm.localisation.odometry import measure_moves
-    from vibroswarm.robot.walk import AVOID, DRIVE, KINDS, STOP
+    def period(self, i: int, gyro_deg: float, ray_mm: float) -> list[Any]:
+        """Do a control period of robot ``i``; return what it sends."""
+        robot = self.robots[i]
+        mode, legs, avoidances, timers = robot.walk.mode, robot.walk.legs, robot.walk.avoidances, robot.timers
+        waiting = robot.waiting
+        self.whole[i] += [STEP, gyro_deg, ray_mm]
+        samples = self.module.step(robot, gyro_deg, ray_mm)
+        walk = robot.walk
+        if (mode, legs, avoidances) != (walk.mode, walk.legs, walk.avoidances):
+            row = [robot.tick, walk.mode, walk.legs, walk.avoidances, walk.leg_ms, walk.error_deg]
+            self.walked[i] += row
+        self.standing[robot.tick - 1, i], self.sampling[robot.tick - 1, i] = walk.mode == STOP, samples
+        self.note_heard(i, waiting - robot.waiting)
+        if robot.timers != timers:
+            self.short[i] += [TIMER, robot.tick]
+            self.note(i, TIMER)
+        elif samples:
+            self.sample(i)
+        return [(i, robot.sent - 1, robot.out)] if robot.sends else []
 
-    tick_s = scenario.tick_s
-    rows = measure_moves(scenario, seed, result.moves, result.ends)
-    found: list[list[tuple[int, list[float]]]] = []
-    for i in range(scenario.swarm.robots):
-        start = result.moves.filter(robot=i).select("x_m", "y_m", "heading_rad").row(0)
-        stops = set(result.motion.filter(robot=i)["stop_start_s"].to_list())
-        told: list[tuple[int, list[float]]] = [(0, [TOLD, *start])]
-        own = rows.filter(robot=i)
-        kinds = own["kind"].to_physical().to_list()
-        assert list(KINDS)[STOP] == "stop"
-        values = own.select("start_s", "duration_s", "gyro_rad", "ray_m").rows()
-        for m, (start_s, duration_s, gyro_rad, ray_m) in enumerate(values):
-            tick = round(start_s / tick_s)
-            if kinds[m] == STOP:
-                if any(abs(start_s - stop_s) < 0.5 * tick_s for stop_s in stops):
-                    told.append((tick, [STOPPED]))
-                continue
-            after_drive = m > 0 and kinds[m - 1] == DRIVE and values[m - 1][1] > 1.5 * tick_s
-            at_obstacle = m + 1 < len(kinds) and kinds[m + 1] == AVOID
-            ray = math.nan if ray_m is None else ray_m
-            ended = round((start_s + duration_s) / tick_s)
-            told.append((ended, [MOVED, kinds[m], duration_s, gyro_rad, ray, after_drive, at_obstacle]))
-        found.append(told)
+    def sample(self, i: int) -> None:
+        """Let robot ``i`` sample."""
+        robot = self.robots[i]
+        reading = self.readings[i][robot.samples]
+        self.module.sample(robot, reading)
+        self.whole[i] += [SAMPLE, reading]
+        self.short[i] += [TICK, robot.tick, SAMPLE, reading]
+        self.note(i, SAMPLE)
+
+    def note_heard(self, i: int, count: int) -> None:
+        """Note that robot ``i`` hears the first ``count`` messages of its inbox."""
+        robot = self.robots[i]
+        for k in range(count):
+            content = [float(getattr(robot.inbox[k], field)) for field in self.fields]
+            self.short[i] += [HEAR, robot.tick, robot.inbox_sender[k], robot.inbox_number[k], *content]
+
+    def note(self, i: int, kind: int) -> None:
+        """Note what the robot has just done."""
+        robot = self.robots[i]
+        row = [kind, robot.tick, robot.sends, robot.decision, robot.belief, robot.heard]
+        row += [float(getattr(robot.out, field)) for field in self.fields]
+        self.did[i] += row
+        self.walked[i] += row
+
+
+def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarray[Any, Any]:
+    """Return what robots of the fixed-step engine measure from tick 1 on, (ticks, robots, 2): gyro, deg; ray, mm."""
+    from vibroswarm.core.jit import entry_for
+    from vibroswarm.motion.fixed_step import FixedStepRun, steps
+
+    run = FixedStepRun(scenario, seed, 0)
+    run.tick = 1  # at 0 they stand
+    found = np.empty((ticks, scenario.swarm.robots, 2))
+    arguments = (run.swarm, run.setup, run.speeds, run.record, seed, 0)
+    entry = entry_for(steps, *arguments, 0, 1)
+    for k in range(ticks):
+        found[k, :, 0] = run.swarm["gyro_deg"]
+        assert entry(*arguments, run.tick, run.tick + 1) == run.tick + 1
+        run.tick += 1
+        found[k, :, 1] = run.swarm["nearest_mm"]
     return found

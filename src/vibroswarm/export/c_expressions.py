@@ -1,18 +1,18 @@
 """Expressions of the robot's program in C. What is not known here is refused with its file and line.
 
-Types follow from the arguments, as Numba's do: ``int`` is 64 bits wide, ``float`` is ``vs_real`` (float or double).
+Types follow from the arguments, as Numba's do: ``int`` is ``vs_int`` (32 bits), ``float`` is ``vs_real`` (float or
+double).
 """
 
 from __future__ import annotations
 
 import ast
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.core.rng import uniform
-from vibroswarm.export.c_types import BOOL, INT, INTEGERS, LONG, REAL, STORED, CArray, CTuple, Struct, joined
-from vibroswarm.export.source import MATH, Number, Source, is_function, math_name, number_of, plain
+from vibroswarm.export.c_types import BOOL, INT, INTEGERS, LONG, REAL, STORED, CArray, Struct, joined
+from vibroswarm.export.c_values import OMITTED, SUFFIX, Value, as_real, field_of, identifier, literal
+from vibroswarm.export.source import Source, math_name, number_of
 
 if TYPE_CHECKING:
     from vibroswarm.export.c_functions import Program
@@ -25,68 +25,6 @@ OF_INTEGERS: Final = (ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
 COMPARE: Final = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
-OMITTED: Final = "omitted"
-SUFFIX: Final = {REAL: "", INT: "_i", LONG: "_l"}
-"""Of functions of the runtime, by the type of their arguments."""
-KEYWORDS: Final = frozenset(
-    (
-        "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
-        "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed",
-        "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "bool",
-        "true", "false", "I",
-    )
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Value:
-    """An expression in C.
-
-    Args:
-        constant: its number, if it is known. is_place: it names a place in memory. real, wide: the same as a
-            floating-point number and in 64 bits, where whole numbers of 32 bits might overflow.
-    """
-
-    text: str
-    type: Any
-    constant: Number | None = None
-    is_place: bool = False
-    real: str = ""
-    wide: str = ""
-
-
-def literal(number: Number) -> Value:
-    """Return a number in C."""
-    if isinstance(number, bool):
-        return Value("true" if number else "false", BOOL, number)
-    if isinstance(number, int):
-        is_small = abs(number) < 2**31
-        text = str(number) if is_small else f"INT64_C({number})"
-        return Value(f"({text})" if number < 0 else text, INT if is_small else LONG, number)
-    if math.isnan(number):
-        return Value("VS_NAN", REAL, number)
-    if math.isinf(number):
-        return Value("VS_INFINITY" if number > 0 else "(-VS_INFINITY)", REAL, number)
-    return Value(f"VS_R({number!r})", REAL, number)
-
-
-def identifier(name: str) -> str:
-    """Return a Python name as a C name."""
-    return f"{name}_" if name in KEYWORDS else name
-
-
-def address(value: Value) -> str:
-    """Return the address of a row."""
-    inner = value.text.removeprefix("(*").removesuffix(")")
-    return inner if value.text == f"(*{inner})" and inner.isidentifier() else f"&{value.text}"
-
-
-def field_of(text: str, name: str) -> str:
-    """Return the text of a row's field."""
-    inner = text.removeprefix("(*").removesuffix(")")
-    if text == f"(*{inner})" and inner.isidentifier():
-        return f"{inner}->{identifier(name)}"
-    return f"{text}.{identifier(name)}"
 
 
 class Expressions:
@@ -102,6 +40,10 @@ class Expressions:
     """Variables of the loops around."""
     pending: list[str]
     """Statements that come before the one under way."""
+    changes: int = 0
+    """Calls so far that may change a row."""
+    writes: bool = False
+    """Whether the function may change a row."""
 
     def refuse(self, node: ast.AST, why: str) -> Any:
         """Refuse a construct."""
@@ -121,6 +63,45 @@ class Expressions:
         if value.type not in (INT, LONG, REAL, BOOL):
             self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a number")
         return value
+
+    def in_any_order(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
+        """Return expressions that C may compute in any order: if one changes a row, no other may change or read one."""
+        found, changing = [], set[int]()
+        for k, item in enumerate(items):
+            before = self.changes
+            found.append(self.expression(item))
+            if self.changes > before:
+                changing.add(k)
+        if len(changing) > 1:
+            self.refuse(node, "two calls that may change a row in one expression, whose order C leaves open")
+        if changing and any(self.reads_row(item) for k, item in enumerate(items) if k not in changing):
+            self.refuse(node, "a call that may change a row beside a field, in an order that C leaves open")
+        return found
+
+    def reads_row(self, item: ast.expr) -> bool:
+        """Return whether an expression reads a field that a call might change."""
+        for part in ast.walk(item):
+            root: ast.AST = part
+            while isinstance(root, ast.Attribute | ast.Subscript):
+                root = root.value
+            if root is part or not isinstance(root, ast.Name) or not isinstance(part, ast.expr):
+                continue
+            kind = self.types.get(root.id)
+            of_row = isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable)
+            is_size = isinstance(part, ast.Attribute) and part.attr in ("size", "shape")
+            if is_size or not (of_row or root.id in self.aliases):
+                continue
+            if not isinstance(self.expression(part).type, Struct | CArray):
+                return True
+        return False
+
+    def numbers(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
+        """Return expressions that must be numbers, computed in any order."""
+        values = self.in_any_order(node, items)
+        for item, value in zip(items, values, strict=True):
+            if value.type not in (INT, LONG, REAL, BOOL):
+                self.refuse(item, f"'{ast.unparse(item)[:60]}' is not a number")
+        return values
 
     def truth(self, node: ast.expr) -> Value:
         """Return an expression that must be true or false."""
@@ -233,7 +214,8 @@ class Expressions:
 
     def on_binop(self, node: ast.BinOp) -> Value:
         """Translate arithmetic."""
-        return self.arithmetic(node, node.op, self.number(node.left), self.number(node.right))
+        left, right = self.numbers(node, [node.left, node.right])
+        return self.arithmetic(node, node.op, left, right)
 
     def arithmetic(self, node: ast.AST, operator: ast.operator, left: Value, right: Value) -> Value:
         """Return the result of an operator, with Python's meaning of division and remainder."""
@@ -287,7 +269,7 @@ class Expressions:
 
     def on_compare(self, node: ast.Compare) -> Value:
         """Translate a comparison, or several in a row of which those in the middle have no effects."""
-        values = [self.number(item) for item in (node.left, *node.comparators)]
+        values = self.numbers(node, [node.left, *node.comparators])
         if any(type(operator) not in COMPARE for operator in node.ops):
             self.refuse(node, f"the comparison '{ast.unparse(node)[:60]}'")
         if len(node.ops) > 1 and not all(
@@ -322,134 +304,3 @@ class Expressions:
         if kind == REAL:
             return Value(f"({test.text} ? {as_real(first)} : {as_real(second)})", REAL)
         return Value(f"({test.text} ? {first.text} : {second.text})", kind)
-
-    def on_call(self, node: ast.Call) -> Value:
-        """Translate a call."""
-        name = math_name(self.source, node.func)
-        if name is not None:
-            return self.call_of_math(node, name)
-        if not isinstance(node.func, ast.Name) or node.func.id in self.types:
-            self.refuse(node, f"the call '{ast.unparse(node)[:60]}'")
-        assert isinstance(node.func, ast.Name)
-        called = self.source.space.get(node.func.id)
-        if called is None and node.func.id in BUILT_IN:
-            return self.call_of_built_in(node, node.func.id)
-        called = self.program.replaced.get(plain(called), called)
-        if plain(called) is plain(uniform):
-            return self.call_of_uniform(node)
-        struct = self.program.struct_of.get(called)
-        if struct is None and node.func.id in self.program.row_names:
-            struct = self.program.row_names[node.func.id]
-        if struct is not None:
-            return self.construct(node, struct)
-        if is_function(called):
-            return self.call_of_function(node, called)
-        self.refuse(node, f"the call of '{node.func.id}'")
-        raise AssertionError
-
-    def arguments(self, node: ast.Call, count: int) -> list[Value]:
-        """Return the arguments of a call with ``count`` numbers."""
-        if node.keywords or len(node.args) != count:
-            self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
-        return [self.number(argument) for argument in node.args]
-
-    def call_of_math(self, node: ast.Call, name: str) -> Value:
-        """Translate a function of ``math``."""
-        if name not in MATH:
-            self.refuse(node, f"math.{name}")
-        values = self.arguments(node, MATH[name])
-        texts = ", ".join(as_real(value) for value in values)
-        if name in ("degrees", "radians"):
-            factor = 180.0 / math.pi if name == "degrees" else math.pi / 180.0
-            return Value(f"({texts} * {literal(factor).text})", REAL)
-        if name in ("floor", "ceil"):
-            return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
-        if name == "sqrt" and values[0].constant is not None:
-            return literal(math.sqrt(values[0].constant))
-        return Value(f"vs_{name}({texts})", BOOL if name == "isnan" else REAL)
-
-    def call_of_built_in(self, node: ast.Call, name: str) -> Value:
-        """Translate ``abs``, ``min``, ``max``, ``int``, ``float``, ``bool`` or ``round``."""
-        if name in ("min", "max"):
-            values = self.arguments(node, max(len(node.args), 2))
-            found = values[0]
-            for value in values[1:]:
-                kind = joined(joined(found.type, value.type), INT)
-                texts = (as_real(item) if kind == REAL else item.text for item in (found, value))
-                found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
-            return found
-        (value,) = self.arguments(node, 1)
-        if name == "abs":
-            kind = joined(value.type, INT)
-            return Value(f"vs_abs{SUFFIX[kind]}({value.text})", kind)
-        if name == "bool" and value.type != BOOL:
-            self.refuse(node, "bool() of a number")
-        if name in ("bool", "float"):
-            return value if value.type == BUILT_IN[name] else Value(as_real(value), REAL)
-        if value.type != REAL:
-            return Value(value.text, joined(value.type, INT), value.constant)
-        return Value(f"((vs_int){'vs_round' if name == 'round' else ''}({value.text}))", INT)
-
-    def call_of_uniform(self, node: ast.Call) -> Value:
-        """Translate a uniform number."""
-        texts = [value.text for value in self.arguments(node, 6)]
-        return Value(f"vs_uniform({', '.join(texts)})", REAL)
-
-    def construct(self, node: ast.Call, struct: Struct) -> Value:
-        """Translate a new row: all zeros, or with all its fields given in order."""
-        if not node.args and not node.keywords:
-            return Value(f"({struct.name}){{0}}", struct)
-        names = list(struct.source._fields)
-        if node.keywords or len(node.args) != len(names):
-            self.refuse(node, f"'{ast.unparse(node)[:60]}': not all fields, in order")
-        texts = []
-        for name, argument in zip(names, node.args, strict=True):
-            value = self.expression(argument)
-            if name in struct.omitted:
-                continue
-            texts.append(f".{identifier(name)} = {value.text}")
-        return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
-
-    def call_of_function(self, node: ast.Call, called: Any) -> Value:
-        """Translate the call of a function of the program."""
-        names = [argument.arg for argument in self.program.source(called).tree.args.args]
-        given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
-        given |= {word.arg: word.value for word in node.keywords if word.arg}
-        if len(node.args) > len(names) or set(given) != set(names):
-            self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
-        values = [self.expression(given[name]) for name in names]
-        compiled = self.program.function(called, [value.type for value in values], self.source, node)
-        texts = []
-        for value, kind in zip(values, compiled.parameters, strict=True):
-            if isinstance(kind, Struct):
-                place = value
-                if not value.is_place:
-                    place = Value(self.hold(value), kind, is_place=True)
-                texts.append(address(place))
-            else:
-                texts.append(as_real(value) if kind == REAL else value.text)
-        return Value(f"{compiled.name}({', '.join(texts)})", compiled.returns)
-
-    def hold(self, value: Value) -> str:
-        """Keep a value in a variable of its own, before the statement under way; return its name."""
-        self.held += 1
-        name = f"held_{self.held}"
-        kind = value.type.name if isinstance(value.type, Struct | CTuple) else value.type
-        self.pending.append(f"const {kind} {name} = {value.text};")
-        return name
-
-    held: int = 0
-
-
-BUILT_IN: Final[dict[str, Any]] = {
-    "abs": None, "min": None, "max": None, "int": INT, "float": REAL, "bool": BOOL, "round": INT,
-}  # fmt: skip
-
-
-def as_real(value: Value) -> str:
-    """Return a number as a floating-point one."""
-    if value.type == REAL or value.real:
-        return value.real or value.text
-    if value.constant is not None:
-        return literal(float(value.constant)).text
-    return f"((vs_real){value.text})"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vibroswarm.export.c_expressions import OMITTED, Expressions, Value, as_real, identifier
+from vibroswarm.export.c_calls import Calls
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
@@ -22,6 +22,7 @@ from vibroswarm.export.c_types import (
     joined,
     parameter,
 )
+from vibroswarm.export.c_values import OMITTED, Value, as_real, identifier
 from vibroswarm.export.source import Source, plain, source_of, without_docstring
 
 
@@ -34,6 +35,8 @@ class Compiled:
     returns: Any
     head: str
     text: str
+    changes: bool
+    """Whether it may change a row or array that it is given."""
 
 
 class Program:
@@ -105,7 +108,7 @@ class Program:
         return name
 
 
-class Function(Expressions):
+class Function(Calls):
     """Translates one function."""
 
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
@@ -140,7 +143,7 @@ class Function(Expressions):
         ]
         place = f"/* {self.source.file}, line {self.source.before + self.source.tree.lineno} */"
         text = "\n".join([place, f"{head}", "{", *local, *self.lines, "}"])
-        return Compiled(self.name, self.given, returns, head, text)
+        return Compiled(self.name, self.given, returns, head, text, self.writes)
 
     @property
     def parameters_in_order(self) -> list[str]:
@@ -342,6 +345,7 @@ class Function(Expressions):
         if not isinstance(target, ast.Attribute | ast.Subscript):
             self.refuse(node, f"an assignment to '{ast.unparse(target)[:60]}'")
         place = self.expression(target)
+        self.writes = True
         if joined(place.type, value.type) is None:
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
         if place.type in INTEGERS and value.type == REAL:

@@ -24,13 +24,13 @@ url=
 architectures=*
 includes=vibroswarm.h
 """
-PLATFORMIO: Final = """; One environment; choose your board.
+PLATFORMIO: Final = """; A board with the SAMD21G18A of the robots; choose yours.
 [platformio]
 src_dir = examples/inspection
 
 [env:robot]
 platform = atmelsam
-board = mkrzero
+board = mkr1000USB
 framework = arduino
 build_flags = -Isrc -Os
 build_src_filter = +<*> +<../../src/*.c>

@@ -10,7 +10,6 @@ from typing import Any, Final
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.export import robot_memory, robot_program
 from vibroswarm.export.assembly import RobotParts
-from vibroswarm.export.c_expressions import Value, literal
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
@@ -24,6 +23,7 @@ from vibroswarm.export.c_types import (
     struct_of_row,
     typedef,
 )
+from vibroswarm.export.c_values import Value, literal
 from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
@@ -31,11 +31,16 @@ from vibroswarm.robot.walk import Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
 
+SINGLE, MIXED, DOUBLE = 1, 2, 3
 NEEDS_DOUBLE: Final = {
-    "mcp": "the confidence of a perfect sensor divides by (1 - 0.999999)^2, which float does not resolve",
-    "three_valued": "phases last whole control periods, and float would end them a period later",
+    "mcp": (
+        DOUBLE,
+        "the confidence of a perfect sensor divides by (1 - 0.999999)^2, which float does not resolve",
+    ),
+    "bayes_cpf": (MIXED, "float beliefs were off by up to 0.005"),
+    "three_valued": (DOUBLE, "phases last whole control periods, and float would end them a period later"),
 }
-"""Strategies that float does not serve, and why."""
+"""Strategies that float does not serve: what does, and why."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
 
 
@@ -103,15 +108,11 @@ def c_sources(parts: RobotParts) -> CSources:
     )
 
 
-SINGLE, MIXED, DOUBLE = 1, 2, 3
-
-
 def precision_of(parts: RobotParts) -> tuple[int, str]:
     """Return the precision in which a strategy's robots do what they do in double, and why it is that one."""
     if parts.mixture is not None:
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
-    reason = NEEDS_DOUBLE.get(parts.strategy.name)
-    return (DOUBLE, reason) if reason else (SINGLE, "float makes the same events as double")
+    return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, "float makes the same events as double"))
 
 
 def made_by(parts: RobotParts) -> str:

@@ -174,8 +174,11 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     begins_stop = r.walk.mode == STOP and before.mode != STOP
     if HAS_PLACES:
         r.move_turned_deg += gyro_deg
-        if r.walk.mode != before.mode or r.walk.avoidances != before.avoidances:
-            end_move(r, before.mode, seen_mm)
+        begins_avoidance = r.walk.avoidances != before.avoidances
+        if r.walk.mode != before.mode or begins_avoidance:
+            end_move(r, before.mode)
+            if begins_avoidance:  # one that goes on after a sample met nothing new
+                r.move_ray_m = seen_mm / 1000.0
     if begins_stop:
         r.sense = begin_sense()
         if HAS_PLACES:
@@ -309,7 +312,7 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
     r.heard += 1
 
 
-def end_move(r: Robot, kind: int, seen_mm: float) -> None:
+def end_move(r: Robot, kind: int) -> None:
     """End the drive, turn or avoidance that was under way, and begin the next."""
     duration_s = time_s(r) - r.move_start_s
     moved(
@@ -324,8 +327,6 @@ def end_move(r: Robot, kind: int, seen_mm: float) -> None:
     r.move_after_drive = kind == DRIVE and duration_s > 1.5 * r.world.tick_s
     r.move_start_s, r.move_turned_deg = time_s(r), 0.0
     r.move_ray_m = math.nan
-    if r.walk.mode == AVOID:
-        r.move_ray_m = seen_mm / 1000.0
 
 
 def moved(

@@ -1,0 +1,141 @@
+"""Calls of the robot's program in C: functions of the program, of ``math``, and some of Python's own."""
+
+from __future__ import annotations
+
+import ast
+import math
+from typing import Any, Final
+
+from vibroswarm.core.rng import uniform
+from vibroswarm.export.c_expressions import Expressions
+from vibroswarm.export.c_types import BOOL, INT, LONG, REAL, CTuple, Struct, joined
+from vibroswarm.export.c_values import SUFFIX, Value, address, as_real, identifier, literal
+from vibroswarm.export.source import MATH, is_function, math_name, plain
+
+BUILT_IN: Final[dict[str, Any]] = {
+    "abs": None, "min": None, "max": None, "int": INT, "float": REAL, "bool": BOOL, "round": INT,
+}  # fmt: skip
+
+
+class Calls(Expressions):
+    """Translates the expressions of one function, calls among them."""
+
+    def on_call(self, node: ast.Call) -> Value:
+        """Translate a call."""
+        name = math_name(self.source, node.func)
+        if name is not None:
+            return self.call_of_math(node, name)
+        if not isinstance(node.func, ast.Name) or node.func.id in self.types:
+            self.refuse(node, f"the call '{ast.unparse(node)[:60]}'")
+        assert isinstance(node.func, ast.Name)
+        called = self.source.space.get(node.func.id)
+        if called is None and node.func.id in BUILT_IN:
+            return self.call_of_built_in(node, node.func.id)
+        called = self.program.replaced.get(plain(called), called)
+        if plain(called) is plain(uniform):
+            return self.call_of_uniform(node)
+        struct = self.program.struct_of.get(called)
+        if struct is None and node.func.id in self.program.row_names:
+            struct = self.program.row_names[node.func.id]
+        if struct is not None:
+            return self.construct(node, struct)
+        if is_function(called):
+            return self.call_of_function(node, called)
+        self.refuse(node, f"the call of '{node.func.id}'")
+        raise AssertionError
+
+    def arguments(self, node: ast.Call, count: int) -> list[Value]:
+        """Return the arguments of a call with ``count`` numbers."""
+        if node.keywords or len(node.args) != count:
+            self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
+        return self.numbers(node, node.args)
+
+    def call_of_math(self, node: ast.Call, name: str) -> Value:
+        """Translate a function of ``math``."""
+        if name not in MATH:
+            self.refuse(node, f"math.{name}")
+        values = self.arguments(node, MATH[name])
+        texts = ", ".join(as_real(value) for value in values)
+        if name in ("degrees", "radians"):
+            factor = 180.0 / math.pi if name == "degrees" else math.pi / 180.0
+            return Value(f"({texts} * {literal(factor).text})", REAL)
+        if name in ("floor", "ceil"):
+            return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
+        if name == "sqrt" and values[0].constant is not None:
+            return literal(math.sqrt(values[0].constant))
+        return Value(f"vs_{name}({texts})", BOOL if name == "isnan" else REAL)
+
+    def call_of_built_in(self, node: ast.Call, name: str) -> Value:
+        """Translate ``abs``, ``min``, ``max``, ``int``, ``float``, ``bool`` or ``round``."""
+        if name in ("min", "max"):
+            values = self.arguments(node, max(len(node.args), 2))
+            found = values[0]
+            for value in values[1:]:
+                kind = joined(joined(found.type, value.type), INT)
+                texts = (as_real(item) if kind == REAL else item.text for item in (found, value))
+                found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
+            return found
+        (value,) = self.arguments(node, 1)
+        if name == "abs":
+            kind = joined(value.type, INT)
+            return Value(f"vs_abs{SUFFIX[kind]}({value.text})", kind)
+        if name == "bool" and value.type != BOOL:
+            self.refuse(node, "bool() of a number")
+        if name in ("bool", "float"):
+            return value if value.type == BUILT_IN[name] else Value(as_real(value), REAL)
+        if value.type != REAL:
+            return Value(value.text, joined(value.type, INT), value.constant)
+        return Value(f"((vs_int){'vs_round' if name == 'round' else ''}({value.text}))", INT)
+
+    def call_of_uniform(self, node: ast.Call) -> Value:
+        """Translate a uniform number."""
+        texts = [value.text for value in self.arguments(node, 6)]
+        return Value(f"vs_uniform({', '.join(texts)})", REAL)
+
+    def construct(self, node: ast.Call, struct: Struct) -> Value:
+        """Translate a new row: all zeros, or with all its fields given in order."""
+        if not node.args and not node.keywords:
+            return Value(f"({struct.name}){{0}}", struct)
+        names = list(struct.source._fields)
+        if node.keywords or len(node.args) != len(names):
+            self.refuse(node, f"'{ast.unparse(node)[:60]}': not all fields, in order")
+        texts = []
+        for name, argument in zip(names, node.args, strict=True):
+            value = self.expression(argument)
+            if name in struct.omitted:
+                continue
+            texts.append(f".{identifier(name)} = {value.text}")
+        return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
+
+    def call_of_function(self, node: ast.Call, called: Any) -> Value:
+        """Translate the call of a function of the program."""
+        names = [argument.arg for argument in self.program.source(called).tree.args.args]
+        given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
+        given |= {word.arg: word.value for word in node.keywords if word.arg}
+        if len(node.args) > len(names) or set(given) != set(names):
+            self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
+        values = self.in_any_order(node, [given[name] for name in names])
+        compiled = self.program.function(called, [value.type for value in values], self.source, node)
+        if compiled.changes:
+            self.changes += 1
+            self.writes = True
+        texts = []
+        for value, kind in zip(values, compiled.parameters, strict=True):
+            if isinstance(kind, Struct):
+                place = value
+                if not value.is_place:
+                    place = Value(self.hold(value), kind, is_place=True)
+                texts.append(address(place))
+            else:
+                texts.append(as_real(value) if kind == REAL else value.text)
+        return Value(f"{compiled.name}({', '.join(texts)})", compiled.returns)
+
+    def hold(self, value: Value) -> str:
+        """Keep a value in a variable of its own, before the statement under way; return its name."""
+        self.held += 1
+        name = f"held_{self.held}"
+        kind = value.type.name if isinstance(value.type, Struct | CTuple) else value.type
+        self.pending.append(f"const {kind} {name} = {value.text};")
+        return name
+
+    held: int = 0

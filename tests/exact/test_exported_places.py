@@ -1,0 +1,115 @@
+"""Exported robots that localise and map the floor: plain Python, C in double and mixed precision, on a Cortex-M0.
+
+The robots' gyro has no errors here but they presume some, so that the turns which the program adds up period by period
+are those of the package's tables, but for the last bits.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.exported_robots import (
+    Swarm,
+    built,
+    built_for_arm,
+    measured_at_each_tick,
+    run_on_arm,
+    run_program,
+)
+from vibroswarm import preset, simulate
+
+SEED = 4
+NO_ERRORS = {
+    f"odometry.{name}": 0.0
+    for name in ("gyro_scale_spread", "gyro_bias_spread_deg_s", "turn_noise_deg", "gyro_walk_deg_sqrt_s")
+}
+SCENARIO = preset("paper").with_values(
+    {
+        "floor.source": "random:0.48",
+        "run.stop": "t_end",
+        "strategy.name": "places",
+        "localisation.method": "mixture",
+        "localisation.assumed_level": "good",
+        **NO_ERRORS,
+    }
+)
+HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
+ESTIMATES = 9
+
+
+@pytest.fixture(scope="module")
+def inspection() -> Any:
+    return simulate(SCENARIO, SEED, [0])
+
+
+@pytest.fixture(scope="module")
+def swarm(inspection: Any) -> Swarm:
+    readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
+    made = Swarm(SCENARIO, SEED, measured_at_each_tick(SCENARIO, SEED, 59_999), readings)
+    starts = inspection.moves.group_by("robot", maintain_order=True).first().sort("robot")
+    made.told(starts.select("x_m", "y_m", "heading_rad").rows())
+    made.run()
+    return made
+
+
+def events(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
+    """Of each sample: the estimate, then kind, tick, sends, decision, belief, heard, message; without an open stop."""
+    width = ESTIMATES + 6 + len(swarm.fields)
+    return np.array(numbers[: len(numbers) // width * width]).reshape(-1, width)
+
+
+def test_exported_python_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
+    for i, robot in enumerate(swarm.robots):
+        found, expected = events(swarm.did[i], swarm), inspection.inference.filter(robot=i)
+        places = inspection.places.filter(robot=i).select("x_m", "y_m", "heading_rad", "spread_m").to_numpy()
+        assert found.shape[0] == expected.height > 150
+        np.testing.assert_allclose(found[:, :4], places, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(found[:, 13], expected["belief_below"], rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(found[:, 12], expected["decision"])
+        np.testing.assert_array_equal(found[:, 14], expected["messages_received"])
+        assert robot.decided_s == inspection.robots["decision_time_s"][i]
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_c_in_double_precision_is_the_exported_python_bit_by_bit(swarm: Swarm, tmp_path: Path) -> None:
+    program = built(SCENARIO, tmp_path, precision=3)
+    for fed, did in zip(swarm.short, swarm.did, strict=True):
+        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
+    for fed, walked in zip(swarm.whole, swarm.walked, strict=True):
+        assert np.array(run_program(program, fed)).tobytes() == np.array(walked).tobytes()
+
+
+def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
+    ours, theirs = events(found, swarm)[:, ESTIMATES:], events(expected, swarm)[:, ESTIMATES:]
+    np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])
+    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-3)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.parametrize("precision", [2, 1])
+def test_arrays_of_float_make_the_same_events_and_float_alone_does_not(
+    swarm: Swarm, precision: int, tmp_path: Path
+) -> None:
+    program = built(SCENARIO, tmp_path, precision=precision, optimise="-O0")
+    found = [run_program(program, fed) for fed in swarm.short]
+    if precision == 2:
+        for ours, theirs in zip(found, swarm.did, strict=True):
+            check_events(ours, theirs, swarm)
+        return
+    apart = [
+        float(np.abs(events(ours, swarm)[:, :2] - events(theirs, swarm)[:, :2]).max())
+        for ours, theirs in zip(found, swarm.did, strict=True)
+    ]
+    assert max(apart) > 0.005  # m: some component took another wall
+
+
+@pytest.mark.skipif(not HAS_ARM, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+def test_a_cortex_m0_makes_the_same_events(swarm: Swarm, tmp_path: Path) -> None:
+    program = built_for_arm(SCENARIO, tmp_path)
+    for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):  # the others take as long
+        check_events(run_on_arm(program, fed), did, swarm)

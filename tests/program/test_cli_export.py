@@ -1,0 +1,288 @@
+"""``vibroswarm export`` as a user meets it: C, Python, the header that is read back, and what is refused."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shutil
+import subprocess
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.exported_robots import STRICT
+from vibroswarm import preset
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.export import c_library, memory
+from vibroswarm.export.assembly import parts_of
+from vibroswarm.export.c_program import c_sources
+from vibroswarm.strategies import names
+from vibroswarm.strategies.base import Strategy, forget, register
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "export.md"
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+needs_arm = pytest.mark.skipif(
+    shutil.which(memory.COMPILER) is None, reason="arm-none-eabi-gcc is not installed"
+)
+MIXTURE = ["--set", "localisation.method=mixture"]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("a folder with spaces") / "soft robot"
+    assert main(["export", "c", str(folder), "--strategy", "soft"]) == 0
+    return folder
+
+
+def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names_of = sorted(path.relative_to(library).as_posix() for path in library.rglob("*") if path.is_file())
+    assert names_of == [
+        "examples/inspection/inspection.ino", "library.properties", "platformio.ini", "src/vibroswarm.c",
+        "src/vibroswarm.h", "src/vibroswarm_parameters.h", "src/vibroswarm_runtime.h",
+    ]  # fmt: skip
+    before = (library / "src" / "vibroswarm.c").read_text()
+    assert main(["export", "c", str(library), "--strategy", "none"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (library / "src" / "vibroswarm.c").read_text() == before
+
+
+def test_force_replaces_an_export_and_nothing_else(
+    library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(library, tmp_path / "copy")
+    arguments = ["--strategy", "none", "--force"]
+    assert main(["export", "c", str(tmp_path / "copy"), *arguments]) == 0
+    assert "strategy 'none'" in (tmp_path / "copy" / "src" / "vibroswarm.c").read_text()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    assert main(["export", "c", str(tmp_path / "mine"), *arguments]) == 2
+    assert "does not replace it" in capsys.readouterr().err
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("part", ["c", "python"])
+def test_an_interrupted_export_leaves_nothing(
+    part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written, write = [], Path.write_text
+
+    def interrupted(path: Path, *arguments: Any, **more: Any) -> int:
+        if len(written) == (2 if part == "c" else 0):
+            raise KeyboardInterrupt
+        written.append(path)
+        return write(path, *arguments, **more)
+
+    monkeypatch.setattr(Path, "write_text", interrupted)
+    assert main(["export", part, str(tmp_path / "robot"), "--strategy", "soft"]) == 130
+    assert list(tmp_path.iterdir()) == []
+    assert "interrupted" in capsys.readouterr().err
+
+
+def check(folder: Path, *options: str) -> int:
+    return main(["export", "check", str(folder), *options])
+
+
+def test_the_header_is_read_back(library: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert check(library, "--strategy", "soft") == 0
+    assert check(library / "src" / "vibroswarm_parameters.h", "--strategy", "soft") == 0
+    capsys.readouterr()
+    assert check(library, "--strategy", "soft", "--set", "strategy.soft.eta=900.5", "--json") == 1
+    about = json.loads(capsys.readouterr().out)
+    assert about["differences"] == [
+        {"name": "strategy.soft.eta", "header": "1500.0", "scenario": "900.5"},
+        {"name": "VS_PARAMS_ETA", "header": "VS_R(1500.0)", "scenario": "VS_R(900.5)"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "name"),
+    [
+        ("#define VS_WORLD_CREDIBLE_THRESHOLD VS_R(0.95)", "#define VS_WORLD_CREDIBLE_THRESHOLD VS_R(0.9)",
+         "VS_WORLD_CREDIBLE_THRESHOLD"),
+        ("//@ decision.credible_threshold = 0.95", "//@ decision.credible_threshold = 0.9",
+         "decision.credible_threshold"),
+        ("#define VS_RMS_THRESHOLD VS_R(1.33)\n", "", "VS_RMS_THRESHOLD"),
+    ],
+)  # fmt: skip
+def test_an_edited_header_is_noticed(
+    before: str, after: str, name: str, library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (library / "src" / "vibroswarm_parameters.h").read_text()
+    assert before in text
+    (tmp_path / "edited.h").write_text(text.replace(before, after))
+    assert check(tmp_path / "edited.h", "--strategy", "soft") == 1
+    assert name in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("int main(void) { return 0; }\n", "is no header of vibroswarm"),
+        ("//@ swarm.robots = -3\n", "swarm.robots"),
+        ("//@ swarm.robots = = 3\n", "is not TOML"),
+    ],
+)
+def test_a_wrong_header_is_refused(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "wrong.h").write_text(text)
+    assert check(tmp_path / "wrong.h") == 2
+    assert said in capsys.readouterr().err
+    assert check(tmp_path) == 2
+    assert "holds 0 files" in capsys.readouterr().err
+
+
+def test_robots_that_know_their_places_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "places"]) == 2
+    said = capsys.readouterr().err
+    assert "localisation.method: is 'true'" in said
+    assert "localisation.method=mixture" in said
+    assert not (tmp_path / "x").exists()
+
+
+STRANGE = '''
+"""A strategy with a line that cannot be exported."""
+import numpy as np
+from vibroswarm.strategies.base import strategy_in
+
+class State:
+    decision: int
+
+def begin(s, a, d, p, w):
+    s.decision = -1
+
+def on_sample(s, a, x, out, d, p, w):
+    EXPRESSION
+    return True
+
+def decision(s, a, p, w):
+    return s.decision
+
+strange = strategy_in(__name__, "strange")
+'''
+
+
+@pytest.mark.parametrize(
+    ("part", "line", "said"),
+    [
+        ("c", "out.bit = {0: 1, 1: 0}[x.reading]", "Dict '{0: 1, 1: 0}'"),
+        ("python", "out.bit = int(np.sign(x.reading))", "the name 'np'"),
+    ],
+)
+def test_a_strategy_that_cannot_be_exported_is_refused_with_its_line(
+    part: str, line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "strange.py").write_text(STRANGE.replace("EXPRESSION", line))
+    arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
+    assert main(["export", part, str(tmp_path / "robot"), *arguments]) == 2
+    assert f"strange.py, line 13: {said}" in capsys.readouterr().err
+    assert not (tmp_path / "robot").exists()
+
+
+def test_python_needs_math_only_and_runs(tmp_path: Path) -> None:
+    assert main(["export", "python", str(tmp_path / "robot"), "--strategy", "dmvd"]) == 0
+    text = (tmp_path / "robot" / "vibroswarm_robot.py").read_text()
+    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert [alias.name for node in imports for alias in node.names] == ["math"]
+    module = types.ModuleType("robot")
+    exec(text, vars(module))  # noqa: S102 - our own text
+    robot = module.Robot()
+    module.start(robot, 1, 0, 0)
+    for _ in range(1000):
+        turned_deg = 0.04 * module.right_percent(robot) if robot.walk.mode in (1, 2) else 0.0
+        if module.step(robot, turned_deg, 1000.0):
+            module.sample(robot, 1)
+    assert robot.samples > 2
+
+
+def test_without_the_compiler_the_size_is_not_stated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(memory, "COMPILER", "no-such-compiler")
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
+    assert "Size not measured: arm-none-eabi-gcc is not installed" in capsys.readouterr().out
+
+
+@needs_gcc
+def test_the_sketch_compiles_as_cpp(library: Path, tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    (tmp_path / "sketch.cpp").write_text(
+        "#include <stdint.h>\nstatic uint32_t micros() { return 0; }\n"
+        '#include "inspection.ino"\nint main() { setup(); loop(); }\n'
+    )
+    include = ["-I", str(library / "src"), "-I", str(library / "examples" / "inspection")]
+    subprocess.run(
+        ["gcc", *STRICT, *include, "-c", str(library / "src" / "vibroswarm.c"), "-o", "v.o"],
+        cwd=tmp_path,
+        check=True,
+    )
+    subprocess.run(["g++", "-Wall", "-Werror", *include, "sketch.cpp", "v.o"], cwd=tmp_path, check=True)
+
+
+def documented() -> dict[str, tuple[int, int, int]]:
+    """Return precision, flash and static RAM of each strategy in the table of the document."""
+    rows = re.findall(
+        r"^\| `(\w+)` \| yes \| \w+ \((\d)\)[^|]* \| ([\d,]+) \| ([\d,]+) \|",
+        DOCUMENT.read_text(),
+        re.MULTILINE,
+    )
+    return {
+        name: (int(precision), int(flash.replace(",", "")), int(ram.replace(",", "")))
+        for name, precision, flash, ram in rows
+    }
+
+
+def scenario_for(name: str) -> Any:
+    method = "mixture" if name == "places" else "true"
+    return preset("paper").with_values({"strategy.name": name, "localisation.method": method})
+
+
+def test_every_shipped_strategy_is_exportable_as_documented() -> None:
+    table = documented()
+    assert list(table) == list(names())
+    for name, (precision, _, _) in table.items():
+        header = c_sources(parts_of(scenario_for(name))).header
+        assert f"#define VS_PRECISION {precision} " in header, name
+
+
+@needs_arm
+@pytest.mark.parametrize("name", ["soft", "places"])
+def test_flash_and_static_ram_are_within_limits_and_as_documented(name: str, tmp_path: Path) -> None:
+    for file, text in c_library.library_files(scenario_for(name)).items():
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_text(text)
+    found = memory.measured(tmp_path / "src")
+    assert found is not None
+    assert found.flash <= 40 * 1024
+    assert found.ram <= (16 * 1024 if name == "places" else 2 * 1024)
+    _, flash, ram = documented()[name]
+    assert found.flash == pytest.approx(flash, rel=0.03)  # compilers differ a little
+    assert found.ram == pytest.approx(ram, abs=64)
+
+
+def test_a_strategy_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    space: dict[str, Any] = {}
+    exec("def on_sample(s, a, x, out, d, p, w):\n    return True\n", space)  # noqa: S102
+    none = next(item for item in [__import__("vibroswarm").strategies.none.none])
+    register(
+        Strategy(
+            name="typed_in",
+            state=none.state,
+            begin=none.begin,
+            on_counts=none.on_counts,
+            on_sample=space["on_sample"],
+            decision=none.decision,
+        )
+    )
+    try:
+        with pytest.raises(InputError, match="its source cannot be read"):
+            c_sources(parts_of(preset("paper").with_values({"strategy.name": "typed_in"})))
+    finally:
+        forget("typed_in")

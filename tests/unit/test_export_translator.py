@@ -1,0 +1,240 @@
+"""The translator from Python to C: what it refuses, with file and line, and Python's meaning of operators."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from helpers.exported_robots import STRICT
+from vibroswarm.errors import InputError
+from vibroswarm.export.c_functions import Program
+from vibroswarm.export.c_library import ASSETS
+from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, struct_of_class, typedef
+from vibroswarm.export.c_values import Value
+
+NUMBERS: tuple[str, ...] = ("one", "two")
+
+
+class Pair(NamedTuple):
+    first: float
+    second: int
+
+
+ROW = Struct("vs_Row", None, (("count", INT), ("mean", REAL), ("values", CArray("vs_stored", (3,)))), True)
+PAIR = struct_of_class("vs_Pair", Pair)
+
+
+def program() -> Program:
+    return Program({Pair: PAIR}, {}, {}, {}, "no template", {})
+
+
+def a_list(x: float) -> float:
+    both = [x, x]
+    return both[0]
+
+
+def a_text(x: float) -> float:
+    return float(NUMBERS[0] == "one")
+
+
+def a_lambda(x: float) -> float:
+    return (lambda y: y)(x)
+
+
+def a_try(x: float) -> float:
+    try:
+        return 1.0 / x
+    except ZeroDivisionError:
+        return 0.0
+
+
+def a_comprehension(x: float) -> float:
+    return sum(x for _ in range(3))
+
+
+def itself(x: float) -> float:
+    return itself(x - 1.0)
+
+
+def unknown_math(x: float) -> float:
+    return math.gamma(x)
+
+
+def after_the_loop(x: float) -> float:
+    total = x
+    for k in range(3):
+        total += k
+    return total + k
+
+
+def changed_in_the_loop(x: float) -> float:
+    for k in range(3):
+        k += 1
+    return x
+
+
+def two_kinds(x: float) -> float:
+    y = x
+    y = Pair(x, 1)
+    return y.first
+
+
+def beyond(row: Any) -> float:
+    return float(row.values[3])
+
+
+def no_such_field(row: Any) -> float:
+    return float(row.median)
+
+
+def add_one(row: Any) -> float:
+    row.mean += 1.0
+    return float(row.mean)
+
+
+def in_any_order(row: Any) -> float:
+    return add_one(row) - 2.0 * add_one(row)
+
+
+def beside_a_field(row: Any) -> float:
+    return float(row.mean) * add_one(row)
+
+
+def number_as_test(x: float) -> float:
+    return 1.0 if x else 0.0
+
+
+def a_global(x: float) -> float:
+    return x * len(NUMBERS)
+
+
+@pytest.mark.parametrize(
+    ("function", "kind", "line", "said"),
+    [
+        (a_list, REAL, 1, "List '[x, x]'"),
+        (a_text, REAL, 1, "'NUMBERS'"),
+        (a_lambda, REAL, 1, "the call '(lambda y: y)(x)'"),
+        (a_try, REAL, 1, "the statement 'try:'"),
+        (a_comprehension, REAL, 1, "'sum'"),
+        (itself, REAL, 1, "itself calls itself"),
+        (unknown_math, REAL, 1, "math.gamma"),
+        (after_the_loop, REAL, 4, "the variable 'k' of a loop is read after it"),
+        (changed_in_the_loop, REAL, 1, "the variable 'k' of a loop is changed in it"),
+        (two_kinds, REAL, 2, "'y' is given values of several kinds"),
+        (beyond, ROW, 1, "the index 3 of an array of 3"),
+        (no_such_field, ROW, 1, "the field 'median'"),
+        (in_any_order, ROW, 1, "two calls that may change a row"),
+        (beside_a_field, ROW, 1, "a call that may change a row beside a field"),
+        (number_as_test, REAL, 1, "'x' is not a comparison"),
+        (a_global, REAL, 1, "'len'"),
+    ],
+)
+def test_what_is_not_known_is_refused_with_its_line(function: Any, kind: Any, line: int, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        program().function(function, [kind])
+    where = f"test_export_translator.py, line {function.__code__.co_firstlineno + line}"
+    assert where in str(error.value)
+    assert said in str(error.value)
+
+
+def integers(a: int, b: int) -> tuple[int, int, int, int, int]:
+    return a // b, a % b, min(a, b), max(a, b), abs(a)
+
+
+def reals(x: float, y: float) -> tuple[float, float, float, float, float]:
+    return x % y, min(x, y), max(x, y), abs(x), float(round(x))
+
+
+def swapped(x: float, y: float) -> tuple[float, float]:
+    x, y = y, x + y
+    return x, y
+
+
+def choices(a: int, b: int) -> tuple[float, float]:
+    chosen = 1.0 if (a < b <= 7 and a != 3) or b == 2 else 0.0
+    product = a * b / 3
+    return chosen, product
+
+
+FUNCTIONS = ((integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (choices, INT, 2))
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    import ctypes
+
+    folder = tmp_path_factory.mktemp("c")
+    made = program()
+    texts = [made.function(function, [kind, kind]) for function, kind, _ in FUNCTIONS]
+    lines = ["#define VS_PRECISION 3", '#include "vibroswarm_runtime.h"']
+    lines += [typedef(kind) for kind in made.tuples.values()]
+    lines += [item.text for item in texts]
+    for (function, kind, count), item in zip(FUNCTIONS, texts, strict=True):
+        values = " ".join(f"out[{k}] = (double)found.v{k};" for k in range(count))
+        lines.append(
+            f"void call_{function.__name__}({kind} a, {kind} b, double *out) "
+            f"{{ const {item.returns.name} found = {item.name}(a, b); {values} }}"
+        )
+    (folder / "f.c").write_text("\n".join(lines))
+    shutil.copy(ASSETS / "vibroswarm_runtime.h", folder)
+    command = ["gcc", *STRICT, "-fPIC", "-shared", "f.c", "-o", "f.so", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    library = ctypes.CDLL(str(folder / "f.so"))
+
+    def call(function: Any, kind: str, count: int, a: Any, b: Any) -> list[float]:
+        argument = ctypes.c_int32 if kind == INT else ctypes.c_double
+        out = (ctypes.c_double * count)()
+        getattr(library, f"call_{function.__name__}")(argument(a), argument(b), out)
+        return list(out)
+
+    return call
+
+
+SMALL = st.integers(-1000, 1000)
+REALS = st.floats(-1e6, 1e6)
+
+
+@settings(max_examples=200, deadline=None)
+@given(SMALL, SMALL.filter(bool), REALS, REALS.filter(bool))
+def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, x: float, y: float) -> None:
+    for function, kind, count in FUNCTIONS:
+        given = (a, b) if kind == INT else (x, y)
+        assert compiled(function, kind, count, *given) == [float(value) for value in function(*given)]
+
+
+def test_products_do_not_overflow(compiled: Any) -> None:
+    assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
+
+
+def test_names_of_c_are_avoided() -> None:
+    assert Value("x", BOOL).constant is None
+    made = program().function(with_keywords, [REAL])
+    assert "double_ =" in made.text
+
+
+def with_keywords(x: float) -> float:
+    double = 2.0 * x
+    return double
+
+
+def test_files_of_users_are_named(tmp_path: Path) -> None:
+    import importlib.util
+
+    path = tmp_path / "mine.py"
+    path.write_text("def on_sample(x):\n    y = x\n    return {1: y}\n")
+    spec = importlib.util.spec_from_file_location("mine", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.raises(InputError, match=r"mine\.py, line 3: Dict '\{1: y\}', in on_sample"):
+        program().function(module.on_sample, [REAL])
