@@ -57,6 +57,7 @@ def too_wide(lines: list[str], width: int) -> list[str]:
 
 @given(tables(), st.sampled_from(WIDTHS))
 @example(CELLS, 60)
+@example(table_of(["cell", "a"], [["x" * 50, "1"], ["y" * 50, "2.5 [1.5, 3.5]"], ["y" * 50, "3"]] * 2), 60)
 def test_no_word_and_no_number_is_lost_or_cut(table, width):
     lines = layout(table, width)
     assert words_lost(table, lines) == []

@@ -6,11 +6,13 @@ Exit codes: 0 success; 2 bad input; 1 failure during the work; 130 interrupted (
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
 import gc
 import io
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -168,12 +170,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed("out of memory; use fewer robots, tiles or runs", 1)
     except KeyboardInterrupt:
-        return _failed(_resume_hint(argv), 130)
+        _failed(_resume_hint(argv), 130)
+        if argv is None:
+            _leave_at_once(130)
+        return 130
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         _silence_stdout()
         return 1
     except OSError as error:
         return _failed_with(error)
+
+
+def _leave_at_once(code: int) -> NoReturn:
+    """End the process without waiting for its threads.
+
+    One of them may be compiling, for up to a minute; tearing the interpreter down under it would crash LLVM.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(Exception):
+        atexit._run_exitfuncs()  # temporary folders and the second process
+        sys.stdout.flush()
+    os._exit(code)
 
 
 def _resume_hint(argv: Sequence[str] | None) -> str:
@@ -219,12 +236,17 @@ def _command(argv: Sequence[str] | None) -> int:
     """Parse the arguments and run the command; return the exit code."""
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
-    from vibroswarm.cli import scenario_options, terminal
+    from vibroswarm.cli import scenario_options, terminal, user_settings
 
     gc.set_threshold(GC_THRESHOLD)
     scenario_options.forget()
     _parsed.clear()
     top = parser()
+    wrong: InputError | None = None
+    try:
+        user_settings.apply(user_settings.read(), leaves(top))
+    except InputError as error:  # --help works all the same
+        wrong = error
     arguments, unknown = top.parse_known_args(argv)
     if unknown:
         of_command = getattr(arguments, "parser", top)
@@ -237,6 +259,8 @@ def _command(argv: Sequence[str] | None) -> int:
     if arguments.command is None:
         top.print_help()
         return 0
+    if wrong is not None:
+        raise wrong
     terminal.use(arguments)
     _parsed.append(arguments)
     with ExitStack() as stack:

@@ -169,11 +169,15 @@ def _width(executor: Executor) -> int:
 def _threads(count: int) -> Iterator[Workers]:
     """Yield workers that are threads."""
     pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
+    wait_for_threads = True
     try:
         yield Workers(pool, count, f"{count} thread{'s' * (count > 1)}", cancel)
+    except KeyboardInterrupt:
+        wait_for_threads = False  # one that compiles cannot be stopped, and may take a minute
+        raise
     finally:
         cancel.set()
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=wait_for_threads, cancel_futures=True)
 
 
 class SingleProcessPools(Executor):
