@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from helpers.table_checks import too_wide
 from vibroswarm.cli import terminal
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.tables import Table, cell_width, layout, table_of
@@ -48,11 +49,6 @@ def words_lost(table: Table, lines: list[str]) -> list[str]:
         else:
             lost.append(text)
     return lost
-
-
-def too_wide(lines: list[str], width: int) -> list[str]:
-    """Lines beyond the width that a break at a space would have made narrower."""
-    return [line for line in lines if cell_width(line) > width and " " in line.strip()]
 
 
 @given(tables(), st.sampled_from(WIDTHS))
