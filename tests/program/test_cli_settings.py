@@ -130,3 +130,34 @@ def test_the_program_leaves_at_once_and_cleans_up():
     assert time.monotonic() - began_s < 30.0
     assert (done.returncode, done.stdout.strip()) == (130, "cleaned up")
     assert done.stderr.strip() == "vibroswarm: interrupted"
+
+
+LOST = """
+import ctypes, os, signal, sys, time
+from vibroswarm import cli
+from vibroswarm.cli import scenario
+
+def called_from_c():
+    os.kill(os.getpid(), signal.SIGINT)  # as Ctrl-C while LLVM calls Python
+    return 0
+
+def run(arguments):
+    ctypes.CFUNCTYPE(ctypes.c_int)(called_from_c)()
+    if END == "error":
+        raise RuntimeError("no compiled object yet")
+    time.sleep(20.0)
+    return 0
+
+scenario.run = run
+sys.argv = ["vibroswarm", "scenario"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("end", ["error", "nothing"])
+def test_ctrl_c_is_not_lost_where_llvm_calls_python(end):
+    began_s = time.monotonic()
+    program = f"END = {end!r}\n{LOST}"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50)
+    assert (done.returncode, done.stderr.strip()) == (130, "vibroswarm: interrupted")
+    assert time.monotonic() - began_s < 15.0

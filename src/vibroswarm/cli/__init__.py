@@ -10,6 +10,7 @@ import atexit
 import errno
 import gc
 import io
+import multiprocessing
 import os
 import re
 import signal
@@ -20,6 +21,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from vibroswarm.cli import interruption
 from vibroswarm.errors import InputError, RunError, nearest
 
 
@@ -159,26 +161,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file name may hold characters the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
+    if argv is None:
+        interruption.listen()
     try:
         code = _command(argv)
         sys.stdout.flush()
         return code
-    except InputError as error:
-        return _failed(str(error), 2)
-    except RunError as error:
-        return _failed(str(error), 1)
-    except MemoryError:
-        return _failed("out of memory; use fewer robots, tiles or runs", 1)
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt) as error:
+        # After Ctrl-C any error is its consequence: raised where LLVM calls Python, it leaves a kernel half compiled.
+        if not isinstance(error, KeyboardInterrupt) and not interruption.came():
+            return _code_of(error)
         _failed(_resume_hint(argv), 130)
         if argv is None:
             _leave_at_once(130)
         return 130
-    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+
+
+def _code_of(error: Exception) -> int:
+    """Print what an error says and return the exit code; raise an error of the program again."""
+    if isinstance(error, InputError):
+        return _failed(str(error), 2)
+    if isinstance(error, RunError):
+        return _failed(str(error), 1)
+    if isinstance(error, MemoryError):
+        return _failed("out of memory; use fewer robots, tiles or runs", 1)
+    if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has closed the pipe
         _silence_stdout()
         return 1
-    except OSError as error:
+    if isinstance(error, OSError):
         return _failed_with(error)
+    raise error
 
 
 def _leave_at_once(code: int) -> NoReturn:
@@ -188,6 +200,8 @@ def _leave_at_once(code: int) -> NoReturn:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(Exception):
+        for process in multiprocessing.active_children():
+            process.kill()
         atexit._run_exitfuncs()  # temporary folders and the second process
         sys.stdout.flush()
     os._exit(code)
@@ -196,9 +210,9 @@ def _leave_at_once(code: int) -> NoReturn:
 def _resume_hint(argv: Sequence[str] | None) -> str:
     """Return what to say after Ctrl-C; another Ctrl-C meanwhile changes nothing."""
     try:
-        from vibroswarm.cli.interruption import resume_hint
-
-        return resume_hint(_parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv)
+        return interruption.resume_hint(
+            _parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv
+        )
     except (KeyboardInterrupt, OSError, InputError):
         return "interrupted"
 

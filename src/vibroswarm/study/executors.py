@@ -256,10 +256,14 @@ class _ProcessWorkers(Workers):
 def _processes(count: int) -> Iterator[Workers]:
     """Yield workers that are processes."""
     pool = SingleProcessPools(count)
+    wait_for_processes = True
     try:
         yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
+    except KeyboardInterrupt:
+        wait_for_processes = False
+        raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=wait_for_processes, cancel_futures=True)
 
 
 class _ClusterState:
