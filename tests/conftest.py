@@ -15,6 +15,8 @@ from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = ["helpers.recordings", "helpers.browser"]
 
+os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
+
 # In CI the same examples every time, so that a red run can be made again; elsewhere new ones.
 settings.register_profile("ci", derandomize=True, print_blob=True)
 if os.environ.get("CI") == "true":

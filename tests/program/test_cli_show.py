@@ -9,7 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from helpers.table_checks import check_table
 from vibroswarm.cli import main
+from vibroswarm.cli.printed import read
+from vibroswarm.cli.tables import table_of
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
@@ -81,6 +84,9 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     assert shown[-len(printed) :] == printed
     assert main(["show", out_of(name), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)
+    for block in kept.blocks if (kept := read(Path(out_of(name)))) else ():
+        if "columns" in block:
+            check_table(table_of(block["columns"], block["rows"], names=block["names"], texts=block["texts"]))
     assert results(made(name, capsys)) == printed, "the same work is no obstacle"
     other = [*COMMANDS[name], "--out", out_of(name), "--seed", "7"]
     if name == "lab import":

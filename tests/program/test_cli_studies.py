@@ -334,7 +334,8 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     assert time.monotonic() - began_s < 20.0
     assert process.returncode == 130, err
     assert told == ""
-    assert err.splitlines()[-1] == "vibroswarm: interrupted"
+    said = f"vibroswarm: interrupted; finished work is saved in '{out}'. To resume: vibroswarm sweep "
+    assert err.splitlines()[-1].startswith(said)
     assert "Traceback" not in err
     assert "leaked" not in err
     result = StudyResult.open(out)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from helpers.table_checks import too_wide
 from vibroswarm.cli import terminal
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.tables import Table, cell_width, layout, table_of
@@ -50,13 +51,9 @@ def words_lost(table: Table, lines: list[str]) -> list[str]:
     return lost
 
 
-def too_wide(lines: list[str], width: int) -> list[str]:
-    """Lines beyond the width that a break at a space would have made narrower."""
-    return [line for line in lines if cell_width(line) > width and " " in line.strip()]
-
-
 @given(tables(), st.sampled_from(WIDTHS))
 @example(CELLS, 60)
+@example(table_of(["cell", "a"], [["x" * 50, "1"], ["y" * 50, "2.5 [1.5, 3.5]"], ["y" * 50, "3"]] * 2), 60)
 def test_no_word_and_no_number_is_lost_or_cut(table, width):
     lines = layout(table, width)
     assert words_lost(table, lines) == []

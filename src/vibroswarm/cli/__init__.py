@@ -6,11 +6,14 @@ Exit codes: 0 success; 2 bad input; 1 failure during the work; 130 interrupted (
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
 import gc
 import io
+import multiprocessing
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -18,6 +21,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from vibroswarm.cli import interruption
 from vibroswarm.errors import InputError, RunError, nearest
 
 
@@ -158,31 +162,58 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file name may hold characters the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
+    if argv is None:
+        interruption.listen()
     try:
         code = _command(argv)
         sys.stdout.flush()
         return code
-    except InputError as error:
+    except (Exception, KeyboardInterrupt) as error:
+        # After Ctrl-C any error is its consequence: raised where LLVM calls Python, it leaves a kernel half compiled.
+        if not isinstance(error, KeyboardInterrupt) and not interruption.came():
+            return _code_of(error)
+        _failed(_resume_hint(argv), 130)
+        if argv is None:
+            _leave_at_once(130)
+        return 130
+
+
+def _code_of(error: Exception) -> int:
+    """Print what an error says and return the exit code; raise an error of the program again."""
+    if isinstance(error, InputError):
         return _failed(str(error), 2)
-    except RunError as error:
+    if isinstance(error, RunError):
         return _failed(str(error), 1)
-    except MemoryError:
+    if isinstance(error, MemoryError):
         return _failed("out of memory; use fewer robots, tiles or runs", 1)
-    except KeyboardInterrupt:
-        return _failed(_resume_hint(argv), 130)
-    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+    if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has closed the pipe
         _silence_stdout()
         return 1
-    except OSError as error:
+    if isinstance(error, OSError):
         return _failed_with(error)
+    raise error
+
+
+def _leave_at_once(code: int) -> NoReturn:
+    """End the process without waiting for its threads.
+
+    One of them may be compiling, for up to a minute; tearing the interpreter down under it would crash LLVM.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(Exception):
+        for process in multiprocessing.active_children():
+            process.kill()
+        atexit._run_exitfuncs()  # temporary folders and the second process
+        sys.stdout.flush()
+    os._exit(code)
 
 
 def _resume_hint(argv: Sequence[str] | None) -> str:
     """Return what to say after Ctrl-C; another Ctrl-C meanwhile changes nothing."""
     try:
-        from vibroswarm.cli.interruption import resume_hint
-
-        return resume_hint(_parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv)
+        return interruption.resume_hint(
+            _parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv
+        )
     except (KeyboardInterrupt, OSError, InputError):
         return "interrupted"
 
@@ -220,12 +251,17 @@ def _command(argv: Sequence[str] | None) -> int:
     """Parse the arguments and run the command; return the exit code."""
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"  # read once, before anything is compiled; workers inherit it
-    from vibroswarm.cli import scenario_options, terminal
+    from vibroswarm.cli import scenario_options, terminal, user_settings
 
     gc.set_threshold(GC_THRESHOLD)
     scenario_options.forget()
     _parsed.clear()
     top = parser()
+    wrong: InputError | None = None
+    try:
+        user_settings.apply(user_settings.read(), leaves(top))
+    except InputError as error:  # --help works all the same
+        wrong = error
     arguments, unknown = top.parse_known_args(argv)
     if unknown:
         of_command = getattr(arguments, "parser", top)
@@ -238,6 +274,8 @@ def _command(argv: Sequence[str] | None) -> int:
     if arguments.command is None:
         top.print_help()
         return 0
+    if wrong is not None:
+        raise wrong
     terminal.use(arguments)
     _parsed.append(arguments)
     with ExitStack() as stack:

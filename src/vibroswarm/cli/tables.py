@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
 from textwrap import wrap
 from typing import Final, NamedTuple
 from unicodedata import combining, east_asian_width
@@ -168,16 +167,19 @@ def _transposed(table: Table) -> Table:
 
 
 def _under_names(table: Table, width: int, *, stacked: bool) -> list[str] | None:
-    """Give each name a line of its own; rows that share the first name share the line."""
+    """Give each name a line of its own; rows that have further names share the line of an equal first one."""
     rest = Table(table.columns[1:], tuple(row[1:] for row in table.rows), table.names - 1, table.texts - 1)
     laid = _grid(rest, width - len(INDENT), wrapped=True, stacked=stacked) if rest.columns else None
     if laid is None:
         return None
     lines = [table.columns[0]] if table.columns[0] else []
     lines += [(INDENT + line).rstrip() for line in laid.head]
-    for name, rows in groupby(zip(table.rows, laid.rows, strict=True), key=lambda pair: pair[0][0]):
-        lines += _wrap(name, width)
-        lines += [(INDENT + line).rstrip() for _, row in rows for line in row]
+    before: str | None = None
+    for row, laid_row in zip(table.rows, laid.rows, strict=True):
+        if row[0] != before or table.names == 1:  # a name that is the only one may come twice
+            lines += _wrap(row[0], width)
+        before = row[0]
+        lines += [(INDENT + line).rstrip() for line in laid_row]
     return lines
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from vibroswarm.cli import user_settings
 from vibroswarm.cli.terminal import printing
 
 _since_s = [0.0]
@@ -26,6 +27,8 @@ def verbose() -> Iterator[None]:
 
     _since_s[0] = time.monotonic()
     _line(", ".join(f"{name} {value}" for name, value in versions().items()))
+    if (settings := user_settings.read()) and (path := user_settings.location()):
+        _line(f"settings of {path}: {', '.join(f'{name} {value}' for name, value in settings.items())}")
     if compiles():
         _line(f"cache of compiled kernels: {cache_folder() or 'none can be used'}")
     if not _listens:

@@ -37,6 +37,8 @@ SWITCH_S: Final = 5e-4
 """Interval at which Python's lock may pass to a waiting thread. Kernels take some ms without it; with Python's
 default of
 5 ms processors would idle."""
+INTERRUPTED_S: Final = 1.0
+"""Longest wait for the other thread after Ctrl-C."""
 Check = Callable[[], None]
 """Called now and then on either side; raises to end that side's work."""
 
@@ -75,17 +77,21 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
         if raised:
             raise raised[0]
 
-    # A daemon thread, so that a second Ctrl-C exits at once while this waits for it.
+    # A daemon thread: Ctrl-C does not wait for one that compiles, which cannot be stopped.
     thread = threading.Thread(target=run, name="vibroswarm-background", daemon=True)
+    patience_s: float | None = None
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     thread.start()
     try:
         yield check_raised
         thread.join()
+    except KeyboardInterrupt:
+        patience_s = INTERRUPTED_S
+        raise
     finally:
         stop.set()
-        thread.join()
+        thread.join(patience_s)
         sys.setswitchinterval(before_s)
     check_raised()
 

@@ -169,11 +169,15 @@ def _width(executor: Executor) -> int:
 def _threads(count: int) -> Iterator[Workers]:
     """Yield workers that are threads."""
     pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
+    wait_for_threads = True
     try:
         yield Workers(pool, count, f"{count} thread{'s' * (count > 1)}", cancel)
+    except KeyboardInterrupt:
+        wait_for_threads = False  # one that compiles cannot be stopped, and may take a minute
+        raise
     finally:
         cancel.set()
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=wait_for_threads, cancel_futures=True)
 
 
 class SingleProcessPools(Executor):
@@ -252,10 +256,14 @@ class _ProcessWorkers(Workers):
 def _processes(count: int) -> Iterator[Workers]:
     """Yield workers that are processes."""
     pool = SingleProcessPools(count)
+    wait_for_processes = True
     try:
         yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
+    except KeyboardInterrupt:
+        wait_for_processes = False
+        raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=wait_for_processes, cancel_futures=True)
 
 
 class _ClusterState:

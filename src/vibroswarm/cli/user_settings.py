@@ -1,0 +1,69 @@
+"""The user's settings file: how pictures look and how many workers run, never what is simulated.
+
+It is ``config.toml`` in the folder ``vibroswarm`` of ``$XDG_CONFIG_HOME`` (by default ``~/.config``; on Windows
+``%APPDATA%``). The environment variable VIBROSWARM_CONFIG names another file, or none if it is empty. Options of a
+command count more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
+
+from vibroswarm.cli.options import STYLES
+from vibroswarm.errors import InputError, check_choice, nearest, shown
+
+NAMES: Final = ("style", "workers")
+"""Keys of the file, each the name of an option."""
+VARIABLE: Final = "VIBROSWARM_CONFIG"
+
+
+def location() -> Path | None:
+    """Return where the file is, if there is one; None if none is wanted."""
+    if (given := os.environ.get(VARIABLE)) is not None:
+        return Path(given) if given else None
+    if sys.platform == "win32":
+        folder = Path(os.environ.get("APPDATA") or Path.home() / "AppData/Roaming")
+    else:
+        folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    return folder / "vibroswarm" / "config.toml"
+
+
+def read() -> dict[str, Any]:
+    """Read the settings; empty without a file.
+
+    Raises:
+        InputError: the file cannot be read, has an unknown key or a wrong value, or VIBROSWARM_CONFIG names none.
+    """
+    path = location()
+    if path is None or (not path.exists() and VARIABLE not in os.environ):
+        return {}
+    from vibroswarm.core.untrusted_files import parsed_toml, read_text
+
+    settings = parsed_toml(read_text(path, "a settings file"), str(path))
+    for name, value in settings.items():
+        field = f"{path}: {name}"
+        if name not in NAMES:
+            raise InputError(
+                f"is not a setting{nearest(name, NAMES)} (there are {' and '.join(NAMES)}; what is simulated belongs "
+                "in a scenario)",
+                field=field,
+            )
+        if name == "style":
+            check_choice(value, field, STYLES)
+        elif isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InputError(f"{shown(value)} is not a whole number from 1", field=field)
+    return settings
+
+
+def apply(settings: dict[str, Any], parsers: Iterable[argparse.ArgumentParser]) -> None:
+    """Make the settings the defaults of the options of the same names."""
+    for parser in parsers:
+        for action in parser._actions:
+            for name in NAMES:
+                if name in settings and f"--{name}" in action.option_strings:
+                    action.default = settings[name]
