@@ -2,7 +2,8 @@
 
 | name | unit | equation |
 |---|---|---|
-| gyro | rad | turned * (1 + scale) + bias * duration + noise |
+| gyro | rad | turned * (1 + scale) + (bias - zero) * duration + noise |
+| zero | rad/s | 0, or the mean of bias + ``rezero_noise_deg_s`` * normal, measured at the start and at each stop |
 | noise | rad | normal, variance walk^2 duration, and turn^2 for a turn in place |
 | scale, bias | -, rad/s | normal, one a robot and run (``odometry`` fields) |
 
@@ -20,7 +21,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, inlined
-from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_SCALE, uniform
+from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_REZERO, OF_SCALE, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
@@ -81,7 +82,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         known_s[r, i] for r, i in zip(row_run[last].tolist(), row_robot[last].tolist(), strict=True)
     ]
     end_s = np.maximum(end_s, start_s)  # of moves after the end of what is known
-    errors = scenario.odometry.errors
+    errors, rezero_deg_s = scenario.odometry.errors, scenario.odometry.rezero_noise_deg_s
     gyro_rad = gyro_readings(
         seed,
         row_run.astype(np.int64),
@@ -93,6 +94,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         math.radians(errors.bias_deg_s),
         math.radians(errors.turn_deg),
         math.radians(errors.walk_deg_sqrt_s),
+        -1.0 if rezero_deg_s is None else math.radians(rezero_deg_s),
     )
     return pl.DataFrame(
         {
@@ -120,22 +122,33 @@ def gyro_readings(
     bias_spread_rad_s: float,
     turn_noise_rad: float,
     walk_rad_sqrt_s: float,
+    rezero_rad_s: float,
 ) -> NDArray[np.float64]:
-    """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot."""
+    """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot.
+
+    Args:
+        rezero_rad_s: noise of the bias measured at stops; below 0: none is measured.
+    """
     out = np.empty(run.size)
-    number, scale, bias = 0, 0.0, 0.0
+    number, scale, bias, zero, measured = 0, 0.0, 0.0, 0.0, 0
     for k in range(run.size):
         number += 1
         if k == 0 or run[k] != run[k - 1] or robot[k] != robot[k - 1]:
             number = 0
             scale = scale_spread * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_SCALE)
             bias = bias_spread_rad_s * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_BIAS)
-        if kind[k] == STOP:
+            zero, measured = 0.0, 0
+        stands = kind[k] == STOP
+        if rezero_rad_s >= 0.0 and (stands or measured == 0):
+            seen = bias + rezero_rad_s * normal(seed, run[k], robot[k], ODOMETRY, number, OF_REZERO)
+            measured += 1
+            zero += (seen - zero) / measured
+        if stands:
             out[k] = 0.0
             continue
         variance = walk_rad_sqrt_s * walk_rad_sqrt_s * duration_s[k]
         if kind[k] != DRIVE:
             variance += turn_noise_rad * turn_noise_rad
         noise = math.sqrt(variance) * normal(seed, run[k], robot[k], ODOMETRY, number, ALONE)
-        out[k] = turned_rad[k] * (1.0 + scale) + bias * duration_s[k] + noise
+        out[k] = turned_rad[k] * (1.0 + scale) + (bias - zero) * duration_s[k] + noise
     return out
