@@ -18,7 +18,13 @@ from vibroswarm.simulation import simulate
 
 SEED = 31
 PLACES = Scenario().with_values(
-    {"strategy.name": "places", "localisation.method": "mixture", "swarm.robots": 7, "odometry.level": "poor"}
+    {
+        "strategy.name": "places",
+        "localisation.method": "mixture",
+        "swarm.robots": 7,
+        "odometry.level": "poor",
+        "odometry.rezero_noise_deg_s": 0.5,
+    }
 )
 EXPLORE = PLACES.with_values({"strategy.name": "explore", "run.t_end_s": 300.0})
 

@@ -127,3 +127,23 @@ def test_noise_is_addressed() -> None:
 def test_without_moves_it_is_refused() -> None:
     with pytest.raises(InputError, match=r"localisation\.method.*simulate with moves"):
         known_moves(None)
+
+
+def test_a_bias_measured_at_stops_is_subtracted_as_its_mean() -> None:
+    """Before the stop at 5 s one measurement, of the start; then the mean of two: variances s^2 and s^2 / 2."""
+    day = [(0.0, "drive", 0.0, None), (5.0, "stop", 0.0, None), (6.0, "drive", 0.0, None)]
+    without = Scenario().with_values({**EXACT, "odometry.gyro_bias_spread_deg_s": 20.0})
+    scenario = without.with_values({"odometry.rezero_noise_deg_s": 0.5})
+    size = 400
+    rates = []
+    for of in (without, scenario):
+        measured = measure_moves(of, 5, moves_of(size, 5, day), ends_of(size, 5)).filter(
+            pl.col("kind") == "drive"
+        )
+        each = (measured["gyro_rad"] / measured["duration_s"]).to_numpy().reshape(-1, 2)
+        rates.append(np.degrees(each))
+    assert rates[0].std() == pytest.approx(20.0, rel=0.06)
+    assert rates[0][:, 0] == pytest.approx(rates[0][:, 1])
+    assert rates[1][:, 0].std() == pytest.approx(0.5, rel=0.08)
+    assert rates[1][:, 1].std() == pytest.approx(0.5 / math.sqrt(2.0), rel=0.08)
+    assert np.corrcoef(rates[1].T)[0, 1] == pytest.approx(math.sqrt(0.5), abs=0.07)

@@ -44,6 +44,7 @@ OTHERS = {
     "odometry.gyro_bias_spread_deg_s": 0.1,
     "odometry.turn_noise_deg": 1.0,
     "odometry.gyro_walk_deg_sqrt_s": 0.2,
+    "odometry.rezero_noise_deg_s": 0.5,
     "localisation.assumed_level": "poor",
     "localisation.assumed_speed_factor": 1.0,
     "localisation.assumed_speed_spread": 0.1,

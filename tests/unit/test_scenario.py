@@ -87,7 +87,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.places.spread_factor", "strategy.places.trust_limit", "strategy.places.trust_memory",
         "strategy.places.broken_prior", "strategy.places.rate_step",
         "strategy.field.variance_factor", "strategy.field.min_samples",
-        "localisation.components", "localisation.lag",
+        "localisation.components", "localisation.lag", "localisation.robots_factor",
         "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good",
         "network.tree.message_bytes", "network.tree.log_bytes",
     }  # fmt: skip
@@ -235,8 +235,8 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
         "decision.assumed_false_positive", "decision.assumed_false_negative",
         "odometry.gyro_scale_spread", "odometry.gyro_bias_spread_deg_s", "odometry.turn_noise_deg",
-        "odometry.gyro_walk_deg_sqrt_s", "localisation.assumed_level", "localisation.assumed_speed_factor",
-        "localisation.assumed_speed_spread",
+        "odometry.gyro_walk_deg_sqrt_s", "odometry.rezero_noise_deg_s",
+        "localisation.assumed_level", "localisation.assumed_speed_factor", "localisation.assumed_speed_spread",
     }  # fmt: skip
     optional |= {name for name in field_names() if name.startswith("faults.")}
     of_others = {
@@ -368,7 +368,7 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.places.falls_from", "strategy.places.spread_factor", "strategy.places.trust_limit",
     "strategy.places.broken_prior", "strategy.places.rate_step", "strategy.places.edge_reach_m",
     "strategy.field.min_samples",
-    "localisation.start_spread_m", "localisation.start_heading_spread_deg",
+    "localisation.start_spread_m", "localisation.start_heading_spread_deg", "localisation.robots_factor",
     "network.bursts.bad_s",
     "network.bursts.bad_share", "network.bursts.lost_in_bad", "network.bursts.lost_in_good", "network.delay.fixed_s",
     "network.delay.random_s", "network.tree.frame_ms", "network.tree.log_bytes", "network.tree.message_bytes",

@@ -91,7 +91,9 @@ OF_SENSOR: Final = _number(2)
 """Peers that separate the numbers of tile and sensor factors from those of the wheels."""
 OF_SCALE: Final = _number(2)
 OF_BIAS: Final = _number(4)
-"""Peers of the pairs of numbers of a gyro's scale and bias; those of its noise in a move are ``ALONE`` and the next."""
+OF_REZERO: Final = _number(6)
+"""Peers of the pairs of numbers of a gyro's scale and bias, and of the bias measured at a stop; those of its noise in a
+move are ``ALONE`` and the next."""
 OF_TOLD_X: Final = _number(2)
 OF_TOLD_Y: Final = _number(4)
 OF_TOLD_HEADING: Final = _number(6)

@@ -6,7 +6,7 @@ are in the order of the samples; a row is what the robot believes when it takes 
 | name | equation |
 |---|---|
 | mean, standard deviation of s_d as assumed | those of the clipped Gamma law, or ``localisation.assumed_speed_*`` |
-| density of meeting robots, 1/m | 6 * (n - 1) / area * 2 half-width * 4 / pi: chords of the fan of rays swept along |
+| density of meeting robots, 1/m | ``robots_factor`` (n - 1) / area * 2 half-width * 4 / pi: chords of swept rays |
 
 Chord theory gives a robot that drives straight (n - 1) / area * 2 half-width * 4 / pi meetings per m with others that
 move as fast (half-width: of the rays, plus that of the robots as rays see them); the factor 6 is for those that follow,
@@ -50,8 +50,6 @@ PLACES: Final[dict[str, Any]] = {
 }
 """Where robots believe they are when they sample, and, smoothed by what they met since, where they took the sample
 ``localisation.lag`` before (null for their first samples), with standard deviations."""
-
-MEETINGS: Final = 6.0
 
 
 def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
@@ -156,6 +154,8 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
     """Return what robot 0 knows of itself and of the arena."""
     robot, rays, told = scenario.robot, scenario.rays, scenario.localisation
     errors = GYRO_LEVELS[told.assumed_level] if told.assumed_level else scenario.odometry.errors
+    rezero_deg_s = scenario.odometry.rezero_noise_deg_s
+    bias_deg_s = errors.bias_deg_s if rezero_deg_s is None else rezero_deg_s
     mean, spread = speed_law(robot)
     threshold_m = min(scenario.walk.avoidance_threshold_mm / 1000.0, rays.range_m)
     angles = np.radians(np.array(rays.angle_deg))
@@ -181,13 +181,15 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         speed_redrawn=robot.speed_redraw == "sample",
         speed_wander=robot.speed_wander or 0.0,
         gyro_scale_spread=errors.scale,
-        gyro_bias_spread_rad_s=math.radians(errors.bias_deg_s),
+        gyro_bias_spread_rad_s=math.radians(bias_deg_s),
         turn_noise_rad=math.radians(errors.turn_deg),
         gyro_walk_rad_sqrt_s=math.radians(errors.walk_deg_sqrt_s),
         start_spread_m=told.start_spread_m,
         start_heading_spread_rad=math.radians(told.start_heading_spread_deg),
         start_unknown=told.start == "unknown",
-        robots_per_m=MEETINGS * density * 2.0 * half_width_m * 4.0 / math.pi,
+        ray_noise_m=told.ray_noise_m,
+        seen_noise_m=told.ray_noise_m + 0.001,
+        robots_per_m=told.robots_factor * density * 2.0 * half_width_m * 4.0 / math.pi,
         corrects=told.method != "dead_reckoning",
     )
 

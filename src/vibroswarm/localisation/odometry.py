@@ -2,7 +2,8 @@
 
 | name | unit | equation |
 |---|---|---|
-| gyro | rad | turned * (1 + scale) + bias * duration + noise |
+| gyro | rad | turned * (1 + scale) + (bias - zero) * duration + noise |
+| zero | rad/s | 0, or the mean of bias + ``rezero_noise_deg_s`` * normal, measured at the start and at each stop |
 | noise | rad | normal, variance walk^2 duration, and turn^2 for a turn in place |
 | scale, bias | -, rad/s | normal, one a robot and run (``odometry`` fields) |
 
@@ -20,7 +21,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, inlined
-from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_SCALE, uniform
+from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_REZERO, OF_SCALE, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
@@ -86,6 +87,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         end_s - start_s,
         turned,
         *gyro_errors(scenario),
+        zeroing=np.zeros(2),
         number=0,
     )
     return pl.DataFrame(
@@ -120,14 +122,15 @@ def merged_moves(
     return first, np.add.reduceat(turned_rad, first) if first.size else np.empty(0)
 
 
-def gyro_errors(scenario: Scenario) -> tuple[float, float, float, float]:
+def gyro_errors(scenario: Scenario) -> tuple[float, float, float, float, float]:
     """Return the standard deviations of the gyro's errors, as ``gyro_readings`` takes them."""
-    errors = scenario.odometry.errors
+    errors, rezero_deg_s = scenario.odometry.errors, scenario.odometry.rezero_noise_deg_s
     return (
         errors.scale,
         math.radians(errors.bias_deg_s),
         math.radians(errors.turn_deg),
         math.radians(errors.walk_deg_sqrt_s),
+        -1.0 if rezero_deg_s is None else math.radians(rezero_deg_s),
     )
 
 
@@ -143,21 +146,32 @@ def gyro_readings(
     bias_spread_rad_s: float,
     turn_noise_rad: float,
     walk_rad_sqrt_s: float,
+    rezero_rad_s: float,
+    zeroing: NDArray[np.float64],
     number: int,
 ) -> NDArray[np.float64]:
     """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot.
 
     Args:
+        rezero_rad_s: noise of the bias measured at stops; below 0: none is measured. zeroing: (2,): mean of the biases
+            measured, and how many; of the first row's robot before it, changed to those of the last row's robot.
         number: of the first row, among those of its robot.
     """
     out = np.empty(run.size)
-    scale, bias = 0.0, 0.0
+    scale, bias, zero, measured = 0.0, 0.0, zeroing[0], zeroing[1]
     for k in range(run.size):
         if k == 0 or run[k] != run[k - 1] or robot[k] != robot[k - 1]:
             number = number if k == 0 else 0
             scale = scale_spread * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_SCALE)
             bias = bias_spread_rad_s * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_BIAS)
-        if kind[k] == STOP:
+            if k > 0:
+                zero, measured = 0.0, 0.0
+        stands = kind[k] == STOP
+        if rezero_rad_s >= 0.0 and (stands or measured == 0.0):
+            seen = bias + rezero_rad_s * normal(seed, run[k], robot[k], ODOMETRY, number, OF_REZERO)
+            measured += 1.0
+            zero += (seen - zero) / measured
+        if stands:
             out[k] = 0.0
             number += 1
             continue
@@ -165,6 +179,7 @@ def gyro_readings(
         if kind[k] != DRIVE:
             variance += turn_noise_rad * turn_noise_rad
         noise = math.sqrt(variance) * normal(seed, run[k], robot[k], ODOMETRY, number, ALONE)
-        out[k] = turned_rad[k] * (1.0 + scale) + bias * duration_s[k] + noise
+        out[k] = turned_rad[k] * (1.0 + scale) + (bias - zero) * duration_s[k] + noise
         number += 1
+    zeroing[0], zeroing[1] = zero, measured
     return out

@@ -30,6 +30,7 @@ class OnlineLocalisation:
         """Reset to the start of a run."""
         self.run, self.given = run, list[NDArray[np.void]]()
         self.sampled_s, self.begun = np.zeros((self.robots, 1)), [False] * self.robots
+        self.zeroing = np.zeros((self.robots, 2))
         self.numbers, self.stop_tick = [0] * self.robots, [-1] * self.robots
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
@@ -91,6 +92,7 @@ class OnlineLocalisation:
             duration_s,
             turned_rad,
             *self.errors,
+            zeroing=self.zeroing[i],
             number=self.numbers[i],
         )
         self.numbers[i] += count

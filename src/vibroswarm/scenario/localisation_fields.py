@@ -32,8 +32,9 @@ class GyroErrors(NamedTuple):
 GYRO_LEVELS: Final = {
     "good": GyroErrors(0.01, 0.05, 0.5, 0.1),
     "poor": GyroErrors(0.03, 0.2, 2.0, 0.3),
+    "bought": GyroErrors(0.03, 20.0, 2.0, 0.3),
 }
-Level = Literal["good", "poor"]
+Level = Literal["good", "poor", "bought"]
 
 
 class Odometry(FrozenModel):
@@ -41,7 +42,8 @@ class Odometry(FrozenModel):
 
     level: Level = "good"
     """The gyro's errors: "good" is 1 % of scale, 0.05 deg/s of bias, 0.5 deg a turn and 0.1 deg/sqrt(s) of random walk
-    (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s)."""
+    (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s),
+    "bought" as "poor" but for a bias of 20 deg/s, which only ``rezero_noise_deg_s`` makes of use."""
     gyro_scale_spread: Annotated[float, Field(ge=0, le=0.5)] | None = None
     """Standard deviation of the gyro's scale about 1, one a robot and run. If omitted, that of ``level``."""
     gyro_bias_spread_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
@@ -50,6 +52,10 @@ class Odometry(FrozenModel):
     """Standard deviation of the error of each turn in place, deg; likewise."""
     gyro_walk_deg_sqrt_s: Annotated[float, Field(ge=0, le=100)] | None = None
     """Random walk of the angle while the robot moves, deg per square root of a second; likewise."""
+
+    rezero_noise_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Standard deviation of the bias as a robot measures it while it stands, at its start and at each sample, deg/s; it
+    subtracts the mean of all that it has measured. If omitted, it measures none."""
 
     @property
     def errors(self) -> GyroErrors:
@@ -86,3 +92,7 @@ class Localisation(FrozenModel):
     """Mean of the speed factor s_d that robots assume. If omitted, they know its law (mean and standard deviation)."""
     assumed_speed_spread: Annotated[float, Field(ge=0, le=10)] | None = None
     """Standard deviation of s_d that they assume; likewise."""
+    ray_noise_m: Annotated[float, Field(gt=0, le=1)] = 0.004
+    """Standard deviation of the shortest ray at a wall that they assume."""
+    robots_factor: Annotated[float, Field(ge=0, le=1000)] = 6.0
+    """Factor by which they assume to meet more robots than chords of straight drives would."""
