@@ -122,7 +122,8 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
 
 def score(s: Row, p: Row, w: World) -> float:
     """Return z."""
-    return (w.decision_boundary - s.share) / math.sqrt(p.variance_factor * max(s.variance, 1e-12))
+    z: float = (w.decision_boundary - s.share) / math.sqrt(p.variance_factor * max(s.variance, 1e-12))
+    return z
 
 
 def block_covariance(across: int, down: int, p: Row, w: World) -> float:
