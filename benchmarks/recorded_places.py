@@ -112,7 +112,7 @@ def clearance(drive: Drive, others: list[np.ndarray], scenario: Scenario, forwar
         of_x = x + forward_m * np.cos(heading) - side_m * np.sin(heading)
         of_y = y + forward_m * np.sin(heading) + side_m * np.cos(heading)
         dx, dy = np.cos(heading + np.radians(angle_deg)), np.sin(heading + np.radians(angle_deg))
-        near += [((dx > 0) - of_x) / dx, ((dy > 0) - of_y) / dy]
+        near += [((d > 0) - of) / d for d, of in ((dx, of_x), (dy, of_y)) if abs(d) > 1e-9]
     reach_m = forward_m + scenario.rays.disc_radius_m
     for other in others:
         at = (np.interp(drive.end_s, other[:, 0], other[:, k]) for k in (1, 2))
