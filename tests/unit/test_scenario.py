@@ -368,7 +368,7 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.bayes_bots.repeat_s", "strategy.dc.patience", "strategy.dmvd.patience", "strategy.dmmd.patience",
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
     "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.distrust.threshold",
-    *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])), 
+    *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])),
     *(f"strategy.{name}.{field}" for name in ("places", "explore") for field in ("edge_reach_m", *OF_MAPS[2:])),
     "strategy.explore.margin_m", "strategy.explore.recent_s", "strategy.explore.turn_cost",
     "strategy.field.min_samples",

@@ -10,6 +10,7 @@ from vibroswarm.localisation.locate import locate_robots, program_of, ray_forwar
 from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, merged_moves
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.moves import MOVE_ROW
+from vibroswarm.motion.recorder import joined
 from vibroswarm.robot.pose_mixture import empty_mixture
 from vibroswarm.scenario.scenario import Scenario
 
@@ -50,24 +51,20 @@ class OnlineLocalisation:
             robot, stop_tick, time_s: (samples,), in order of time; the moves up to the stop of each have been added.
             out: (samples, 9), written: ``pose_mixture.ESTIMATE``.
         """
-        moves = np.concatenate([zero_rows(0, MOVE_ROW), *self.given])
-        moves = moves[
-            np.lexsort((moves["tick"], moves["robot"]))
-        ]  # stable: the last given of a move is its last
-        again = (moves["robot"][1:] == moves["robot"][:-1]) & (moves["tick"][1:] == moves["tick"][:-1])
-        moves = moves[np.append(~again, True)[: moves.size]]
-        bounds, left = np.searchsorted(moves["robot"], np.arange(self.robots + 1)), []
+        moves = joined([zero_rows(0, MOVE_ROW), *self.given])
         stop_s = stop_tick * self.tick_ms / 1000.0
-        for i in range(self.robots):
-            rows, of = moves[bounds[i] : bounds[i + 1]], np.flatnonzero(robot == i)
-            rows = rows[rows["tick"] > self.stop_tick[i]]  # the last stop may have been given again
-            if of.size > 0:
-                self.stop_tick[i] = int(stop_tick[of[-1]])
-                known = int(np.searchsorted(rows["tick"], self.stop_tick[i], side="right"))
-                self._follow(i, rows[:known], of, stop_s, time_s, out)
-                rows = rows[known:]
-            left.append(rows)
-        self.given = left
+        later = np.ones(moves.size, dtype=np.bool_)
+        for i in np.unique(robot).tolist():
+            of, mine = np.flatnonzero(robot == i), np.flatnonzero(moves["robot"] == i)
+            last, tick = int(stop_tick[of[-1]]), moves["tick"][mine]
+            later[mine[tick <= last]] = False
+            known = mine[(tick > self.stop_tick[i]) & (tick <= last)]  # the last stop may be given again
+            known = known[np.argsort(moves["tick"][known], kind="stable")]
+            tick = moves["tick"][known]
+            known = known[np.append(tick[1:] != tick[:-1], True)]  # what was given last of each move
+            self._follow(i, moves[known], of, stop_s, time_s, out)
+            self.stop_tick[i] = last
+        self.given = [moves[later]]
 
     def _follow(
         self,
