@@ -1,4 +1,4 @@
-"""The maps that robots of the strategy ``places`` have of the floor, as tables: by robot, and of all own samples.
+"""The maps that robots of ``places`` and ``explore`` have of the floor, as tables: by robot, and of all own samples.
 
 | name | equation |
 |---|---|
@@ -36,19 +36,23 @@ MAPS: Final[dict[str, Any]] = {
 """One row per run, robot (null: pooled) and tile, rows from the top. ``vibrating``: the belief that the tile vibrates;
 ``vibrates``: whether it does."""
 
+WITH_MAP: Final = ("places", "explore")
+"""Strategies whose robots keep a map."""
+
 
 def floor_maps(result: Result) -> pl.DataFrame:
     """Return the robots' maps at the end of each run (``MAPS``); the grid of tiles is known to them.
 
     Args:
-        result: of the strategy ``places``, simulated to its end.
+        result: of a strategy in ``WITH_MAP``, simulated to its end.
     Raises:
         InputError: another strategy, a recording, or a result without the moves that estimated places need.
     """
     scenario = result.scenario
-    if scenario.strategy.name != "places":
+    if scenario.strategy.name not in WITH_MAP:
         raise InputError(
-            f"'{scenario.strategy.name}' keeps no map of the floor; 'places' does", field="strategy.name"
+            f"'{scenario.strategy.name}' keeps no map of the floor; {' and '.join(WITH_MAP)} do",
+            field="strategy.name",
         )
     if result.seed is None:
         raise InputError("was recorded; its maps cannot be computed anew", field="result")

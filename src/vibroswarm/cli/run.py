@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import (
     add_json,
@@ -64,6 +64,10 @@ def add_parser(commands: Any) -> None:
     parser.set_defaults(run=run)
 
 
+WIDEST_MAP: Final = 15
+"""Columns of the widest map that is printed."""
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, play back and print the verdict."""
     from vibroswarm.cli.out_folder import claim, refuse_other_run
@@ -107,15 +111,22 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
 
 def _save(result: Result, out: Path) -> None:
     """Write the folder of a result, completely or not at all."""
+    from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.plots.floor_maps import write_maps_picture
     from vibroswarm.plots.run import write_run_picture
     from vibroswarm.run_page.write import write_run_page
+    from vibroswarm.study.summary import write_table
 
     with whole_folder(out, replace=True) as part:
         result.write_into(part)
         write_run_picture(result, part / "run.png")
         if result.segments is not None:
             write_run_page(result, part / "run.html")
+        if result.scenario.strategy.name in WITH_MAP:
+            maps = floor_maps(result)
+            write_table(maps, part / "maps")
+            write_maps_picture(maps, part / "maps.png")
 
 
 def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
@@ -142,5 +153,31 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
         )
         return
     print(verdict_text(result, summary))
+    _print_map(result)
     for warning in warnings:
         print_paragraph(f"Warning: {warning}")
+
+
+def _print_map(result: Result) -> None:
+    """Print the map of all robots, if their strategy keeps one."""
+    import polars as pl
+
+    from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
+    from vibroswarm.cli.output import print_line, print_paragraph
+
+    tiles = result.scenario.floor.columns
+    if result.scenario.strategy.name not in WITH_MAP or tiles > WIDEST_MAP:
+        return
+    pooled = floor_maps(result).filter(pl.col("robot").is_null())
+    right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
+    print_line()
+    print_paragraph(
+        f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
+        "%; ! marks a tile that is believed to be what it is not:"
+    )
+    for (_,), row in pooled.group_by("row", maintain_order=True):
+        marks = (
+            "!" if (p > 0.5) != (v == 1) else " " for p, v in row.select("vibrating", "vibrates").iter_rows()
+        )
+        values = zip(row["vibrating"].to_list(), marks, strict=True)
+        print_line(" ".join(f"{100 * p:3.0f}{mark}" for p, mark in values))

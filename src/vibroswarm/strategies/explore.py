@@ -42,8 +42,9 @@ UNTIL_SAMPLE_MS: Final = 1e6
 """A leg that the next sample ends."""
 
 
-class Params(places.Params):
-    """Those of ``places``, and how to choose a target."""
+# Own fields come first in the rows: Numba would take a row that begins as one of places for a row of places.
+class Choice:
+    """How to choose a direction."""
 
     directions: Annotated[int, Field(ge=2, le=360, description="Number of directions compared.")] = 16
     range_m: Annotated[
@@ -68,14 +69,22 @@ class Params(places.Params):
     ] = 0.15
 
 
-class State(places.State):
-    """That of ``places``; the turn to make, the tile that the robot drives to (-1: none), the last place, the step."""
+class Params(places.Params, Choice):
+    """Those of ``places``, and how to choose a direction."""
+
+
+class Course:
+    """The turn to make, the tile that the robot drives to (-1: none), the last place, the step."""
 
     turn_rad: float
     target: int
     last_x_m: float
     last_y_m: float
     step_m: float
+
+
+class State(places.State, Course):
+    """That of ``places``, and where the robot drives."""
 
 
 class Arrays(places.Arrays):
@@ -85,10 +94,14 @@ class Arrays(places.Arrays):
     uncertainty = array("float64", "tiles")
 
 
-class Message(place_message.Message):
-    """That of ``places``, and where the robot drives to."""
+class Target:
+    """The tile that the robot drives to; -1: none."""
 
     target: int
+
+
+class Message(place_message.Message, Target):
+    """That of ``places``, and where the robot drives to."""
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
