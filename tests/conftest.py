@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -54,6 +55,19 @@ def record() -> RunRecord:
 def long_record() -> RunRecord:
     """Ten robots, 1200 s: the largest run that the page's limits are given for."""
     return make_record(robots=10, t_end_s=1200.0, title="Ten robots, twenty minutes", min_observations=1500)
+
+
+@pytest.fixture
+def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw no PDF and no PNG, half of the time of a study's report: for tests that look at neither."""
+    from vibroswarm.plots import picture
+
+    whole = picture.picture_bytes
+
+    def drawn(figure: Any, kind: str, **how: int) -> bytes:
+        return whole(figure, kind, **how) if kind == "svg" else b"not drawn"
+
+    monkeypatch.setattr(picture, "picture_bytes", drawn)
 
 
 @pytest.fixture(autouse=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import runpy
 from pathlib import Path
@@ -190,7 +191,10 @@ def test_figures(kept, capsys):
 
 
 @pytest.mark.slow
-def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
+def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys, monkeypatch):
+    module = importlib.import_module("vibroswarm.calibrate.fit")
+    fitted, fit = [], module.fit
+    monkeypatch.setattr(module, "fit", lambda *of, **how: fitted.append(fit(*of, **how)) or fitted[-1])
     out = tmp_path / "mine.toml"
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120"]
     assert main([*command, "--out", str(out), "--json"]) == 0
@@ -203,7 +207,11 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
         assert (list(found) if isinstance(found, tuple) else found) == value
     assert {one["name"] for one in about["figures"]} >= {"veer_rad_s", "sensor.edge_reach_m", "threshold_mm"}
     assert about["motion_runs"] == 240
+    monkeypatch.setattr(
+        module, "fit", lambda *of, **how: fitted[-1]
+    )  # in words: the same fit, not made again
     assert main(command) == 0
+    assert len(fitted) == 1
     assert "What the model lacks" in capsys.readouterr().out
     assert main(["run", "--scenario", str(out), "--out", str(tmp_path / "run")]) == 0
 

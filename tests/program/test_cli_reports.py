@@ -70,6 +70,7 @@ def test_pictures_show_the_numbers_of_the_summary(swept: Path) -> None:
     assert outcomes["runs"].to_list() == [24] * 6
 
 
+@pytest.mark.usefixtures("svg_alone")
 def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     swept: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -286,9 +286,9 @@ def test_the_check_for_hidden_words_finds_them():
 
 @pytest.mark.parametrize("name", [name for name in PICTURES if "," not in name])
 def test_the_same_frame_gives_the_same_bytes(name):
+    one, two = (PICTURES[name]("column").figure for _ in range(2))
     for kind in ("svg", "pdf", "png"):
-        one, two = (picture_bytes(PICTURES[name]("column").figure, kind, dots_per_inch=60) for _ in range(2))
-        assert one == two
+        assert picture_bytes(one, kind, dots_per_inch=60) == picture_bytes(two, kind, dots_per_inch=60), kind
 
 
 # What is drawn is what the numbers say.
@@ -631,7 +631,7 @@ ODD = st.sampled_from([None, float("nan"), 0.0, -0.0, 1e-300, 1e-9, 0.3, 1.0, -5
 NAMES_ODD = st.sampled_from(["", "\x00", "$a_b$", "日本 🙂", "\n\t", "x" * 300, "a/b", None, "\u202e\ufffe"])
 
 
-@settings_of_tests(max_examples=12, deadline=None)
+@settings_of_tests(max_examples=8, deadline=None)
 @given(st.lists(st.tuples(NAMES_ODD, ODD), min_size=1, max_size=6), NAMES_ODD, st.sampled_from(list(STYLES)))
 def test_odd_numbers_and_names_are_drawn(rows, title, style):
     """Nothing warns (warnings are errors here), and every missing value is told."""

@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -188,6 +189,7 @@ def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillo
     return tiled * on_tiles + (1.0 - tiled) * false_positive  # q
 
 
+@lru_cache(maxsize=256)
 def mending_thresholds(
     sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spillover: float = 0.0
 ) -> tuple[float, float] | None:
