@@ -279,7 +279,7 @@ class Decision(FrozenModel):
     assumed_false_negative: Annotated[float, Field(ge=0, lt=1)] | None = None
     """For "tiles": the share of samples on vibrating tiles that they expect to read as still; likewise."""
     credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
-    """p_c: a robot decides when its belief exceeds this."""
+    """p_c: a robot decides when its belief p, or 1 - p, exceeds this."""
     min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
     """O_c: strictly more observations are needed to decide."""
     gate: Literal["total", "received", "own"] = "total"
