@@ -102,21 +102,21 @@ def replay(result: Result, scenario: Scenario) -> Result:
     check_scenario(scenario)
     if result.seed is None:
         raise InputError(
-            "was recorded: what its robots read cannot be drawn anew; replay it with 'vibroswarm lab replay'",
+            "was recorded: what its robots read cannot be drawn again; replay it with 'vibroswarm lab replay'",
             field="result",
         )
     for section in OF_MOTION:
         if getattr(scenario, section) != getattr(result.scenario, section):
             which = "robots that stop" if section == "motion_faults" else f"[{section}]"
             raise InputError(
-                f"a replay keeps the motion, and so {which} as it was; simulate anew to change it",
+                f"a replay keeps the motion, and so {which} as it was; simulate again to change it",
                 field="faults" if section == "motion_faults" else section,
             )
     if scenario.run.stop != "t_end":
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
     if steers(scenario):
         raise InputError(
-            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it anew",
+            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it again",
             field="strategy.name",
         )
     runs, motion = (

@@ -195,5 +195,5 @@ def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> 
         replay_recording(
             recording, recording.scenario.with_values({"network.name": "loss", "network.loss.share": 0.5})
         )
-    with pytest.raises(InputError, match="was recorded: what its robots read cannot be drawn anew"):
+    with pytest.raises(InputError, match="was recorded: what its robots read cannot be drawn again"):
         replay(recording, recording.scenario)

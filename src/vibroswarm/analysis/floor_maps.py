@@ -55,7 +55,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
             field="strategy.name",
         )
     if result.seed is None:
-        raise InputError("was recorded; its maps cannot be computed anew", field="result")
+        raise InputError("was recorded; its maps cannot be computed again", field="result")
     timeline = timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
     swarm = replay_to_end(scenario, result.seed, timeline, result.observations["observation"].to_numpy())
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()

@@ -73,7 +73,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
             "strategy",
             "scenario",
             "decision time, s",
-            "belief in truth",
+            "belief in the truth",
             "right, %",
             "wrong, %",
             "split, %",

@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         rows.append(_row("as logged", as_it_was, one=True))
         rows += [_row(name, of[session], one=False) for name, of in outcomes.items()]
     print_table(
-        ["session", "strategy", "consensus", "decision time, s", "undecided, %", "belief in truth"],
+        ["session", "strategy", "consensus", "decision time, s", "undecided, %", "belief in the truth"],
         rows,
         names=2,
         texts=3,

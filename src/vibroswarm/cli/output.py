@@ -179,7 +179,7 @@ def _print_cells(outcome: Outcome) -> None:
             "incomplete, %",
             "robots undecided, %",
             "decision time, s",
-            "belief in truth",
+            "belief in the truth",
         ],
         [
             [
@@ -199,5 +199,5 @@ def _print_cells(outcome: Outcome) -> None:
             ]
             for cell_outcome in outcome.cells
         ],
-        more=("split, %", "incomplete, %", "belief in truth"),
+        more=("split, %", "incomplete, %", "belief in the truth"),
     )

@@ -12,8 +12,8 @@ MOST_ROBOTS: Final = 20
 """Robots that have a row each without ``--wide``."""
 
 
-def summary_lines(found: Verdict) -> list[str]:
-    """Return a table of how many robots decided what, when, and how sure they were."""
+def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
+    """Return a table of how many robots decided what, when, and with what confidence."""
     from vibroswarm.cli.verdict_text import decision_words
 
     groups: dict[str, list[RobotVerdict]] = {}
@@ -31,7 +31,7 @@ def summary_lines(found: Verdict) -> list[str]:
         ]
         for answer, robots in groups.items()
     ]
-    columns = ["decision", "robots", "at, s", "belief, %", "share of ones", "own", "heard"]
+    columns = ["decision", "robots", "at, s", "confidence, %", posterior, "own", "heard"]
     return [*table_lines(columns, rows), "Smallest to largest of the robots; --wide prints each robot."]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm import strategies
+from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.robot_summary import MOST_ROBOTS, summary_lines
@@ -56,7 +57,7 @@ def headline(found: Verdict) -> str:
 def confidence(found: Verdict) -> str:
     """Return the robots' confidence in their decisions."""
     beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
-    note = "A belief treats all bits as independent; those of neighbouring samples are not."
+    note = "Robots treat all bits as independent; those of neighbouring samples are not."
     if not beliefs:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
         if not beliefs:
@@ -83,7 +84,9 @@ def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
     if robot.estimate is not None and robot.interval is not None:
         estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
     heard = "-" if robot.received is None else robot.received
-    decision = decision_words(robot.decision, answers)
+    decision = decision_words(robot.decision, answers).replace(
+        " % vibrates", " %"
+    )  # the headline has the verb
     return [robot.robot, decision, at, sure, estimate, robot.samples, heard]
 
 
@@ -128,15 +131,19 @@ def verdict_text(result: Result, found: Verdict) -> str:
             f"with {percent(found.decision_boundary)} vibrating tiles."
         )
     lines += fault_lines(result)
-    return "\n".join([*map(paragraph, lines), "", *robot_lines(found), ""])
+    opinions = holds_opinions(scenario)
+    posterior = "opinion" if opinions else "share of ones"
+    if opinions:
+        lines.append(OPINION_NOTE)
+    return "\n".join([*map(paragraph, lines), "", *robot_lines(found, posterior), ""])
 
 
-def robot_lines(found: Verdict) -> list[str]:
+def robot_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
     """Return the table of robots: one row each, or of a large swarm one for each decision."""
     if len(found.robots) > MOST_ROBOTS and not printing.wide:
-        return summary_lines(found)
+        return summary_lines(found, posterior)
     return table_lines(
-        ["robot", "decision", "at, s", "belief, %", "share of ones (95 %)", "own", "heard"],
+        ["robot", "decision", "at, s", "confidence, %", f"{posterior} (95 %)", "own", "heard"],
         [robot_row(robot, found.answers) for robot in found.robots],
         texts=2,
     )

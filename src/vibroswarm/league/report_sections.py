@@ -76,8 +76,8 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
     if beliefs is None or not beliefs.height:
         return ()
     text = (
-        "Robots that decided: the mean belief in their decisions, and the share of them that were right. Over floors "
-        "as the strategy expects them (its own prior of the fill ratio), and over floors whose tiles vibrate "
+        "Robots that decided: their mean confidence, and the share of them that were right. Over floors as "
+        "the strategy expects them (its own prior of the fill ratio), and over floors whose tiles vibrate "
         f"independently. '{AT_95}': at p_c = 0.95 and O_c = 0. Strategies without a belief are left out."
     )
     marks = [

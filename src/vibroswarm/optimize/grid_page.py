@@ -143,7 +143,7 @@ def _cell_table(nodes: Nodes) -> ReportTable:
         "above_best_high": Column("to", unit), "decision_time_s": Column("decision time", "s"),
         "robots_wrong": Column("robots wrong", percent=True),
         "robots_undecided": Column("robots undecided", percent=True),
-        "belief_in_truth": Column("belief in truth"),
+        "belief_in_truth": Column("belief in the truth"),
     }  # fmt: skip
     caption = f"With 95 % intervals. {_shared(nodes)}".strip()
     return ReportTable(

@@ -130,7 +130,7 @@ class Faults(MotionFaults):
     """Robots that fail, by share of the swarm or by number, and how; nobody by default."""
 
     stuck_at_0: Affected = 0.0
-    """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn anew for each
+    """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn again for each
     run, those of a smaller share among those of a larger), or a list of robots ([0, 3])."""
     stuck_at_1: Affected = 0.0
     """Robots whose sensor always reads 1. None of them is also stuck at 0."""

@@ -76,7 +76,7 @@ class FloorField(FrozenModel):
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; takes precedence over ``source``."""
     redraw: Literal["run", "study"] = "run"
-    """Draw a random floor anew for each run, or once (that of run 0) for all."""
+    """Draw a new random floor for each run, or once (that of run 0) for all."""
     tile_width_m: Length | None = None
     """Width of one tile; if omitted, the tiles are stretched over the arena."""
     tile_height_m: Length | None = None
@@ -157,7 +157,7 @@ class Robot(FrozenModel):
     speed_factor_max: Annotated[float, Field(gt=0, le=100)] = 1.5
     """Upper clip of s_d."""
     speed_redraw: Literal["sample", "robot"] = "sample"
-    """Draw s_d anew at every sample (as in the simulations) or once per robot (as in the text)."""
+    """Draw a new s_d at every sample (as in the simulations) or once per robot (as in the text)."""
     speed_factors: Factors | None = None
     """s_d per robot, instead of drawing it (``speed_redraw`` must be "robot"); the list repeats beyond its end."""
     speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
@@ -279,7 +279,7 @@ class Decision(FrozenModel):
     assumed_false_negative: Annotated[float, Field(ge=0, lt=1)] | None = None
     """For "tiles": the share of samples on vibrating tiles that they expect to read as still; likewise."""
     credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
-    """p_c: a robot decides when its belief exceeds this."""
+    """p_c: a robot decides when its belief p, or 1 - p, exceeds this."""
     min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
     """O_c: strictly more observations are needed to decide."""
     gate: Literal["total", "received", "own"] = "total"

@@ -195,7 +195,7 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
     columns = {name: Column(words, percent=True, limits=_limits(name)) for name, words in _SHARES.items()}
     columns |= {
         "decision_time_s": Column("decision time", "s", decimals=0, limits=_limits("decision_time_s")),
-        "belief_in_truth": Column("belief in truth", decimals=3, limits=_limits("belief_in_truth")),
+        "belief_in_truth": Column("belief in the truth", decimals=3, limits=_limits("belief_in_truth")),
     }
     order = ["decision_time_s", *_SHARES, "belief_in_truth"]
     frame = outcome.table.select("name", "runs", *(end for name in order for end in (name, *_limits(name))))
@@ -205,8 +205,10 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
 _OUTCOME_TEXT: Final = (
     "In brackets: 95 % intervals over runs, since the robots of a run influence each other. A robot without a decision "
     "counts as undecided, and with the full length of the run in the mean time. Forced error: robots wrong, or "
-    "undecided and leaning to the wrong side at the end. Swarms right: all robots of the run are. `summary.csv` "
-    "has all figures."
+    "undecided and leaning to the wrong side at the end. Belief in the truth: the probability that a robot gives the "
+    "right answer when it decides, or at its last sample; not a share of right decisions. Under feedback it is an "
+    "opinion: it counts what robots concluded as if it were readings. Swarms right: all robots of the run are. "
+    "`summary.csv` has all figures."
 )
 
 

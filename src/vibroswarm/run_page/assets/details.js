@@ -26,7 +26,9 @@ function buildLeads() {
     + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`);
   const { tested } = run.rule, moved = tested !== boundary;
   const line = moved ? `${percent(tested)}, the share of ones expected at the boundary,` : boundary;
-  byId("posterior-lead").replaceChildren(
+  const opinion = ["positive", "soft"].includes(run.strategy)
+    ? "Under feedback this is the robot's opinion, not an estimate. " : "";
+  byId("posterior-lead").replaceChildren(opinion,
     `Beta(\u03b1, \u03b2) after its latest own sample; left of ${line} is p, hatched the rest. `,
     make("span", "nobreak", moved ? "\u25b2 ones expected on this floor: " : "\u25b2 truth: ",
       make("b", "", moved ? percent(run.truth.ones) : ratio(run.truth.ones)), "."));

@@ -2,7 +2,7 @@
 
 const FRESH_S = 12; // a sample stands out for so long
 
-const STAGES = 8; // pictures kept of the layer at even steps, so that a jump back is not all drawn anew
+const STAGES = 8; // pictures kept of the layer at even steps, so that a jump back redraws little
 
 const pastLayer = { context: null, view: null, sprites: null, drawn: 0, stages: [] };
 
