@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -397,3 +398,71 @@ def test_robots_with_faults_are_marked_from_then_on(
     assert "has a fault" not in usual.inner_text("#legend")
     shown = "document.getElementById('actors').toDataURL()"
     assert page.evaluate(shown) != usual.evaluate(shown)
+
+
+@pytest.mark.parametrize("way", ["src", "srcdoc"])
+def test_it_opens_in_a_hidden_frame_and_draws_once_shown(
+    browser: Any, path: Path, tmp_path: Path, way: str
+) -> None:
+    source = path.as_uri() if way == "src" else html.escape(path.read_text(encoding="utf-8"))
+    around = tmp_path / "notebook.html"
+    around.write_text(
+        f'<iframe {way}="{source}" style="display:none; width:900px; height:700px"></iframe>',
+        encoding="utf-8",
+    )
+    page = browser.new_page(reduced_motion="reduce")
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(around.as_uri())
+    frame = page.frames[1]
+    wait_until(frame, "typeof vibroswarm === 'object'")
+    assert frame.evaluate("innerWidth") == 0
+    frame.evaluate("vibroswarm.seek(100)")
+    page.evaluate("document.querySelector('iframe').style.display = 'block'")
+    wait_until(frame, "document.getElementById('arena-frame').clientWidth > 250")
+    for canvas in ("floor", "past", "actors", "belief"):
+        assert not frame.evaluate(BLANK, canvas), canvas
+    assert errors == []
+    page.close()
+
+
+@pytest.mark.parametrize("gate", ["total", "received", "own"])
+def test_the_gate_opens_when_the_tables_say(
+    open_page: Open, record: RunRecord, tmp_path: Path, gate: str
+) -> None:
+    """Observations counted here from the order of samples and the column of received messages."""
+    least = 15
+    tables = record.inference.join(record.motion, on=["run", "robot", "sample"])
+    counted = {
+        "total": pl.col("sample") + pl.col("messages_received"),
+        "received": pl.col("messages_received"),
+        "own": pl.col("sample"),
+    }
+    first = tables.filter(counted[gate] > least)["time_s"].min()
+    assert isinstance(first, float)
+    file = tmp_path / "gate.html"
+    undecided = record.robots.with_columns(decision=pl.lit(-1, dtype=pl.Int8))
+    write_page(replace(record, gate=gate, min_observations=least, robots=undecided), file)
+    page = open_page(file=file)
+    assert page.evaluate("vibroswarm.gate().first_s") == pytest.approx(first, abs=1e-9)
+    words = {"total": "observations, its own and received", "received": "received bits", "own": "own samples"}
+    lead = page.inner_text("#belief-lead")
+    assert f"only with more than {least} {words[gate]}: before {first:.1f} s it is too early" in lead
+
+
+def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """Of a strategy without a gate, and where robots decided before it."""
+    for name, fields in {"none": {"gated": False}, "broken": {"min_observations": 100}}.items():
+        write_page(replace(record, **fields), tmp_path / f"{name}.html")
+        page = open_page(file=tmp_path / f"{name}.html")
+        assert page.evaluate("vibroswarm.gate().first_s") == 0
+        assert "too early" not in page.inner_text("#belief-lead")
+
+
+def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record: RunRecord) -> None:
+    page = open_page("#t=10")
+    share = f"{100 * record.fill_ratio:.1f}".removesuffix(".0")
+    assert page.inner_text("#task") == f"Does more than 50 % of the floor vibrate? Truth: no ({share} %)."
+    assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
+    assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
+    assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"

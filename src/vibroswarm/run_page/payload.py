@@ -77,7 +77,8 @@ class RunRecord:
         consensus_time_s: when the last robot decided, or None.
         motion, segments, observations, inference, robots: the run's tables (``COLUMNS``).
         tick_s: the robots' control period.
-        gate: what ``min_observations`` counts.
+        gate: what ``min_observations`` counts; gate_counts_current: the current sample too.
+        gated: whether the strategy heeds ``min_observations``.
         ray_forward_m, ray_sides_m, ray_angles_rad: where rays start and point, seen from the robot.
         ray_disc_radius_m: radius of other robots as seen by rays.
         readings_boundary: the share of ones that robots compare their readings with; None: ``decision_boundary``.
@@ -108,6 +109,8 @@ class RunRecord:
     robots: pl.DataFrame
     min_observations: int = 0
     gate: str = "total"
+    gate_counts_current: bool = False
+    gated: bool = True
     credible_threshold: float = 0.95
     decision_boundary: float = 0.5
     readings_boundary: float | None = None
@@ -300,6 +303,8 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "prior_belief": float(betainc(*prior, tested)),
         "min_observations": int(record.min_observations),
         "gate": record.gate,
+        "gate_counts_current": record.gate_counts_current,
+        "gated": record.gated,
         "answers": None if record.answers is None else list(record.answers),
     }
 

@@ -22,6 +22,8 @@ from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import RunRecord, fault_rows, payload
+from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.told import fields_read
 
 SCRIPTS = (
     "decode.js",
@@ -29,6 +31,7 @@ SCRIPTS = (
     "beta.js",
     "rays.js",
     "words.js",
+    "gate.js",
     "theme.js",
     "canvas.js",
     "glyphs.js",
@@ -139,6 +142,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         radio=_radio_of(result, run),
         min_observations=decision.min_observations,
         gate=decision.gate,
+        gate_counts_current=decision.gate_counts_current,
+        gated="min_observations" in fields_read(strategy_of(scenario.strategy.name)),
         credible_threshold=decision.credible_threshold,
         decision_boundary=boundary,
         readings_boundary=tested,

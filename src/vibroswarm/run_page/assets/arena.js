@@ -9,10 +9,12 @@ function arenaView(width) {
   return { width, height, scale, x: (x) => x * scale, y: (y) => height - y * scale };
 }
 
+const SMALLEST = 60; // width, CSS pixels
+
 // The largest width that fits its column and, on a wide screen, the height that is left.
 function arenaWidth(legendHeight) {
   const wide = matchMedia("(min-width: 960px)").matches;
-  if (!wide) return byId("legend").parentElement.clientWidth - 2;
+  if (!wide) return Math.max(byId("legend").parentElement.clientWidth - 2, SMALLEST); // a hidden frame has no width
   const around = document.querySelector(".masthead").offsetHeight + document.querySelector(".player").offsetHeight;
   const room = innerHeight - around - legendHeight - 32;
   return Math.floor(Math.max(Math.min(innerWidth * 0.54, room * run.arena.width_m / run.arena.height_m), 280));

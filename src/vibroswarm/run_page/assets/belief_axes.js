@@ -51,12 +51,13 @@ function beliefBox(width, height) {
   return box;
 }
 
-function drawBeliefFrame(context, box) {
+function drawBeliefFrame(context, box, followed) {
   const limit = run.rule.credible_threshold, right = box.left + box.width;
   context.fillStyle = colours["still-soft"];
   context.fillRect(box.left, box.y(1), box.width, box.y(limit) - box.y(1));
   context.fillStyle = colours["vibrating-soft"];
   context.fillRect(box.left, box.y(1 - limit), box.width, box.y(0) - box.y(1 - limit));
+  drawTooEarly(context, box, followed);
   context.lineWidth = 1;
   for (const [p, colour] of [[0, "line-strong"], [0.5, "line"], [1, "line-strong"]]) {
     context.strokeStyle = colours[colour];
@@ -87,9 +88,10 @@ function drawBeliefTicks(context, box) {
   });
 }
 
-// Where along the chart a text of some width at height y hides the fewest points of the curves, and how many.
-function quietPlace(box, width, y) {
-  const s = run.samples, room = box.width - width - 14;
+// Where along the chart a text of some width at height y hides the fewest points of the curves, and how many;
+// left of x = until if that is given.
+function quietPlace(box, width, y, until = box.left + box.width) {
+  const s = run.samples, room = until - box.left - width - 14;
   let best = { count: Infinity, x: 0 };
   for (let i = 0; i <= 6; i++) {
     const x = box.left + 7 + room * i / 6;
@@ -107,13 +109,26 @@ function quietPlace(box, width, y) {
 function beliefWords(context, box) {
   const limit = run.rule.credible_threshold;
   context.font = WORDS_FONT;
-  return [
+  const words = [
     [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
     [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],
   ].map(([text, y, decision]) => {
     const { width } = context.measureText(text);
     return { text, y, decision, width, ...quietPlace(box, width, y) };
   }).filter(({ count }) => count <= MOST_HIDDEN);
+  return [...words, ...tooEarlyWords(context, box)];
+}
+
+// The name of the hatched part, at the height where it hides least; none where it does not fit.
+function tooEarlyWords(context, box) {
+  const until = box.x(tooEarlyUntil(null)), widthOf = (text) => context.measureText(text).width;
+  const text = ["too early to decide", "too early"].find((words) => until - box.left >= widthOf(words) + 14);
+  if (!hasGate || !text) return [];
+  const width = widthOf(text);
+  return [0.75, 0.25, 0.6, 0.4].map((p) => {
+    const y = box.y(p);
+    return { text, y, decision: null, width, ...quietPlace(box, width, y, until) };
+  }).sort((a, b) => a.count - b.count).slice(0, 1);
 }
 
 function drawBeliefWords(context, words) {
@@ -125,7 +140,7 @@ function drawBeliefWords(context, words) {
     context.fillStyle = colours.paper;
     context.fillRect(x - 3, y - 8, width + 6, 16);
     context.globalAlpha = 1;
-    context.fillStyle = colours.of[decision];
+    context.fillStyle = decision === null ? colours["ink-2"] : colours.of[decision];
     context.fillText(text, x, y);
   }
 }

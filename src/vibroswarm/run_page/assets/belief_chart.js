@@ -4,7 +4,7 @@
 const beliefChart = { context: null, box: null, faint: null, strong: null, followed: null };
 
 function layOutBelief() {
-  const width = byId("belief-frame").clientWidth;
+  const width = Math.max(byId("belief-frame").clientWidth, 80);
   const plot = innerWidth < 640 ? 170 : Math.min(Math.max(innerHeight * 0.22, 150), 280);
   const box = beliefBox(width, plot);
   const context = fitCanvas(byId("belief"), width, box.total);
@@ -17,7 +17,7 @@ function drawBeliefLayers(followed) {
   beliefChart.followed = followed;
   const layer = () => hiddenCanvas(width, box.total);
   const faint = layer(), strong = layer();
-  drawBeliefFrame(faint.context, box);
+  drawBeliefFrame(faint.context, box, followed);
   faint.context.globalAlpha = 0.22;
   for (const robot of robots) strokeBelief(faint.context, robot, box, 1, false);
   faint.context.globalAlpha = 1;

@@ -86,7 +86,10 @@ function watchBelief() {
   canvas.addEventListener("pointerleave", hideTooltip);
 }
 
+let shown = false; // false in a frame that is hidden
+
 function layOut() {
+  shown = byId("belief-frame").clientWidth > 0;
   drawLegend();
   layOutArena();
   layOutBelief();
@@ -101,6 +104,10 @@ function watchSurroundings() {
     if (now !== size) layOut();
     size = now;
   });
+  // A frame that was hidden gets its size when it is shown, and not every browser calls that a resize.
+  new ResizeObserver(() => {
+    if ((byId("belief-frame").clientWidth > 0) !== shown) layOut();
+  }).observe(byId("belief-frame"));
   addEventListener("hashchange", () => {
     const { t, robot } = readAddress();
     if (t === null) return;
@@ -127,6 +134,7 @@ function expose() {
     pose: (id, t) => poseAt(robots.find((robot) => robot.id === id), t),
     mind: (id, t) => mindAt(robots.find((robot) => robot.id === id), t),
     faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
+    gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
     robots: run.robots,
   };
 }

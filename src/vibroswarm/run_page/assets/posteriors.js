@@ -31,7 +31,7 @@ function layOutCards() {
   byId("cards").style.gridTemplateColumns = `repeat(${cardColumns()}, minmax(0, 1fr))`;
   for (const card of cards) {
     card.canvas.style.width = "100%";
-    card.width = card.canvas.clientWidth;
+    card.width = Math.max(card.canvas.clientWidth, 20);
   }
   for (const card of cards) {
     card.context = fitCanvas(card.canvas, card.width, CARD_HEIGHT + AXIS_HEIGHT);

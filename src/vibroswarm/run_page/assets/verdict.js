@@ -26,23 +26,27 @@ function verdictLine() {
   }[run.outcome.consensus];
 }
 
-function verdictMore() {
-  const fill = run.truth.fill_ratio, edge = run.rule.boundary;
-  const share = `${percent(fill)} of the tiles vibrate`;
+// The question and the right answer, in one line.
+function taskLine() {
+  const { fill_ratio: fill, decision: right } = run.truth, edge = run.rule.boundary;
   if (ANSWERS) {
-    const right = run.truth.decision;
-    return `${share}. ${right === null ? "Neither answer is right." : `Right is ${DECISION_WORDS[right]}.${rightAndWrong()}`}`;
+    return `${DECISION_WORDS[STILL]} or ${DECISION_WORDS[VIBRATING]}? `
+      + `Truth: ${right === null ? "neither" : DECISION_WORDS[right]} (${percent(fill)} of the floor vibrates).`;
   }
-  return run.truth.decision === null
-    ? `${share}: exactly the boundary, so there is no majority to be right about.`
-    : `${share}, ${run.truth.decision === STILL ? "below" : "above"} the boundary of ${percent(edge)}.${rightAndWrong()}`;
+  const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
+  return `Does more than ${percent(edge)} of the floor vibrate? Truth: ${truth} (${percent(fill)}).`;
+}
+
+function verdictMore() {
+  if (run.truth.decision !== null) return rightAndWrong();
+  return ANSWERS ? "Neither answer is right." : "The share is exactly the boundary, so there is no majority to be right about.";
 }
 
 // Where there is no consensus: how those that decided did.
 function rightAndWrong() {
   const right = byDecision(run.truth.decision).length, wrong = byDecision(1 - run.truth.decision).length;
   if (!["split", "incomplete"].includes(run.outcome.consensus) || right + wrong === 0) return "";
-  return ` Decided right: ${right}, wrong: ${wrong}.`;
+  return `Decided right: ${right}, wrong: ${wrong}.`;
 }
 
 // Belief in the own decision when it was made.
@@ -56,13 +60,14 @@ function verdictFacts() {
   const misread = run.samples.time_s.reduce((n, _, row) => n + (isMisread(row) ? 1 : 0), 0);
   const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
   const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
-  const votes = [STILL, VIBRATING, -1].map((decision) => [decision, VOTE_WORDS[decision]])
-    .map(([decision, word]) => [byDecision(decision).length, word]).filter(([count]) => count > 0);
+  const votes = [STILL, VIBRATING].map((decision) => [byDecision(decision).length, SAY_WORDS[decision]])
+    .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} say: ${word}`);
+  const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
   return [
     [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus"],
     ["Sure of it", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
-    ["Robots", votes.map(([count, word]) => `${count} ${word}`).join(", "), "votes"],
+    ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
     ["Samples", whole(count), "samples", `${percent(misread / Math.max(count, 1))} misread`],
   ];
 }
@@ -83,6 +88,8 @@ function buildVerdict() {
   byId("run-name").textContent = run.title;
   byId("verdict-badge").replaceChildren(signOf(outcome), BADGES[outcome]);
   say(byId("verdict-line"), verdictLine());
+  say(byId("task"), taskLine());
+  say(byId("outcome-time"), `Outcome, at the end of the run (${minutes(END_S)})`);
   say(byId("verdict-more"), verdictMore());
   byId("facts").replaceChildren(...verdictFacts().map(([term, value, name, more]) => {
     const fact = make("div", "fact", make("dt", "", term), make("dd", "", make("span", "", value)));

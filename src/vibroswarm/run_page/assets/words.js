@@ -5,6 +5,10 @@ const STRATEGY_WORDS = { none: "no feedback", positive: "positive feedback", sof
 
 const seconds = (value) => `${value.toFixed(1)} s`;
 const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
+const minutes = (value) => {
+  const whole = Math.floor(value / 60 + 1e-9), rest = Math.max(value - 60 * whole, 0);
+  return whole ? `${whole} min ${Number(rest.toFixed(1))} s` : `${Number(rest.toFixed(1))} s`;
+};
 const whole = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
 const ratio = (share) => String(Number(share.toFixed(6)));
@@ -21,6 +25,10 @@ const DECISION_WORDS = ANSWERS
   };
 // The same in one word, where the boundary goes without saying.
 const VOTE_WORDS = { "-1": "undecided", 0: ANSWERS ? ANSWERS[0] : "still", 1: ANSWERS ? ANSWERS[1] : "vibrating" };
+
+// What a robot says to the question.
+const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
+  : { "-1": "undecided", 0: "not vibrating", 1: "vibrating" };
 
 // Three places, and never a certainty that is not there.
 function probability(value) {
