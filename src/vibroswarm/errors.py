@@ -108,6 +108,17 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         )
 
 
+def check_keywords(given: Iterable[str], function: str, known: Iterable[str]) -> None:
+    """Refuse keyword arguments that a function does not have.
+
+    Raises:
+        InputError: it suggests the nearest.
+    """
+    for name in given:
+        if name not in (choices := list(known)):
+            raise InputError(f"{function}() has no such argument{nearest(name, choices)}", field=name)
+
+
 def in_words(number: int) -> str:
     """Write 2^63 - 1 and the like as powers of two; other numbers as they are."""
     power = (number + 1).bit_length() - 1

@@ -18,10 +18,11 @@ from polars.testing import assert_frame_equal
 from vibroswarm.core.atomic_io import MARKER, whole_file, whole_folder
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
-from vibroswarm.errors import InputError, RunError, check_format
+from vibroswarm.errors import InputError, RunError, check_format, shown
 from vibroswarm.faults.assignment import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -116,7 +117,7 @@ def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(NotebookView):
     """All tables of some runs of one scenario, as polars frames (docs/results.md describes the columns).
 
     Args:
@@ -153,6 +154,19 @@ class Result:
         return dict(self.versions) == dict(other.versions) and self.same_tables(other)
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        scenario, runs = self.scenario, self.runs.height
+        outcomes = self.runs["consensus"].drop_nulls().value_counts(sort=True).rows() if runs else []
+        parts = [
+            f"{runs} run{'s' * (runs != 1)}",
+            f"{scenario.swarm.robots} robots",
+            scenario.strategy.name,
+            f"floor {shown(scenario.floor.source)}",
+            "recorded" if self.seed is None else f"seed {self.seed}",
+            *(f"{count} {outcome}" for outcome, count in sorted(outcomes)),
+        ]
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     def same_tables(self, other: Result) -> bool:
         """Return whether every table equals that of ``other``, bit by bit, including order and types."""

@@ -16,6 +16,7 @@ import polars as pl
 
 from vibroswarm import tasks
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, shown
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
@@ -23,7 +24,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
-class RobotVerdict:
+class RobotVerdict(NotebookView):
     """The outcome of one robot; times in s."""
 
     robot: int
@@ -40,9 +41,16 @@ class RobotVerdict:
     samples: int
     received: int | None
 
+    def __repr__(self) -> str:
+        at = "" if self.decision_time_s is None else f" at {self.decision_time_s:.1f} s"
+        known = {None: "not logged", -1: "undecided"}
+        estimate = "" if self.estimate is None else f", estimate {self.estimate:.3f}"
+        decided = known.get(self.decision, f"decision {self.decision}{at}")
+        return f"RobotVerdict(robot {self.robot}: {decided}{estimate}, {self.samples} samples)"
+
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(NotebookView):
     """The outcome of one run; times in s."""
 
     consensus: str | None
@@ -68,6 +76,17 @@ class Verdict:
     and what vibration does across tile edges."""
     share_of_ones_read: float | None
     robots: tuple[RobotVerdict, ...]
+
+    def __repr__(self) -> str:
+        at = "" if self.consensus_time_s is None else f" by {self.consensus_time_s:.1f} s"
+        counts = [
+            f"{count} {word}"
+            for word, count in (("right", self.right), ("wrong", self.wrong), ("undecided", self.undecided))
+            if count is not None
+        ]
+        robots = f"{len(self.robots)} robot{'s' * (len(self.robots) != 1)}"
+        outcome = "decisions not logged" if self.consensus is None else f"{self.consensus}{at}"
+        return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {self.fill_ratio:.4g})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""

@@ -20,14 +20,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.errors import InputError
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError, shown
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
 
 
 @dataclass(frozen=True, eq=False)
-class Floor:
+class Floor(NotebookView):
     """Tiles and their position.
 
     Args:
@@ -59,6 +60,12 @@ class Floor:
         for field in ("left_m", "bottom_m"):
             if not math.isfinite(getattr(self, field)):
                 raise InputError(f"{getattr(self, field)!r} is not finite", field=f"floor.{field}")
+
+    def __repr__(self) -> str:
+        rows, columns = self.tiles.shape
+        name = f"{shown(self.name)}, " if self.name else ""
+        size = f"{columns * self.tile_width_m:.4g} m x {rows * self.tile_height_m:.4g} m"
+        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {self.fill_ratio:.4g})"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Floor):

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
@@ -54,13 +55,24 @@ ENDS: Final[dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(NotebookView):
     """The tables of a source, see ``source``."""
 
     samples: pl.DataFrame
     ends: pl.DataFrame
     segments: pl.DataFrame | None = None
     moves: pl.DataFrame | None = None
+
+    def __repr__(self) -> str:
+        more = [name for name in ("segments", "moves") if getattr(self, name) is not None]
+        runs, robots = self.ends["run"].n_unique(), self.ends["robot"].n_unique()
+        parts = [
+            f"{runs} run{'s' * (runs != 1)}",
+            f"{robots} robot{'s' * (robots != 1)}",
+            f"{self.samples.height:,} samples",
+            *([f"with {' and '.join(more)}"] if more else []),
+        ]
+        return f"Motion({', '.join(parts)})"
 
 
 def join(pieces: Sequence[Motion]) -> Motion:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ P = ParamSpec("P")
 
 
 @dataclass(frozen=True)
-class Picture:
+class Picture(NotebookView):
     """What a ``draw_*`` function gives: the ``figure`` of matplotlib, in one ``style``, with words and numbers."""
 
     figure: Figure
@@ -44,6 +45,9 @@ class Picture:
     caption: str
     """What the marks are, of how many runs, and what was left undecided."""
     style: str = "column"
+
+    def __repr__(self) -> str:
+        return f"Picture({shown(self.caption)}, {self.numbers.height} marks)"
 
     def write(self, path: Path | str, formats: Sequence[str] = FORMATS) -> list[Path]:
         """Write it as ``path.svg``, ``.pdf`` and ``.png`` (``formats``), with its numbers: see ``write_picture``."""

@@ -126,8 +126,11 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     outcome = (summary["consensus"] or "decisions not logged").replace("_", " ")
     feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
+    floor_name = result.floor(run).name.replace(
+        "$", r"\$"
+    )  # not a formula; parse_math=False is ignored with wrap
     axes.set_title(
-        f"{scenario.swarm.robots} robots, {result.floor(run).name}, fill ratio {summary['fill_ratio']:.3g}, "
+        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}, "
         f"{feedback}, {origin}: {outcome}",
         fontsize=9,
         wrap=True,

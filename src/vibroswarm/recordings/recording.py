@@ -86,6 +86,8 @@ class Recording(Result):
     """``infer_settings.Inferred`` as plain values."""
     floor_words: str = ""
 
+    __repr__ = Result.__repr__  # a dataclass would write all tables
+
     def write_into(self, folder: Path) -> None:
         """Write the files of a result, ``recording.json``, and a Parquet file each for rows and tracks."""
         super().write_into(folder)

@@ -17,8 +17,9 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ValidationError, model_validator
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.scenario import plugins, validation
@@ -29,7 +30,7 @@ from vibroswarm.scenario.presets import preset_text
 SCHEMA_VERSION = 2
 
 
-class Scenario(Sections):
+class Scenario(Sections, NotebookView):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
     Raises (through ``read``, ``from_toml`` and ``with_values``):
@@ -153,6 +154,28 @@ class Scenario(Sections):
         ):
             data["floor"].pop("source")  # the floor of that name is replaced
         return Scenario.from_values(data)
+
+    def __repr__(self) -> str:
+        robots, task = self.swarm.robots, self.task.name
+        parts = [
+            f"{robots} robot{'s' * (robots != 1)}",
+            self.strategy.name,
+            f"floor {shown(self.floor.source)}",
+            f"{self.arena.width_m:g} m x {self.arena.height_m:g} m",
+            *([] if task == "fill_ratio" else [f"task {task}"]),
+            f"up to {self.run.t_end_s:g} s",
+        ]
+        return f"Scenario({', '.join(parts)})"
+
+    __str__ = __repr__
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the value of a field, by its dotted name: ``scenario["walk.leg_min_ms"]``."""
+        return value_of(self, name)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Return what a notebook offers after ``scenario["``."""
+        return field_names()
 
     def floor_for(self, seed: int, run: int) -> Floor:
         """Return the floor of ``run``: fixed, or the random one of (seed, run)."""

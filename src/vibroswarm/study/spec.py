@@ -24,9 +24,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, check_format, nearest, whole_number_of
+from vibroswarm.errors import InputError, check_choice, check_format, nearest, shown, whole_number_of
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -48,6 +49,7 @@ from vibroswarm.study.factors import (
 from vibroswarm.study.precision import Precision
 
 if TYPE_CHECKING:
+    from vibroswarm.study.runner import Progress
     from vibroswarm.study.study_result import StudyResult
 
 FORMAT: Final = 2
@@ -73,7 +75,7 @@ MOST_RUNS: Final = 100_000_000
 
 
 @dataclass(frozen=True)
-class Cell:
+class Cell(NotebookView):
     """One scenario of a study: its number, its values of the varied fields, and the scenario.
 
     ``words`` has each varied value as text, with enough digits to distinguish it from the others of the study.
@@ -86,13 +88,16 @@ class Cell:
     name: str = ""
     """A name that no other cell has; the scenario's strategy if nothing is varied."""
 
+    def __repr__(self) -> str:
+        return f"Cell({self.number}, {shown(self.name)})"
+
     def words_of(self, fields: Iterable[str]) -> str:
         """Write some of the varied values: ``random:0.44, soft, eta 1250``."""
         return fields_in_words({name: self.words[name] for name in fields if name in self.words})
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(NotebookView):
     """Many runs of scenarios that differ in some fields.
 
     Args:
@@ -149,6 +154,17 @@ class Study:
             )
         for cell in self.cells:
             readings_boundary(cell.scenario)  # refused here, before anything is simulated
+
+    def __repr__(self) -> str:
+        cells, varied = len(self.cells), ", ".join(self.varied)
+        runs = (
+            f"until {self.until.figure} is known"
+            if self.runs is None and self.until
+            else f"{self.runs:,} runs"
+        )
+        name = f"{shown(self.name)}, " if self.name else ""
+        vary = f", varied: {varied}" if varied else ""
+        return f"Study({name}{cells} cell{'s' * (cells != 1)}, {runs} each, seed {self.seed}{vary})"
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
@@ -280,18 +296,21 @@ class Study:
             Cell(k, *each) for k, each in enumerate(zip(self._points, scenarios, words, names, strict=True))
         )
 
-    def run(self, folder: str | Path | None = None, **how: Any) -> StudyResult:
+    def run(
+        self, folder: str | Path | None = None, *, progress: Progress | bool = True, **how: Any
+    ) -> StudyResult:
         """Run the study, or continue it.
 
         Args:
             folder: where it is saved; by default in a temporary folder that is removed with the result.
-            how: ``executor``, ``workers``, ``job``, ``mixed``, ``progress``, see ``study_result.run``.
+            progress: whether a bar is shown in a terminal or notebook; or a function that is called with the progress.
+            how: ``executor``, ``workers``, ``job``, ``mixed``, ``allow_failures``, see ``study_result.run``.
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """
-        from vibroswarm.study.study_result import run
+        from vibroswarm.study.study_result import run_with_bar
 
-        return run(self, folder, **how)
+        return run_with_bar(self, folder, progress, how)
 
     @property
     def varied(self) -> list[str]:

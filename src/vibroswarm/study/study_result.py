@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import shutil
 import weakref
@@ -16,13 +17,16 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag, whole_file
-from vibroswarm.errors import InputError, RunError, check_choice, nearest
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.progress_line import ProgressLine, is_watched
+from vibroswarm.errors import InputError, RunError, check_choice, check_keywords, nearest, shown
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
+from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
-from vibroswarm.study.runner import Job, Progress, run_study
+from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
 from vibroswarm.study.sequential_stopping import Settled, runs_that_count, settled
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.store import SHARDS, Store
@@ -31,6 +35,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from vibroswarm.plots.picture import Picture
+    from vibroswarm.study.comparison import Comparison, ReportFile
 
 TABLES: Final = ("robots", "runs", "samples", "cells")
 
@@ -46,7 +52,7 @@ class _TemporaryFolder:
 
 
 @dataclass(frozen=True)
-class StudyResult:
+class StudyResult(NotebookView):
     """A study and its store. Tables hold ``cell`` and the varied fields, by dotted names, before their columns."""
 
     study: Study
@@ -54,6 +60,15 @@ class StudyResult:
     selected: tuple[int, ...]
     """Numbers of the cells."""
     _kept: _TemporaryFolder | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        cells, chosen, table = len(self.study.cells), len(self.selected), self.cells
+        count = f"{chosen}" if chosen == cells else f"{chosen} of {cells}"
+        varied = f", varied: {', '.join(self.study.varied)}" if self.study.varied else ""
+        done, wanted = int(table["there"].sum()), int(table["wanted"].sum())
+        runs = f"{done:,} runs" if done == wanted else f"{done:,} of {wanted:,} runs"
+        where = "not saved" if self._kept is not None else f"in {shown(str(self.store.folder))}"
+        return f"StudyResult({count} cell{'s' * (chosen != 1)}, {runs}, {where}{varied})"
 
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
@@ -220,11 +235,7 @@ class StudyResult:
         Raises:
             InputError: pandas is not installed, or there is no such table.
         """
-        try:
-            import pandas  # noqa: F401
-        except ImportError:
-            raise InputError("needs pandas: pip install 'vibroswarm[frames]'", field="to_pandas") from None
-        return self._table(table).to_pandas()
+        return pandas_of(self._table(table))
 
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
         """Convert a table to an xarray Dataset; its dimensions are the varied fields and ``run`` (and ``robot``).
@@ -232,22 +243,50 @@ class StudyResult:
         Raises:
             InputError: the cells form no grid of the varied fields, or xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise InputError("needs xarray: pip install 'vibroswarm[frames]'", field="to_xarray") from None
-        index = [
-            *self.study.varied,
-            *(["run"] if table in ("runs", "robots") else []),
-            *(["robot"] if table == "robots" else []),
-        ]
-        frame = self.to_pandas(table).drop(columns="cell")
-        for name in frame.select_dtypes("category"):
-            frame[name] = frame[name].astype(str)
-        indexed = frame.set_index(index) if index else frame
-        if not indexed.index.is_unique:
-            raise InputError("several cells have the same varied values", field="to_xarray")
-        return xarray.Dataset.from_dataframe(indexed)
+        return dataset_of(self, table)
+
+    def summary(self) -> pl.DataFrame:
+        """Summarise the cells: one row each with the varied values, then all figures with ``_low`` and ``_high``."""
+        from vibroswarm.study.summary import outcome_of
+
+        return outcome_of(self, compare=False).table
+
+    def compare(self, reference: str | None = None, *, confirm: bool = False) -> Comparison:
+        """Compare the cells run by run, in sentences with intervals and in a table.
+
+        Args:
+            reference: a value of a compared field, such as a strategy, with which all others are compared; by default
+                all pairs of strategies. confirm: run the study on other seeds too, to confirm differences.
+        Raises:
+            InputError: no compared field has the value ``reference``.
+        """
+        from vibroswarm.study.comparison import compared
+
+        return compared(self, reference, confirm)
+
+    def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:
+        """Draw a picture of the study.
+
+        Args:
+            name: such as ``outcomes``, ``decision_time_s``, ``robots_wrong``. style: of ``plots.style``.
+        Raises:
+            InputError: the study has no such picture, and the message lists those it has; or no such style.
+        """
+        from vibroswarm.study.comparison import plotted
+
+        return plotted(self, name, style)
+
+    def report(self, folder: str | Path | None = None, *, replace: bool = False) -> ReportFile:
+        """Write the report, its pictures and tables.
+
+        Args:
+            folder: where; by default into the study's folder. replace: whether an earlier report there is replaced.
+        Raises:
+            InputError: the folder exists, or cannot be written. RunError: the disk is full or failed.
+        """
+        from vibroswarm.study.comparison import reported
+
+        return reported(self, None if folder is None else Path(folder), replace)
 
     def _table(self, table: str) -> pl.DataFrame:
         check_choice(table, "table", TABLES)
@@ -326,6 +365,26 @@ def run(
         allow_failures=allow_failures,
     )
     return StudyResult(study, store, tuple(cell.number for cell in study.cells), kept)
+
+
+def run_with_bar(
+    study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
+) -> StudyResult:
+    """Run a study as ``Study.run`` does, with a bar where somebody watches."""
+    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
+    if not isinstance(progress, bool):
+        return run(study, folder, progress=progress, **how)
+    if not (progress and is_watched()):
+        return run(study, folder, **how)
+    line = ProgressLine("simulating")
+    try:
+        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
+    finally:
+        line.end()
+
+
+def _failed(now: StudyProgress) -> str:
+    return f"{now.failed} batches failed" if now.failed else ""
 
 
 def merge(out: Path, shares: Sequence[Path]) -> Store:

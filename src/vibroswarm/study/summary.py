@@ -17,6 +17,7 @@ from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.forced_error import forced_error_by_run
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
@@ -52,7 +53,7 @@ class CellOutcome:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(NotebookView):
     """The summary of a study."""
 
     result: StudyResult
@@ -63,6 +64,9 @@ class Outcome:
     """Cells without runs; they are in no table."""
     answers: tuple[Answer, ...] = ()
     """One for each pair of cells that is compared."""
+
+    def __repr__(self) -> str:
+        return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -148,12 +152,15 @@ def outcome_of(
     replicate: StudyResult | None = None,
     reference: str | None = None,
     progress: Callable[[float], None] | None = None,
+    *,
+    compare: bool = True,
 ) -> Outcome:
     """Summarise a study, with one cell at a time in memory.
 
     Args:
         replicate: the second block of seeds, see ``cell_comparison``. reference: with what others are compared, as of
             ``cell_comparison.pairs_of``. progress: called with the share of replays at equal error that are done.
+        compare: whether cells are compared; without, only their figures are computed.
     Raises:
         InputError: the reference is no value that is compared.
     """
@@ -167,7 +174,7 @@ def outcome_of(
         figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
         error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
         cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), error, settled))
-    compared = tuple(comparisons(result, replicate, reference))
+    compared = tuple(comparisons(result, replicate, reference)) if compare else ()
     answers = answers_of(compared, at_equal_error(result, compared, progress))
     return Outcome(result, replicate, tuple(cells), compared, without_runs, answers)
 

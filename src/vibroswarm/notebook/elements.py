@@ -1,0 +1,84 @@
+"""HTML elements of notebook views. Every text is escaped, so that no name in a scenario or file becomes markup."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+STYLE: Final = "font-family: system-ui, sans-serif; font-size: 13px; line-height: 1.45; max-width: 60em"
+"""No colours: text and lines take those of the notebook's theme."""
+CELL: Final = "text-align: left; padding: 2px 12px 2px 0; border: 0; background: none; vertical-align: top"
+NUMBER: Final = "text-align: right; padding: 2px 12px 2px 0; border: 0; background: none; vertical-align: top"
+
+
+def escaped(text: object) -> str:
+    """Return a text for HTML content and quoted attributes; lone surrogates are replaced."""
+    return html.escape(str(text).encode("utf-8", "replace").decode("utf-8"), quote=True)
+
+
+def card(title: str, *parts: str) -> str:
+    """Return a titled block.
+
+    Args:
+        title: plain text. parts: HTML.
+    """
+    return f'<div class="vibroswarm" style="{STYLE}"><strong>{escaped(title)}</strong>{"".join(parts)}</div>'
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph of plain text."""
+    return f'<p style="margin: 4px 0">{escaped(text)}</p>'
+
+
+def rows(values: Mapping[str, object]) -> str:
+    """Return names with their values, one pair per line."""
+    lines = "".join(
+        f'<tr><th style="{CELL}; font-weight: normal; opacity: 0.7">{escaped(name)}</th>'
+        f'<td style="{CELL}">{escaped(value)}</td></tr>'
+        for name, value in values.items()
+    )
+    return f'<table style="margin: 4px 0; border-collapse: collapse">{lines}</table>'
+
+
+def table(heads: Sequence[str], body: Iterable[Sequence[object]], texts: int = 1) -> str:
+    """Return a table.
+
+    Args:
+        heads: of the columns. body: the rows, plain values. texts: how many columns are texts; the rest are numbers.
+    """
+
+    def line(tag: str, values: Sequence[object]) -> str:
+        return "".join(
+            f'<{tag} style="{CELL if place < texts else NUMBER}">{escaped(value)}</{tag}>'
+            for place, value in enumerate(values)
+        )
+
+    lines = "".join(f"<tr>{line('td', values)}</tr>" for values in body)
+    return (
+        f'<table style="margin: 4px 0; border-collapse: collapse"><thead><tr>{line("th", heads)}</tr></thead>'
+        f"<tbody>{lines}</tbody></table>"
+    )
+
+
+def image(data: bytes, kind: str, words: str, width_px: int) -> str:
+    """Return a picture as an image element, in which nothing can run.
+
+    Args:
+        data: the file. kind: "png" or "svg+xml". words: what it shows. width_px: its largest width.
+    """
+    text = base64.b64encode(data).decode("ascii")
+    style = f"width: {width_px}px; max-width: 100%; background: #fff"
+    return f'<img alt="{escaped(words)}" style="{style}" src="data:image/{kind};base64,{text}">'
+
+
+def page(document: str, title: str, height_px: int) -> str:
+    """Return an HTML document in a frame of its own.
+
+    The frame's scripts run with an origin of their own, so that they cannot reach the notebook.
+    """
+    return (
+        f'<iframe title="{escaped(title)}" sandbox="allow-scripts allow-downloads" loading="lazy" '
+        f'style="width: 100%; height: {height_px}px; border: 0" srcdoc="{escaped(document)}"></iframe>'
+    )

@@ -1,0 +1,181 @@
+"""What a notebook shows of each public object: a title, its most important values, and pictures and pages in place."""
+
+from __future__ import annotations
+
+import io
+from functools import singledispatch
+from typing import TYPE_CHECKING, Final
+
+from vibroswarm.analysis.verdict import RobotVerdict, Verdict, verdict
+from vibroswarm.analysis.verdict_words import confidence, headline, robot_row
+from vibroswarm.errors import shown
+from vibroswarm.floors.floor import Floor
+from vibroswarm.notebook.elements import card, image, page, paragraph, rows, table
+from vibroswarm.plots.picture import Picture, picture_bytes
+from vibroswarm.plots.run import floor_figure, run_figure
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.result import Result
+from vibroswarm.run_page.write import page_html, record_of
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.comparison import Comparison, ReportFile
+from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_ROWS: Final = 20
+"""Robots, runs and cells that are listed."""
+PLAYER_PX: Final = 760
+REPORT_PX: Final = 900
+ROBOT_HEADS: Final = ("robot", "decision", "at, s", "belief, %", "share of ones (95 %)", "own", "heard")
+
+
+@singledispatch
+def html_of(value: object) -> str:
+    """Return the view of an object as HTML; by default its short text."""
+    return card(type(value).__name__, paragraph(repr(value)))
+
+
+@html_of.register
+def _scenario(value: Scenario) -> str:
+    """Show what is simulated, and all fields of the sections that matter most."""
+    return card(
+        "Scenario",
+        rows(
+            {
+                "robots": value.swarm.robots,
+                "strategy": value.strategy.name,
+                "floor": shown(value.floor.source),
+                "arena": f"{value.arena.width_m:g} m x {value.arena.height_m:g} m",
+                "network": value.network.name,
+                "task": value.task.name,
+                "up to": f"{value.run.t_end_s:g} s",
+                "hash": value.hash,
+            }
+        ),
+        details("All fields (TOML)", value.to_toml()),
+    )
+
+
+def details(title: str, text: str) -> str:
+    """Return plain text that opens on a click."""
+    from vibroswarm.notebook.elements import escaped
+
+    return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
+
+
+@html_of.register
+def _floor(value: Floor) -> str:
+    return card(
+        f"Floor {shown(value.name)}" if value.name else "Floor", paragraph(repr(value)), _floor_image(value)
+    )
+
+
+def _floor_image(floor: Floor) -> str:
+    with MATPLOTLIB_LOCK:
+        return image(_png(floor_figure(floor.tiles)), "png", f"{floor!r}", 280)
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return stream.getvalue()
+
+
+@html_of.register
+def _robot(value: RobotVerdict) -> str:
+    return card(f"Robot {value.robot}", paragraph(repr(value)))
+
+
+@html_of.register
+def _verdict(value: Verdict) -> str:
+    return card("Verdict", *_verdict_parts(value))
+
+
+def _verdict_parts(found: Verdict) -> list[str]:
+    parts = [paragraph(headline(found)), paragraph(confidence(found))]
+    body = [robot_row(robot, found.answers) for robot in found.robots[:MOST_ROWS]]
+    parts.append(table(ROBOT_HEADS, body, texts=2))
+    if len(found.robots) > MOST_ROWS:
+        parts.append(paragraph(f"The first {MOST_ROWS} of {len(found.robots)} robots."))
+    return parts
+
+
+@html_of.register
+def _result(value: Result) -> str:
+    """Show verdict, picture and player of the first run, and the outcomes of all."""
+    if value.runs.is_empty():
+        return card(type(value).__name__, paragraph(repr(value)))
+    run = int(value.runs["run"][0])
+    parts = [paragraph(repr(value))]
+    if value.runs.height > 1:
+        parts += [_runs_table(value), paragraph(f"Below: run {run}.")]
+    parts += _verdict_parts(verdict(value, run))
+    with MATPLOTLIB_LOCK:
+        picture = _png(run_figure(value, run))
+    parts.append(image(picture, "png", f"Floor, paths and samples of run {run}", 520))
+    if value.segments is None:
+        parts.append(paragraph("No player: simulate with segments=True to keep the paths."))
+    else:
+        parts.append(page(page_html(record_of(value, run)), f"Replay of run {run}", PLAYER_PX))
+    return card(type(value).__name__, *parts)
+
+
+def _runs_table(result: Result) -> str:
+    names = ("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
+    heads = ("run", "consensus", "at, s", "right", "wrong", "undecided")
+    body = [
+        ["-" if value is None else f"{value:.1f}" if isinstance(value, float) else value for value in row]
+        for row in result.runs.select(names).head(MOST_ROWS).iter_rows()
+    ]
+    left = result.runs.height - len(body)
+    return table(heads, body, texts=2) + (paragraph(f"... and {left:,} more runs") if left else "")
+
+
+@html_of.register
+def _picture(value: Picture) -> str:
+    return card(
+        "", image(picture_bytes(value.figure, "svg"), "svg+xml", value.caption, 640), paragraph(value.caption)
+    )
+
+
+@html_of.register
+def _study(value: Study) -> str:
+    names = value.varied or ["strategy.name"]
+    body = [
+        [cell.number, *(cell.words.get(name, cell.name) for name in names)]
+        for cell in value.cells[:MOST_ROWS]
+    ]
+    left = len(value.cells) - len(body)
+    return card(
+        f"Study {shown(value.name)}" if value.name else "Study",
+        paragraph(repr(value)),
+        table(["cell", *names], body, texts=1 + len(names)),
+        paragraph(f"... and {left:,} more cells") if left else "",
+    )
+
+
+@html_of.register
+def _study_result(value: StudyResult) -> str:
+    cells = value.cells.select("cell", "name", "wanted", "there")
+    body = cells.head(MOST_ROWS).rows()
+    left = cells.height - len(body)
+    return card(
+        "Study result",
+        paragraph(repr(value)),
+        table(["cell", "name", "runs wanted", "runs saved"], body, texts=2),
+        paragraph(f"... and {left:,} more cells") if left else "",
+        paragraph("Next: .summary(), .compare(), .plot(), .report()"),
+    )
+
+
+@html_of.register
+def _comparison(value: Comparison) -> str:
+    return card(value.outcome.question, *(paragraph(line) for line in value.sentences))
+
+
+@html_of.register
+def _report(value: ReportFile) -> str:
+    document = value.path.read_text(encoding="utf-8")
+    return card(f"Report in {value.path}", page(document, "Report of a study", REPORT_PX))

@@ -1,0 +1,175 @@
+"""What public objects show in a session: one short line, and HTML in which nothing of a scenario becomes markup."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vibroswarm import Floor, Result, Scenario, Study, StudyResult, preset, simulate, verdict
+from vibroswarm.motion.source import source
+from vibroswarm.notebook.elements import escaped, page, table
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&$x_$</iframe>"
+"""Markup, both quotes, a dollar for formulas, and the end of a frame."""
+
+
+class Markup(HTMLParser):
+    """Elements and attributes of a view, and the documents of its frames."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    @property
+    def frames(self) -> list[str]:
+        return [value or "" for name, value in self.attributes if name == "srcdoc"]
+
+    def check_inert(self) -> None:
+        """Fail if the view itself has a script or a handler, or loads anything."""
+        assert not {"script", "object", "embed", "link", "form", "base", "meta"} & set(self.tags)
+        assert not [name for name, _ in self.attributes if name.startswith("on")]
+        assert all(
+            value.startswith("data:image/") for name, value in self.attributes if name == "src" and value
+        )
+        assert not [name for name, _ in self.attributes if name == "href"]
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return simulate(SHORT, 3, 2, segments=True)
+
+
+@pytest.fixture(scope="module")
+def studied() -> StudyResult:
+    return Study.of(SHORT, 12, 3, floor__source=["random:0.44"], strategy__name=["none", "soft"]).run()
+
+
+def public(result: Result, studied: StudyResult) -> dict[str, Any]:
+    """One object of each public class."""
+    found = verdict(result)
+    return {
+        "scenario": SHORT,
+        "floor": result.floor(),
+        "result": result,
+        "verdict": found,
+        "robot": found.robots[0],
+        "motion": source("event").batch(SHORT, 3, [0]),
+        "study": studied.study,
+        "cell": studied.study.cells[0],
+        "study result": studied,
+        "picture": studied.plot(),
+    }
+
+
+def test_every_public_object_is_short_as_text_and_inert_as_html(result: Result, studied: StudyResult) -> None:
+    for name, value in public(result, studied).items():
+        text = repr(value)
+        assert text.startswith(type(value).__name__), name
+        assert "\n" not in text, name
+        assert len(text) < 200, name
+        view = Markup(value._repr_html_())
+        view.check_inert()
+        assert view.tags[0] == "div", name
+    assert str(SHORT) == repr(SHORT)
+
+
+def test_the_texts_say_what_it_is(result: Result, studied: StudyResult) -> None:
+    assert repr(SHORT) == "Scenario(2 robots, none, floor 'random:0.48', 1 m x 1 m, up to 60 s)"
+    assert repr(result) == "Result(2 runs, 2 robots, none, floor 'random:0.48', seed 3, 2 incomplete)"
+    assert repr(studied) == "StudyResult(2 cells, 24 runs, not saved, varied: floor.source, strategy.name)"
+    assert repr(verdict(result)).startswith("Verdict(incomplete; 0 right, 0 wrong, 2 undecided, of 2 robots;")
+
+
+def test_a_result_shows_verdict_picture_and_player(result: Result) -> None:
+    view = Markup(result._repr_html_())
+    assert "INCOMPLETE: 2 of 2 robots undecided after 60 s" in view.text
+    assert view.tags.count("img") == 1
+    (player,) = view.frames
+    assert player.startswith("<!doctype html>")
+    assert "Content-Security-Policy" in player
+    assert ("sandbox", "allow-scripts allow-downloads") in view.attributes
+    without = Markup(replace(result, segments=None)._repr_html_())
+    assert without.frames == []
+    assert "segments=True" in without.text
+
+
+def test_nothing_of_a_scenario_or_file_becomes_markup(result: Result) -> None:
+    """The control: the same parser sees the tags of a name that is not escaped."""
+    with pytest.raises(AssertionError):
+        Markup(f"<div>{HOSTILE}</div>").check_inert()
+    scenario = Scenario.from_values(
+        {**SHORT.model_dump(exclude_none=True), "floor": {"source": HOSTILE, "tiles": ["10", "01"]}}
+    )
+    hostile = simulate(scenario, 3, 1, segments=True)
+    floor = Floor([[0, 1]], 0.5, 0.5, name=HOSTILE)  # type: ignore[arg-type]
+    study = Study(scenario, name=HOSTILE, runs=2)
+    for value in (scenario, hostile, floor, study, study.cells[0], verdict(hostile)):
+        view = Markup(value._repr_html_())
+        view.check_inert()
+        assert "iframe" not in view.tags or view.tags.count("iframe") == 1
+        for player in view.frames:  # its own script only, and the title as text
+            assert "<script>alert" not in player
+            assert (
+                "onerror" not in Markup(re.sub(r"<script\b.*?</script>", "", player, flags=re.S)).attributes
+            )
+            assert player.count("<script") == Markup(player).tags.count("script") == 2
+    assert "<script>" in Markup(scenario._repr_html_()).text
+
+
+@pytest.mark.parametrize("text", [HOSTILE, "\ud800", "\x00", 5, None])
+def test_elements_escape_what_they_are_given(text: Any) -> None:
+    for made in (escaped(text), page(str(text), str(text), 10), table([text], [[text]])):
+        made.encode("utf-8")
+        Markup(made).check_inert()
+    (document,) = Markup(page(HOSTILE, "", 10)).frames
+    assert document == HOSTILE
+
+
+def test_a_large_result_lists_few_rows() -> None:
+    many = simulate(SHORT.with_values({"run.t_end_s": 1.0}), 1, 50)
+    view = Markup(many._repr_html_())
+    assert "... and 30 more runs" in view.text
+    assert len(repr(many)) < 200
+
+
+def test_values_by_dotted_name_and_their_completion() -> None:
+    offered = SHORT._ipython_key_completions_()
+    assert "walk.leg_min_ms" in offered or "sample.interval_ms" in offered
+    for name in offered:
+        SHORT[name]
+    assert SHORT["swarm.robots"] == 2
+    with pytest.raises(ValueError, match=r"did you mean 'swarm\.robots'"):
+        SHORT["swarm.robot"]
+
+
+def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
+    summary = studied.summary()
+    assert summary.height == 2
+    assert {"strategy.name", "decision_time_s", "decision_time_s_low", "robots_right"} <= set(summary.columns)
+    compared = studied.compare("none")
+    (answer,) = compared.answers
+    assert repr(compared).splitlines()[1] == answer.sentence
+    assert compared.table["reference"].unique().to_list() == [0]
+    assert answer.sentence in Markup(compared._repr_html_()).text
+    assert studied.plot("robots_wrong").numbers.height == 2
+    with pytest.raises(ValueError, match=r"did you mean 'robots_wrong'.*choices: outcomes"):
+        studied.plot("robots_wrongs")
+    with pytest.raises(ValueError, match="did you mean 'none'"):
+        studied.compare("non")
