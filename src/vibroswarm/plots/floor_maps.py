@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
@@ -36,10 +36,11 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     down = math.ceil(count / across)
     figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, across, squeeze=False).ravel()
-    colours, mesh = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING]), None
+    colours: Any = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING])
+    mesh: Any = None
     for ax, robot in zip(axes, [None, *robots], strict=False):
         own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
-        shape = (own["row"].max() + 1, own["column"].max() + 1)
+        shape = (own["row"].n_unique(), own["column"].n_unique())
         belief = own["vibrating"].to_numpy().reshape(shape)
         mesh = ax.pcolormesh(belief, cmap=colours, vmin=0, vmax=1, edgecolors="#8a8578", linewidth=0.4)
         wrong = own.filter((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
