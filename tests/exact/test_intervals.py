@@ -19,6 +19,7 @@ from vibroswarm.analysis.intervals import (
     cluster_share,
     generator,
     mean_interval,
+    mean_share_interval,
     quantile_interval,
     sign_flip,
     sign_flip_interval,
@@ -234,3 +235,21 @@ def test_a_difference_far_out_has_a_p_value_smaller_than_the_draws_can_give() ->
     assert twelve.p_value >= 2.0**-11
     near = np.linspace(-1.0, 1.2, 60)
     assert sign_flip(near).p_value > 0.05
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
+def test_intervals_of_shares_stay_shares(shares: list[float]) -> None:
+    found = mean_share_interval(shares)
+    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
+    assert found.estimate == mean_interval(shares).estimate
+
+
+def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_the_range() -> None:
+    """Three sessions with Beta(2, 98) shares, 4000 times: 95 % must hold within 2 points; Student's go below 0."""
+    shares = np.random.default_rng(5).beta(2.0, 98.0, size=(4000, 3))
+    held = [(one := mean_share_interval(row)).low <= 0.02 <= one.high for row in shares]
+    assert np.mean(held) == pytest.approx(0.95, abs=0.02)
+    assert np.mean([mean_interval(row).low < 0.0 for row in shares]) > 0.3
+    even = np.random.default_rng(6).beta(50.0, 50.0, size=(200, 10))
+    for row in even:
+        assert mean_share_interval(row).low == pytest.approx(mean_interval(row).low, abs=0.005)

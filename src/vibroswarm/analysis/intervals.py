@@ -131,6 +131,22 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     return Interval(mean, mean - half, mean + half, level, runs.size, "t")
 
 
+def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
+    """Compute a mean of shares with Student's limits of asin(sqrt(share)), back as shares: they stay in [0, 1].
+
+    Few shares near 0 or 1 are skew; Student's own limits leave the range there. For one run it is [0, 1].
+    """
+    shares = finite(values)
+    plain = mean_interval(shares, level)
+    if shares.size < 2:
+        return plain._replace(low=max(plain.low, 0.0), high=min(plain.high, 1.0))
+    of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
+    low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (of_angles.low, of_angles.high))
+    return plain._replace(
+        low=min(low, plain.estimate), high=max(high, plain.estimate), how="t of asin(sqrt(share))"
+    )
+
+
 def _mean(values: Values) -> float:
     """Compute the mean, clipped to the range of the values against rounding."""
     return float(np.clip(values.mean(), values.min(), values.max()))

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_interval
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
@@ -47,6 +47,7 @@ FIGURES: Final[dict[str, tuple[str, float]]] = {
     "packet_loss": ("messages lost, %", 100.0),
 }
 """Label of each statistic, and the factor with which it is shown."""
+SHARES: Final = ("share_between", "avoid_none", "false_positive", "false_negative", "packet_loss")
 
 
 @dataclass(frozen=True)
@@ -87,9 +88,14 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
             column.append(None if value is None or not math.isfinite(value) else float(value))
     known = {name: [value for value in column if value is not None] for name, column in columns.items()}
     return [
-        Figure(name, tuple(column), mean_interval(known[name]) if known[name] else None)
+        Figure(name, tuple(column), _interval(name, known[name]) if known[name] else None)
         for name, column in columns.items()
     ]
+
+
+def _interval(name: str, values: list[float]) -> Interval:
+    """Return the mean of a statistic over sessions with its interval; that of a share stays in [0, 1]."""
+    return mean_share_interval(values) if name in SHARES else mean_interval(values)
 
 
 def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
