@@ -166,7 +166,9 @@ def test_the_table_of_the_page_names_a_control_or_a_reason_for_every_claim_that_
 
 
 def test_a_reason_why_no_control_turns_a_claim_stands_in_the_file() -> None:
-    text = '[[claim]]\nid = "x"\nitem = "difficulty"\nstatement = "s"\nmeasured = "m"\ncells = 1\n'
+    text = (
+        '[[claim]]\nid = "x"\nitem = "difficulty"\nstatement = "s"\nmeasured = "m"\ncells = 1\nunit = "s"\n'
+    )
     (claim,) = claims_from(text + 'test = "at_least"\neffect = 0.0\nno_control = "arithmetic"\n')
     assert claim.no_control == "arithmetic"
     assert {claim.id for claim in all_claims() if claim.no_control} >= {"battery", "calibration-printed"}

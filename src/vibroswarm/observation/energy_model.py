@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,5 +100,11 @@ NODES = 33
 def typical_factors(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return factors of tile and robot together, and weights, for means over all of them (Gauss-Hermite)."""
     spread = math.hypot(sensor.tile_spread or 0.0, sensor.robot_spread or 0.0)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    nodes, weights = _nodes()
     return np.exp(spread * nodes - 0.5 * spread**2), weights / weights.sum()
+
+
+@cache
+def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return nodes and weights of Gauss-Hermite, (NODES,) each."""
+    return np.polynomial.hermite_e.hermegauss(NODES)
