@@ -18,13 +18,15 @@ author = "The vibroswarm authors"
 copyright = author
 version = release = version_of("vibroswarm")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+html_math_renderer = "mathml"
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["images"]
 suppress_warnings = ["ref.python"]  # two classes share a name, which makes annotations ambiguous
 
 myst_heading_anchors = 4
-myst_enable_extensions = ["deflist"]
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_fence_as_directive = ["math"]  # as repositories' pages have it
 
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
