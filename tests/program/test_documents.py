@@ -47,7 +47,7 @@ BLOCK = re.compile(
     flags=re.DOTALL | re.MULTILINE,
 )
 KINDS = ("python", "console", "sh", "toml", "text", "math")
-OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}")
+OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
 
 SMALL = {
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
