@@ -18,13 +18,22 @@ author = "The vibroswarm authors"
 copyright = author
 version = release = version_of("vibroswarm")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+    "front_page",
+    "search_texts",
+]
+html_math_renderer = "mathml"
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["images"]
 suppress_warnings = ["ref.python"]  # two classes share a name, which makes annotations ambiguous
 
 myst_heading_anchors = 4
-myst_enable_extensions = ["deflist"]
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_fence_as_directive = ["math"]  # as repositories' pages have it
 
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
@@ -43,7 +52,10 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
-html_show_search_summary = False  # summaries need other pages, which browsers do not load from disk
+html_show_search_summary = (
+    False  # excerpts are in search_texts.js: browsers do not load other pages from disk
+)
+html_search_scorer = str(Path(__file__).with_name("search_scorer.js"))
 
 
 def setup(app: Any) -> None:

@@ -9,7 +9,7 @@ folder of their own, which holds a copy of examples/ and the files of ``YOURS``:
 | ``console`` | commands after ``$`` are run as they stand; what follows must be what they say (``...``: anything) |
 | ``sh`` | commands of vibroswarm are run with small numbers of runs, Python scripts as they stand; others are not run |
 | ``toml`` | read as what it is: scenario, study, search, or column map |
-| ``text`` | nothing: something to look at |
+| ``text``, ``math`` | nothing: something to look at |
 
 ``# name.toml`` (``.py``, ``.txt``) at the head of a block makes it that file for the blocks after it.
 
@@ -46,8 +46,8 @@ BLOCK = re.compile(
     r"^(?:<!-- not run: (?P<why>[^>]+) -->\n+)?```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
     flags=re.DOTALL | re.MULTILINE,
 )
-KINDS = ("python", "console", "sh", "toml", "text")
-OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}")
+KINDS = ("python", "console", "sh", "toml", "text", "math")
+OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
 
 SMALL = {
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],

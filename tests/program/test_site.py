@@ -136,6 +136,21 @@ def test_the_site_asks_no_other_host_for_anything(site):
         )
 
 
+def formulas(page: str) -> tuple[int, list[str]]:
+    """How many formulas a page has as MathML, and what looks like one that was not converted."""
+    prose = re.sub(r"<(script|style|pre|code|math)\b.*?</\1>", "", page, flags=re.DOTALL)
+    return page.count("<math "), re.findall(r"\\[a-z]{3,}|\$[^$]+\$", re.sub(r"<[^>]+>", "", prose))
+
+
+def test_formulas_are_typeset_without_scripts(site):
+    page = (site / "model.html").read_text(encoding="utf-8")
+    count, left = formulas(page)
+    assert count >= 10
+    assert left == []
+    assert "mathjax" not in page.lower()
+    assert formulas("<p>$x$ or \\delta</p><code>$HOME$</code>") == (0, ["$x$", "\\delta"])
+
+
 def inventory(site: Path) -> set[str]:
     """Names of all Python objects that the site documents."""
     data = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
