@@ -466,3 +466,105 @@ def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record
     assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
     assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
     assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
+
+
+def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
+    page = open_page("#t=50")
+    box = page.locator("#actors").bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    notes = []
+    for time_s in (0.0, 120.0, 240.0):
+        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+        notes.append(page.text_content("#tooltip"))
+    assert len(set(notes)) > 1
+    page.mouse.move(0, 0)
+    page.evaluate("vibroswarm.seek(60)")
+    assert not page.locator("#tooltip").is_visible()
+
+
+def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """Each decided robot has one flag, alone or with others; none lies on another."""
+    chance = np.random.default_rng(5)
+    row = record.robots.row(0, named=True)
+    times = np.sort(np.append(chance.uniform(90, 240, 30), chance.uniform(150, 152, 29)))
+    table = pl.DataFrame(
+        [
+            row
+            | {"robot": i, "decision": i % 5 // 4, "decision_time_s": float(time), "belief_at_decision": 0.96}
+            for i, time in enumerate(times)
+        ]
+        + [row | {"robot": 59, "decision": -1, "decision_time_s": None, "belief_at_decision": None}],
+        schema=record.robots.schema,
+    )
+    file = tmp_path / "sixty.html"
+    write_page(replace(record, robots=table, gated=False), file)
+    flags = open_page(file=file, viewport={"width": 900, "height": 700}).evaluate("vibroswarm.flags()")
+    assert sorted(robot for flag in flags for robot in flag["robots"]) == list(range(59))
+    places = [flag["place"] for flag in flags]
+    assert min(np.diff(places)) >= 2 * flags[0]["radius"]
+    assert all(len({robot % 5 // 4 for robot in flag["robots"]}) == 1 for flag in flags)
+    few = open_page().evaluate("vibroswarm.flags()")
+    assert [len(flag["robots"]) for flag in few] == [1, 1, 1]
+
+
+def test_minutes_stand_beside_seconds(open_page: Open) -> None:
+    page = open_page("#t=100")
+    assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
+    assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
+
+
+def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
+    page = open_page()
+    bar = page.evaluate("vibroswarm.scaleBar()")
+    width = page.locator("#arena-frame").evaluate("(frame) => frame.clientWidth")
+    assert bar["words"] == "20 cm"
+    assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
+
+
+def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    chance = np.random.default_rng(8)
+    off = chance.normal(0, 0.04, (2, len(record.motion)))
+    places = record.motion.select(
+        "robot",
+        "sample",
+        x_m=pl.col("x_m") + pl.Series(off[0]),
+        y_m=pl.col("y_m") + pl.Series(off[1]),
+        heading_rad="heading_rad",
+        spread_m=pl.lit(0.04),
+    )
+    file = tmp_path / "places.html"
+    write_page(replace(record, places=places.reverse()), file)
+    page = open_page(file=file)
+    for robot in (0, 3):
+        row = latest(record, robot, 101.37)
+        told = places.filter((pl.col("robot") == robot) & (pl.col("sample") == row["sample"])).to_dicts()[0]
+        drawn = page.evaluate("(id) => vibroswarm.place(id, 101.37)", robot)
+        assert [drawn[name] for name in ("x", "y", "heading", "spread", "trueX", "trueY")] == pytest.approx(
+            [told["x_m"], told["y_m"], told["heading_rad"], 0.04, row["x_m"], row["y_m"]], abs=1e-6
+        )
+    page.evaluate("vibroswarm.seek(101.37)")
+    shown = "document.getElementById('actors').toDataURL()"
+    plain = open_page("#t=101.37")
+    assert page.evaluate(shown) != plain.evaluate(shown)
+    page.uncheck("#layer-places")
+    assert settled(page)["time_s"] == 101.37
+    assert page.evaluate(shown) == plain.evaluate(shown)
+    assert plain.locator("#layer-places").count() == 0
+
+
+@pytest.mark.parametrize("layer", ["paths", "samples", "rays", "messages"])
+def test_layers_can_be_switched_off_and_on(open_page: Open, layer: str) -> None:
+    page = open_page("#t=100.5")
+    shown = "document.getElementById('actors').toDataURL()"
+    times = (100.5, 101.5, 103.0, 105.0)
+
+    def pictures() -> list[str]:
+        return [page.evaluate(f"(t) => {{ vibroswarm.seek(t); return {shown}; }}", t) for t in times]
+
+    before = pictures()
+    page.uncheck(f"#layer-{layer}")
+    assert pictures() != before
+    page.check(f"#layer-{layer}")
+    assert pictures() == before

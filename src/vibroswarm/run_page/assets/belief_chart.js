@@ -72,11 +72,12 @@ function drawFlag(context, box, flag, past) {
   context.strokeStyle = colours.of[flag.robot.final.decision];
   context.lineWidth = 1;
   context.beginPath();
-  context.moveTo(flag.place, FLAG_RADIUS * 2);
+  context.moveTo(flag.place, flag.radius * 2);
   context.lineTo(flag.x, box.top - 5);
   context.lineTo(flag.x, box.y(flag.belief ?? 0.5));
   context.stroke();
-  drawPip(context, flag.place, FLAG_RADIUS + 2, FLAG_RADIUS, flag.robot.final.decision, flag.robot.name);
+  drawPip(context, flag.place, flag.radius, flag.radius, flag.robot.final.decision, flag.name,
+    flag.robots.length > 1 ? 9 : undefined);
   context.globalAlpha = 1;
 }
 

@@ -13,6 +13,7 @@ function draw(now = performance.now()) {
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
   drawRoster(state.t, state.followed);
+  refreshTooltip();
 }
 
 function askForFrame() {
@@ -80,8 +81,10 @@ function watchBelief() {
   canvas.addEventListener("pointermove", (event) => {
     if (canvas.hasPointerCapture(event.pointerId)) return scrub(event);
     const place = placeIn(canvas, event), near = beliefNear(place.x, place.y);
+    const flag = flagNear(place.x, place.y);
+    if (flag) return showTooltip(event, ...flagNote(flag));
     if (!near) return hideTooltip();
-    showTooltip(event, `Robot ${near.robot.name} at ${seconds(near.time)}`, [["p", probability(near.belief)]]);
+    showTooltip(event, `Robot ${near.robot.name} at ${bothTimes(near.time)}`, [["p", probability(near.belief)]]);
   });
   canvas.addEventListener("pointerleave", hideTooltip);
 }
@@ -135,6 +138,10 @@ function expose() {
     mind: (id, t) => mindAt(robots.find((robot) => robot.id === id), t),
     faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
     gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
+    place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
+    flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
+      { robots: group.map(({ id }) => id), place, radius })),
+    scaleBar: () => scaleBar(arena.view),
     robots: run.robots,
   };
 }
@@ -145,6 +152,7 @@ function open() {
   buildLeads();
   buildCards(follow);
   buildRoster(follow);
+  buildLayers(layOut);
   buildPlayer(actions);
   watchKeys(actions);
   watchArena(() => state.t, follow);
