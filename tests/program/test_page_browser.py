@@ -6,6 +6,7 @@ import html
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.page_records import make_record
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
@@ -568,3 +570,97 @@ def test_layers_can_be_switched_off_and_on(open_page: Open, layer: str) -> None:
     assert pictures() != before
     page.check(f"#layer-{layer}")
     assert pictures() == before
+
+
+def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:
+    """The band's numbers against those of the tables, at three times."""
+    crowd = make_record(robots=20, t_end_s=60.0, seed=4, min_observations=60)
+    file = tmp_path / "crowd.html"
+    write_page(crowd, file)
+    page = open_page(file=file)
+    band = page.evaluate("vibroswarm.band()")
+    assert band[0]["low"] == band[0]["mean"] == band[0]["high"] == pytest.approx(0.5)
+    for point in (band[len(band) // 3], band[len(band) // 2], band[-1]):
+        beliefs = sorted(latest(crowd, robot, point["t"])["belief_below"] for robot in crowd.robots["robot"])
+        assert point["mean"] == pytest.approx(np.mean(beliefs))
+        assert (point["low"], point["high"]) == (beliefs[2], beliefs[-3])
+    assert "Band: the middle 80 % of the robots" in page.inner_text("#belief-lead")
+    shown = "document.getElementById('belief').toDataURL()"
+    before = page.evaluate(shown)
+    box = page.locator("#belief").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert settled(page)["hovered"] in range(20)
+    assert page.evaluate(shown) != before
+    page.mouse.move(0, 0)
+    assert settled(page)["hovered"] is None
+    assert page.evaluate(shown) == before
+    page.check("#layer-lines")
+    assert page.evaluate(shown) != before
+    assert "Band" not in open_page().inner_text("#belief-lead")
+
+
+def test_events_are_reached_in_order(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    file = tmp_path / "events.html"
+    write_page(replace(record, faults=((3, "battery empty", 90.0, True),)), file)
+    page = open_page(file=file)
+    gate = page.evaluate("vibroswarm.gate().first_s")
+    decided = record.robots["decision_time_s"].drop_nulls().to_list()
+    events = sorted({gate, 90.0, *decided})
+    for time_s in [*events, record.t_end_s]:
+        page.keyboard.press("n")
+        assert settled(page)["time_s"] == pytest.approx(time_s, abs=1e-9)
+    page.click("#previous-event")
+    assert settled(page)["time_s"] == pytest.approx(events[-1])
+    page.keyboard.press("p")
+    assert settled(page)["time_s"] == pytest.approx(events[-2])
+    page.click("#next-event")
+    assert settled(page)["time_s"] == pytest.approx(events[-1])
+
+
+def test_a_range_is_looped_until_it_is_cleared(open_page: Open) -> None:
+    page = open_page("#t=100")
+    page.keyboard.press("l")
+    assert settled(page)["loop"] == {"from": 100, "to": None}
+    page.keyboard.press("ArrowRight")
+    page.click("#loop")
+    assert settled(page)["loop"] == {"from": 100, "to": 105}
+    page.click("#play")
+    times = []
+    for _ in range(40):
+        page.wait_for_timeout(25)
+        times.append(state(page)["time_s"])
+    assert all(100 <= time_s <= 105 for time_s in times)
+    assert any(later < earlier for earlier, later in pairwise(times))
+    page.keyboard.press("l")
+    assert settled(page)["loop"] is None
+    wait_until(page, "vibroswarm.state().time_s > 106")
+
+
+def test_data_and_picture_are_saved(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    page = open_page("#t=100")
+    with page.expect_download() as saved:
+        page.click("#data")
+    assert saved.value.suggested_filename == "Five-robots-on-a-made-up-floor.csv"
+    table = pl.read_csv(saved.value.path())
+    known = record.motion.join(record.inference, on=["run", "robot", "sample"]).sort("robot", "sample")
+    for name in ("robot", "sample", "time_s", "x_m", "y_m", "alpha", "beta", "belief_below", "decision"):
+        assert table[name].to_list() == known[name].to_list(), name
+    with page.expect_download() as saved:
+        page.click("#picture")
+    head = saved.value.path().read_bytes()[:24]
+    frame = page.locator("#arena-frame").evaluate("(frame) => [frame.clientWidth, frame.clientHeight]")
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    assert [int.from_bytes(head[16:20]), int.from_bytes(head[20:24])] == [frame[0], frame[1] + 30]
+
+
+def test_a_video_is_recorded(open_page: Open) -> None:
+    page = open_page("#t=100")
+    page.click("#video")
+    wait_until(page, "vibroswarm.state().time_s > 110")
+    with page.expect_download() as saved:
+        page.click("#video")
+    content = saved.value.path().read_bytes()
+    assert content[:4] == b"\x1a\x45\xdf\xa3"  # EBML, the container of WebM
+    assert b"webm" in content[:64]
+    assert len(content) > 5000
+    assert not settled(page)["playing"]
