@@ -22,9 +22,13 @@ function arenaWidth(legendHeight) {
 
 function layOutArena() {
   const frame = byId("arena-frame"), legend = byId("legend"), controls = byId("controls");
-  legend.style.width = controls.style.width = legend.parentElement.style.minWidth = "";
-  legend.style.width = controls.style.width = `${arenaWidth(66)}px`; // how the legend breaks depends on the width, and the width on it
-  const width = arenaWidth(legend.offsetHeight + controls.offsetHeight);
+  legend.parentElement.style.minWidth = "";
+  // How legend and controls break depends on the width, and the width on their height.
+  let width = arenaWidth(66);
+  for (let again = 0; again < 3; again++) {
+    legend.style.width = controls.style.width = `${width}px`;
+    width = Math.min(width, arenaWidth(legend.offsetHeight + controls.offsetHeight));
+  }
   legend.style.width = controls.style.width = `${width}px`;
   arena.view = arenaView(width);
   legend.parentElement.style.minWidth = `${width}px`;

@@ -113,6 +113,7 @@ let shown = false; // false in a frame that is hidden
 function layOut() {
   shown = byId("belief-frame").clientWidth > 0;
   drawLegend();
+  drawLoop(state.loop);
   layOutArena();
   layOutBelief();
   layOutCards();
