@@ -664,3 +664,38 @@ def test_a_video_is_recorded(open_page: Open) -> None:
     assert b"webm" in content[:64]
     assert len(content) > 5000
     assert not settled(page)["playing"]
+
+
+def test_the_floor_can_be_enlarged_and_moved(open_page: Open) -> None:
+    page = open_page("#t=100")
+    shown = "document.getElementById('floor').toDataURL()"
+    whole, bar = page.evaluate(shown), page.evaluate("vibroswarm.scaleBar()")
+    box = page.locator("#actors").bounding_box()
+    point = [0.3 * box["width"], 0.6 * box["height"]]
+    assert page.evaluate("([x, y]) => vibroswarm.screen(0.3, 0.4)", point) == pytest.approx(
+        {"x": point[0], "y": point[1]}, abs=1.5
+    )
+    page.mouse.move(box["x"] + point[0], box["y"] + point[1])
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -300)
+    page.keyboard.up("Control")
+    wait_until(page, "vibroswarm.screen(1, 0).x - vibroswarm.screen(0, 0).x > 1.3 * "
+               f"{box['width']}")  # fmt: skip
+    assert page.evaluate("vibroswarm.screen(0.3, 0.4)") == pytest.approx(
+        {"x": point[0], "y": point[1]}, abs=2
+    )
+    assert page.evaluate(shown) != whole
+    nearer = page.evaluate("vibroswarm.scaleBar()")
+    assert nearer["words"] != bar["words"] or nearer["width"] > 1.3 * bar["width"]
+    page.mouse.down()
+    page.mouse.move(box["x"] + point[0] + 40, box["y"] + point[1] - 30, steps=4)
+    page.mouse.up()
+    moved = page.evaluate("vibroswarm.screen(0.3, 0.4)")
+    assert moved == pytest.approx({"x": point[0] + 40, "y": point[1] - 30}, abs=4)
+    assert settled(page)["followed"] is None
+    for _ in range(3):
+        if page.locator("#zoom-out").is_enabled():
+            page.click("#zoom-out")
+            settled(page)
+    assert page.locator("#zoom-out").is_disabled()
+    assert page.evaluate(shown) == whole

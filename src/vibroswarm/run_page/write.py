@@ -43,6 +43,7 @@ SCRIPTS = (
     "robots.js",
     "places.js",
     "radio.js",
+    "zoom.js",
     "arena.js",
     "belief_axes.js",
     "belief_band.js",

@@ -65,8 +65,8 @@ function arenaNote(place, t) {
   if (near) return robotNote(near, t);
   const row = sampleNear(place, t, 7);
   if (row >= 0) return sampleNote(row);
-  const { scale, height } = arena.view;
-  return tileNote(tileAt(place.x / scale, (height - place.y) / scale), t);
+  const { view } = arena;
+  return tileNote(tileAt(view.toX(place.x), view.toY(place.y)), t);
 }
 
 function watchArena(timeNow, onChoose) {
@@ -78,6 +78,7 @@ function watchArena(timeNow, onChoose) {
   });
   canvas.addEventListener("pointerleave", hideTooltip);
   canvas.addEventListener("click", (event) => {
+    if (zoom.dragged) return;
     const place = placeIn(canvas, event), near = robotNear(place, timeNow(), 16);
     if (near) onChoose(near.robot);
     else liveTooltip(event, () => arenaNote(place, timeNow()));

@@ -11,6 +11,7 @@ function draw(now = performance.now()) {
   drawVerdict(state.t);
   drawPlayer(state);
   drawLoop(state.loop);
+  drawZoom();
   recordFrame(state.t);
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
@@ -164,6 +165,8 @@ function expose() {
       { robots: group.map(({ id }) => id), place, radius })),
     events: () => EVENT_TIMES_S,
     band: () => beliefChart.band,
+    tileUnder: (x, y) => tileAt(arena.view.toX(x), arena.view.toY(y)),
+    screen: (x, y) => ({ x: arena.view.x(x), y: arena.view.y(y) }),
     scaleBar: () => scaleBar(arena.view),
     robots: run.robots,
   };
@@ -180,6 +183,13 @@ function open() {
   byId("next-event").addEventListener("click", () => seek(nextEvent(state.t)));
   byId("previous-event").addEventListener("click", () => seek(previousEvent(state.t)));
   byId("loop").addEventListener("click", actions.loop);
+  buildZoom(() => {
+    layOutZoom();
+    askForFrame();
+  }, () => {
+    const pose = state.followed && poseAt(state.followed, state.t);
+    return pose ? { x: arena.view.x(pose.x), y: arena.view.y(pose.y) } : null;
+  });
   buildExport(() => state.t, play, pause);
   watchKeys(actions);
   watchArena(() => state.t, follow);
