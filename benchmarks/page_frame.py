@@ -22,7 +22,7 @@ import numpy as np
 
 from vibroswarm.run_page.write import write_page
 
-RECORDS = Path(__file__).parents[1] / "tests" / "page_records.py"
+RECORDS = Path(__file__).parents[1] / "tests" / "helpers" / "page_records.py"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking --disable-sync"

@@ -6,6 +6,7 @@ import html
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.page_records import make_record
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
@@ -466,3 +468,234 @@ def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record
     assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
     assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
     assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
+
+
+def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
+    page = open_page("#t=50")
+    box = page.locator("#actors").bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    notes = []
+    for time_s in (0.0, 120.0, 240.0):
+        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+        notes.append(page.text_content("#tooltip"))
+    assert len(set(notes)) > 1
+    page.mouse.move(0, 0)
+    page.evaluate("vibroswarm.seek(60)")
+    assert not page.locator("#tooltip").is_visible()
+
+
+def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """Each decided robot has one flag, alone or with others; none lies on another."""
+    chance = np.random.default_rng(5)
+    row = record.robots.row(0, named=True)
+    times = np.sort(np.append(chance.uniform(90, 240, 30), chance.uniform(150, 152, 29)))
+    table = pl.DataFrame(
+        [
+            row
+            | {"robot": i, "decision": i % 5 // 4, "decision_time_s": float(time), "belief_at_decision": 0.96}
+            for i, time in enumerate(times)
+        ]
+        + [row | {"robot": 59, "decision": -1, "decision_time_s": None, "belief_at_decision": None}],
+        schema=record.robots.schema,
+    )
+    file = tmp_path / "sixty.html"
+    write_page(replace(record, robots=table, gated=False), file)
+    flags = open_page(file=file, viewport={"width": 900, "height": 700}).evaluate("vibroswarm.flags()")
+    assert sorted(robot for flag in flags for robot in flag["robots"]) == list(range(59))
+    places = [flag["place"] for flag in flags]
+    assert min(np.diff(places)) >= 2 * flags[0]["radius"]
+    assert all(len({robot % 5 // 4 for robot in flag["robots"]}) == 1 for flag in flags)
+    few = open_page().evaluate("vibroswarm.flags()")
+    assert [len(flag["robots"]) for flag in few] == [1, 1, 1]
+
+
+def test_minutes_stand_beside_seconds(open_page: Open) -> None:
+    page = open_page("#t=100")
+    assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
+    assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
+
+
+def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
+    page = open_page()
+    bar = page.evaluate("vibroswarm.scaleBar()")
+    width = page.locator("#arena-frame").evaluate("(frame) => frame.clientWidth")
+    assert bar["words"] == "20 cm"
+    assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
+
+
+def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    chance = np.random.default_rng(8)
+    off = chance.normal(0, 0.04, (2, len(record.motion)))
+    places = record.motion.select(
+        "robot",
+        "sample",
+        x_m=pl.col("x_m") + pl.Series(off[0]),
+        y_m=pl.col("y_m") + pl.Series(off[1]),
+        heading_rad="heading_rad",
+        spread_m=pl.lit(0.04),
+    )
+    file = tmp_path / "places.html"
+    write_page(replace(record, places=places.reverse()), file)
+    page = open_page(file=file)
+    for robot in (0, 3):
+        row = latest(record, robot, 101.37)
+        told = places.filter((pl.col("robot") == robot) & (pl.col("sample") == row["sample"])).to_dicts()[0]
+        drawn = page.evaluate("(id) => vibroswarm.place(id, 101.37)", robot)
+        assert [drawn[name] for name in ("x", "y", "heading", "spread", "trueX", "trueY")] == pytest.approx(
+            [told["x_m"], told["y_m"], told["heading_rad"], 0.04, row["x_m"], row["y_m"]], abs=1e-6
+        )
+    page.evaluate("vibroswarm.seek(101.37)")
+    shown = "document.getElementById('actors').toDataURL()"
+    plain = open_page("#t=101.37")
+    assert page.evaluate(shown) != plain.evaluate(shown)
+    page.uncheck("#layer-places")
+    assert settled(page)["time_s"] == 101.37
+    assert page.evaluate(shown) == plain.evaluate(shown)
+    assert plain.locator("#layer-places").count() == 0
+
+
+@pytest.mark.parametrize("layer", ["paths", "samples", "rays", "messages"])
+def test_layers_can_be_switched_off_and_on(open_page: Open, layer: str) -> None:
+    page = open_page("#t=100.5")
+    shown = "document.getElementById('actors').toDataURL()"
+    times = (100.5, 101.5, 103.0, 105.0)
+
+    def pictures() -> list[str]:
+        return [page.evaluate(f"(t) => {{ vibroswarm.seek(t); return {shown}; }}", t) for t in times]
+
+    before = pictures()
+    page.uncheck(f"#layer-{layer}")
+    assert pictures() != before
+    page.check(f"#layer-{layer}")
+    assert pictures() == before
+
+
+def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:
+    """The band's numbers against those of the tables, at three times."""
+    crowd = make_record(robots=20, t_end_s=60.0, seed=4, min_observations=60)
+    file = tmp_path / "crowd.html"
+    write_page(crowd, file)
+    page = open_page(file=file)
+    band = page.evaluate("vibroswarm.band()")
+    assert band[0]["low"] == band[0]["mean"] == band[0]["high"] == pytest.approx(0.5)
+    for point in (band[len(band) // 3], band[len(band) // 2], band[-1]):
+        beliefs = sorted(latest(crowd, robot, point["t"])["belief_below"] for robot in crowd.robots["robot"])
+        assert point["mean"] == pytest.approx(np.mean(beliefs))
+        assert (point["low"], point["high"]) == (beliefs[2], beliefs[-3])
+    assert "Band: the middle 80 % of the robots" in page.inner_text("#belief-lead")
+    shown = "document.getElementById('belief').toDataURL()"
+    before = page.evaluate(shown)
+    box = page.locator("#belief").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert settled(page)["hovered"] in range(20)
+    assert page.evaluate(shown) != before
+    page.mouse.move(0, 0)
+    assert settled(page)["hovered"] is None
+    assert page.evaluate(shown) == before
+    page.check("#layer-lines")
+    assert page.evaluate(shown) != before
+    assert "Band" not in open_page().inner_text("#belief-lead")
+
+
+def test_events_are_reached_in_order(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    file = tmp_path / "events.html"
+    write_page(replace(record, faults=((3, "battery empty", 90.0, True),)), file)
+    page = open_page(file=file)
+    gate = page.evaluate("vibroswarm.gate().first_s")
+    decided = record.robots["decision_time_s"].drop_nulls().to_list()
+    events = sorted({gate, 90.0, *decided})
+    for time_s in [*events, record.t_end_s]:
+        page.keyboard.press("n")
+        assert settled(page)["time_s"] == pytest.approx(time_s, abs=1e-9)
+    page.click("#previous-event")
+    assert settled(page)["time_s"] == pytest.approx(events[-1])
+    page.keyboard.press("p")
+    assert settled(page)["time_s"] == pytest.approx(events[-2])
+    page.click("#next-event")
+    assert settled(page)["time_s"] == pytest.approx(events[-1])
+
+
+def test_a_range_is_looped_until_it_is_cleared(open_page: Open) -> None:
+    page = open_page("#t=100")
+    page.keyboard.press("l")
+    assert settled(page)["loop"] == {"from": 100, "to": None}
+    page.keyboard.press("ArrowRight")
+    page.click("#loop")
+    assert settled(page)["loop"] == {"from": 100, "to": 105}
+    page.click("#play")
+    times = []
+    for _ in range(40):
+        page.wait_for_timeout(25)
+        times.append(state(page)["time_s"])
+    assert all(100 <= time_s <= 105 for time_s in times)
+    assert any(later < earlier for earlier, later in pairwise(times))
+    page.keyboard.press("l")
+    assert settled(page)["loop"] is None
+    wait_until(page, "vibroswarm.state().time_s > 106")
+
+
+def test_data_and_picture_are_saved(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    page = open_page("#t=100")
+    with page.expect_download() as saved:
+        page.click("#data")
+    assert saved.value.suggested_filename == "Five-robots-on-a-made-up-floor.csv"
+    table = pl.read_csv(saved.value.path())
+    known = record.motion.join(record.inference, on=["run", "robot", "sample"]).sort("robot", "sample")
+    for name in ("robot", "sample", "time_s", "x_m", "y_m", "alpha", "beta", "belief_below", "decision"):
+        assert table[name].to_list() == known[name].to_list(), name
+    with page.expect_download() as saved:
+        page.click("#picture")
+    head = saved.value.path().read_bytes()[:24]
+    frame = page.locator("#arena-frame").evaluate("(frame) => [frame.clientWidth, frame.clientHeight]")
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    assert [int.from_bytes(head[16:20]), int.from_bytes(head[20:24])] == [frame[0], frame[1] + 30]
+
+
+def test_a_video_is_recorded(open_page: Open) -> None:
+    page = open_page("#t=100")
+    page.click("#video")
+    wait_until(page, "vibroswarm.state().time_s > 110")
+    with page.expect_download() as saved:
+        page.click("#video")
+    content = saved.value.path().read_bytes()
+    assert content[:4] == b"\x1a\x45\xdf\xa3"  # EBML, the container of WebM
+    assert b"webm" in content[:64]
+    assert len(content) > 5000
+    assert not settled(page)["playing"]
+
+
+def test_the_floor_can_be_enlarged_and_moved(open_page: Open) -> None:
+    page = open_page("#t=100")
+    shown = "document.getElementById('floor').toDataURL()"
+    whole, bar = page.evaluate(shown), page.evaluate("vibroswarm.scaleBar()")
+    box = page.locator("#actors").bounding_box()
+    point = [0.3 * box["width"], 0.6 * box["height"]]
+    assert page.evaluate("([x, y]) => vibroswarm.screen(0.3, 0.4)", point) == pytest.approx(
+        {"x": point[0], "y": point[1]}, abs=1.5
+    )
+    page.mouse.move(box["x"] + point[0], box["y"] + point[1])
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -300)
+    page.keyboard.up("Control")
+    wait_until(page, "vibroswarm.screen(1, 0).x - vibroswarm.screen(0, 0).x > 1.3 * "
+               f"{box['width']}")  # fmt: skip
+    assert page.evaluate("vibroswarm.screen(0.3, 0.4)") == pytest.approx(
+        {"x": point[0], "y": point[1]}, abs=2
+    )
+    assert page.evaluate(shown) != whole
+    nearer = page.evaluate("vibroswarm.scaleBar()")
+    assert nearer["words"] != bar["words"] or nearer["width"] > 1.3 * bar["width"]
+    page.mouse.down()
+    page.mouse.move(box["x"] + point[0] + 40, box["y"] + point[1] - 30, steps=4)
+    page.mouse.up()
+    moved = page.evaluate("vibroswarm.screen(0.3, 0.4)")
+    assert moved == pytest.approx({"x": point[0] + 40, "y": point[1] - 30}, abs=4)
+    assert settled(page)["followed"] is None
+    for _ in range(3):
+        if page.locator("#zoom-out").is_enabled():
+            page.click("#zoom-out")
+            settled(page)
+    assert page.locator("#zoom-out").is_disabled()
+    assert page.evaluate(shown) == whole

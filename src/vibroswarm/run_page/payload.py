@@ -131,6 +131,8 @@ class RunRecord:
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
     details: dict[str, str] = field(default_factory=dict)
+    places: pl.DataFrame | None = None
+    """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m."""
     radio: MessageLog | None = None
     """The run's messages; None: all hear all, or it is not known who heard them."""
 
@@ -243,6 +245,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
+        "places": None if record.places is None else _places(record, record.places),
         "poses": _poses(record),
         "faults": [
             {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
@@ -321,6 +324,23 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
         .with_columns(pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN))
     )
     return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
+
+
+PLACE_COLUMNS = ("x_m", "y_m", "heading_rad", "spread_m")
+
+
+def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
+    """Return the estimates as packed columns, row by row those of the samples; NaN where there is none."""
+    known = places.select("robot", "sample", *PLACE_COLUMNS)
+    of_samples = record.motion.select("robot", "sample")
+    for table in (record.observations, record.inference):
+        of_samples = of_samples.join(table.select("robot", "sample"), on=["robot", "sample"], how="semi")
+    of_samples = of_samples.sort("robot", "sample")
+    estimates = of_samples.join(known, on=["robot", "sample"], how="left", maintain_order="left")
+    return {
+        name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy())
+        for name in PLACE_COLUMNS
+    }
 
 
 def _radio(log: MessageLog) -> dict[str, Any]:

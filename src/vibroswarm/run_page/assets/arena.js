@@ -4,9 +4,12 @@ const arena = { view: null, context: null };
 
 // From metres to CSS pixels; y points up in the arena and down on the screen.
 function arenaView(width) {
-  const scale = width / run.arena.width_m;
-  const height = run.arena.height_m * scale;
-  return { width, height, scale, x: (x) => x * scale, y: (y) => height - y * scale };
+  const whole = width / run.arena.width_m, scale = whole * zoom.factor, height = run.arena.height_m * whole;
+  const left = zoom.x - width / 2 / scale, bottom = zoom.y - height / 2 / scale;
+  return {
+    width, height, scale, x: (x) => (x - left) * scale, y: (y) => height - (y - bottom) * scale,
+    toX: (x) => left + x / scale, toY: (y) => bottom + (height - y) / scale,
+  };
 }
 
 const SMALLEST = 60; // width, CSS pixels
@@ -21,11 +24,15 @@ function arenaWidth(legendHeight) {
 }
 
 function layOutArena() {
-  const frame = byId("arena-frame"), legend = byId("legend");
-  legend.style.width = legend.parentElement.style.minWidth = "";
-  legend.style.width = `${arenaWidth(36)}px`; // how the legend breaks depends on the width, and the width on it
-  const width = arenaWidth(legend.offsetHeight);
-  legend.style.width = `${width}px`;
+  const frame = byId("arena-frame"), legend = byId("legend"), controls = byId("controls");
+  legend.parentElement.style.minWidth = "";
+  // How legend and controls break depends on the width, and the width on their height.
+  let width = arenaWidth(66);
+  for (let again = 0; again < 3; again++) {
+    legend.style.width = controls.style.width = `${width}px`;
+    width = Math.min(width, arenaWidth(legend.offsetHeight + controls.offsetHeight));
+  }
+  legend.style.width = controls.style.width = `${width}px`;
   arena.view = arenaView(width);
   legend.parentElement.style.minWidth = `${width}px`;
   frame.style.width = `${arena.view.width}px`;
@@ -36,15 +43,24 @@ function layOutArena() {
   arena.context = fit("actors");
 }
 
+// The same canvases, seen from nearer or farther.
+function layOutZoom() {
+  arena.view = arenaView(arena.view.width);
+  drawFloor(byId("floor").getContext("2d"), arena.view);
+  resetPast(byId("past").getContext("2d"), arena.view);
+}
+
 function drawArena(t, followed, speed) {
   const { context, view } = arena;
+  byId("past").style.visibility = layers.samples ? "" : "hidden";
   drawPast(t);
   context.clearRect(0, 0, view.width, view.height);
   const poses = robots.map((robot) => poseAt(robot, t));
-  drawTrails(context, view, t, followed);
-  drawFresh(context, view, t);
-  drawRadio(context, view, poses, t, followed, flashTime(speed));
-  drawRays(context, view, poses);
+  if (layers.paths) drawTrails(context, view, t, followed);
+  if (layers.samples) drawFresh(context, view, t);
+  if (layers.messages) drawRadio(context, view, poses, t, followed, flashTime(speed));
+  if (layers.rays) drawRays(context, view, poses);
+  drawPlaces(context, view, t, followed);
   robots.forEach((robot, i) => {
     if (poses[i] && !standsForGood(robot, poses[i], t)) drawDoing(context, view, robot, poses[i], t);
   });
@@ -55,6 +71,7 @@ function drawArena(t, followed, speed) {
     if (faultsAt(robot, t).length) drawFault(context, view.x(poses[i].x), view.y(poses[i].y), bodyRadius(view));
     drawName(context, view, poses[i], decision, robot.name);
   });
+  if (!layers.messages) return;
   robots.forEach((robot, i) => {
     if (poses[i]) drawMessage(context, view, robot, poses[i], t, flashTime(speed));
   });
@@ -69,6 +86,7 @@ const LEGEND = [
   ["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)],
   ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
   ["too near", (c) => legendRay(c)],
+  ...(run.places ? [["believes it is here", (c) => legendGhost(c)]] : []),
   ...(run.faults.length ? [["has a fault", (c) => drawFault(c, 11, 9, 5)]] : []),
   ...(radio ? [["heard", (c) => drawLink(c, 2, 9, 20, 9, false)], ["lost", (c) => drawLink(c, 2, 9, 22, 9, true)]] : []),
 ];
@@ -83,6 +101,16 @@ function legendTile(context, shakes) {
   context.strokeStyle = colours["line-strong"];
   context.lineWidth = 1;
   context.strokeRect(2.5, 1.5, 17, 15);
+}
+
+function legendGhost(context) {
+  context.strokeStyle = colours["ink-2"];
+  context.lineWidth = 1.5;
+  context.setLineDash([3, 2.5]);
+  context.beginPath();
+  context.arc(11, 9, 6, 0, 2 * Math.PI);
+  context.stroke();
+  context.setLineDash([]);
 }
 
 function legendRay(context) {

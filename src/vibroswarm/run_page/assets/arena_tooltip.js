@@ -28,6 +28,7 @@ function robotNote({ robot, pose }, t) {
   return [`Robot ${robot.name}, ${doingWords(robot, pose, t)}`, [
     ["decision", DECISION_WORDS[mind.decision]], ["p", probability(mind.belief)],
     ["\u03b1, \u03b2", `${mind.alpha}, ${mind.beta}`], ["own samples", String(mind.samples)],
+    ...placeNote(robot, t),
     ["at", `${pose.x.toFixed(3)} m, ${pose.y.toFixed(3)} m`],
   ]];
 }
@@ -40,7 +41,7 @@ function sampleNote(row) {
     ["bit sent", s.message[row] > 1 ? "not known" : String(s.message[row])], ["p after it", probability(s.belief_below[row])],
   ];
   if (!Number.isNaN(s.energy[row])) rows.splice(1, 0, ["RMS", s.energy[row].toFixed(2)]);
-  const heading = `Sample ${s.sample[row] + 1} of robot ${s.robot[row]}, ${seconds(s.time_s[row])}`;
+  const heading = `Sample ${s.sample[row] + 1} of robot ${s.robot[row]}, ${bothTimes(s.time_s[row])}`;
   return [isMisread(row) ? `${heading}: misread` : heading, rows];
 }
 
@@ -64,21 +65,22 @@ function arenaNote(place, t) {
   if (near) return robotNote(near, t);
   const row = sampleNear(place, t, 7);
   if (row >= 0) return sampleNote(row);
-  const { scale, height } = arena.view;
-  return tileNote(tileAt(place.x / scale, (height - place.y) / scale), t);
+  const { view } = arena;
+  return tileNote(tileAt(view.toX(place.x), view.toY(place.y)), t);
 }
 
 function watchArena(timeNow, onChoose) {
   const canvas = byId("actors");
   canvas.addEventListener("pointermove", (event) => {
     const place = placeIn(canvas, event);
-    showTooltip(event, ...arenaNote(place, timeNow()));
+    liveTooltip(event, () => arenaNote(place, timeNow()));
     canvas.style.cursor = robotNear(place, timeNow(), 16) ? "pointer" : "default";
   });
   canvas.addEventListener("pointerleave", hideTooltip);
   canvas.addEventListener("click", (event) => {
+    if (zoom.dragged) return;
     const place = placeIn(canvas, event), near = robotNear(place, timeNow(), 16);
     if (near) onChoose(near.robot);
-    else showTooltip(event, ...arenaNote(place, timeNow()));
+    else liveTooltip(event, () => arenaNote(place, timeNow()));
   });
 }

@@ -1,6 +1,7 @@
 // The belief chart's frame: scales, bands beyond the thresholds, ticks, and flags where robots decided.
 
 const FLAG_RADIUS = 8, FLAG_STEP = 19, FLAG_ROOM = 42;
+const GROUP_STEP = 25; // flags with a number of robots are wider
 const MOST_HIDDEN = 4;
 const WORDS_FONT = `600 11.5px ${FONT}`;
 
@@ -28,15 +29,65 @@ function spreadOut(wanted, step, low, high) {
   return places.map((place, i) => place + i * gap);
 }
 
-// A flag for each decision, in order of time, side by side where they come together.
-function decisionFlags(left, width) {
-  const decided = robots.filter(({ final }) => final.decision >= 0 && final.decision_time_s !== null)
+function decidedInOrder() {
+  return robots.filter(({ final }) => final.decision >= 0 && final.decision_time_s !== null)
     .sort((a, b) => a.final.decision_time_s - b.final.decision_time_s);
-  const x = decided.map(({ final }) => left + width * final.decision_time_s / END_S);
-  const places = spreadOut(x, FLAG_STEP, left + FLAG_RADIUS, left + width - FLAG_RADIUS);
-  return decided.map((robot, i) => ({
-    robot, time: robot.final.decision_time_s, belief: robot.final.belief_at_decision, x: x[i], place: places[i],
-  }));
+}
+
+// Robots that decide alike in the same of so many parts of the run.
+function decidedTogether(decided, parts) {
+  const groups = new Map();
+  for (const robot of decided) {
+    const part = Math.min(Math.floor(robot.final.decision_time_s / END_S * parts), parts - 1);
+    const key = `${part}/${robot.final.decision}`;
+    groups.set(key, [...groups.get(key) ?? [], robot]);
+  }
+  return [...groups.values()];
+}
+
+const meanOf = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+
+const FAR_OFF = 60; // px from its place at which a flag no longer tells when
+
+// A flag for each decision, in order of time, side by side where they come together; where so many do not fit or
+// come too far from their times, one for the robots that decide alike at about the same time.
+function decisionFlags(left, width) {
+  const decided = decidedInOrder();
+  const fits = (flags) => flags.length < 2 || (flags.every(({ x, place }) => Math.abs(x - place) <= FAR_OFF)
+    && flags.every((flag, i) => !i || flag.place - flags[i - 1].place >= 2 * flag.radius));
+  const single = placedFlags(decided.map((robot) => [robot]), left, width, FLAG_STEP);
+  if (fits(single)) return single;
+  for (let parts = Math.max(Math.floor(width / GROUP_STEP), 1); ; parts--) {
+    const flags = placedFlags(decidedTogether(decided, parts), left, width, GROUP_STEP);
+    if (parts === 1 || fits(flags)) return flags;
+  }
+}
+
+function placedFlags(groups, left, width, step) {
+  const radius = step / 2 - 1.5;
+  const flags = groups.map((group) => ({
+    robots: group, robot: group[0], radius, time: group[0].final.decision_time_s,
+    x: left + width * meanOf(group.map(({ final }) => final.decision_time_s)) / END_S,
+    belief: meanOf(group.map(({ final }) => final.belief_at_decision ?? 0.5)),
+    name: group.length > 1 ? `\u00d7${group.length}` : group[0].name,
+  })).sort((a, b) => a.x - b.x);
+  const places = spreadOut(flags.map(({ x }) => x), step, left + radius, left + width - radius);
+  return flags.map((flag, i) => ({ ...flag, place: places[i] }));
+}
+
+function flagNear(x, y) {
+  const near = ({ place, radius }) => Math.hypot(place - x, FLAG_RADIUS + 2 - y) <= radius + 2;
+  return beliefChart.box.flags.find(near) ?? null;
+}
+
+function flagNote({ robots: group }) {
+  const times = group.map(({ final }) => final.decision_time_s), first = group[0];
+  const names = group.map(({ name }) => name);
+  if (group.length === 1) return [`Robot ${first.name} decides: ${SAY_WORDS[first.final.decision]}`, [["at", bothTimes(times[0])]]];
+  return [`${group.length} robots decide: ${SAY_WORDS[first.final.decision]}`, [
+    ["from", bothTimes(times[0])], ["to", bothTimes(times[times.length - 1])],
+    ["robots", names.length > 8 ? `${names.slice(0, 7).join(", ")} \u2026` : listed(names)],
+  ]];
 }
 
 function beliefBox(width, height) {

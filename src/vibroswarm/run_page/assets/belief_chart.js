@@ -1,14 +1,14 @@
 // Beliefs of all robots over time. The curves are drawn once, faint and strong; each frame shows the strong
 // ones up to the cursor.
 
-const beliefChart = { context: null, box: null, faint: null, strong: null, followed: null };
+const beliefChart = { context: null, box: null, faint: null, strong: null, followed: null, hovered: null, band: null };
 
 function layOutBelief() {
   const width = Math.max(byId("belief-frame").clientWidth, 80);
   const plot = innerWidth < 640 ? 170 : Math.min(Math.max(innerHeight * 0.22, 150), 280);
   const box = beliefBox(width, plot);
   const context = fitCanvas(byId("belief"), width, box.total);
-  Object.assign(beliefChart, { box, width, context, words: beliefWords(context, box) });
+  Object.assign(beliefChart, { box, width, context, words: beliefWords(context, box), band: isCrowd && beliefBand(box) });
   drawBeliefLayers(beliefChart.followed);
 }
 
@@ -18,11 +18,13 @@ function drawBeliefLayers(followed) {
   const layer = () => hiddenCanvas(width, box.total);
   const faint = layer(), strong = layer();
   drawBeliefFrame(faint.context, box, followed);
+  if (isCrowd) for (const [layer, strength] of [[faint, 0.3], [strong, 1]]) drawBand(layer.context, box, beliefChart.band, strength);
+  const lines = isCrowd && !layers.lines ? [] : robots;
   faint.context.globalAlpha = 0.22;
-  for (const robot of robots) strokeBelief(faint.context, robot, box, 1, false);
+  for (const robot of lines) strokeBelief(faint.context, robot, box, 1, false);
   faint.context.globalAlpha = 1;
-  for (const robot of robots) {
-    strong.context.globalAlpha = followed && robot !== followed ? 0.3 : 0.75;
+  for (const robot of lines) {
+    strong.context.globalAlpha = isCrowd || (followed && robot !== followed) ? 0.3 : 0.75;
     if (robot !== followed) strokeBelief(strong.context, robot, box, 1.3, true);
   }
   strong.context.globalAlpha = 1;
@@ -62,6 +64,7 @@ function drawBelief(t, followed) {
   context.drawImage(faint, 0, 0, width, box.total);
   const seen = Math.max(Math.round(now * ratio), 1);
   context.drawImage(strong, 0, 0, seen, strong.height, 0, 0, seen / ratio, box.total);
+  if (beliefChart.hovered) strokeBelief(context, beliefChart.hovered, box, 2, true);
   drawBeliefWords(context, words);
   for (const flag of box.flags) drawFlag(context, box, flag, flag.time <= t);
   drawCursor(context, box, now, t, followed);
@@ -72,11 +75,12 @@ function drawFlag(context, box, flag, past) {
   context.strokeStyle = colours.of[flag.robot.final.decision];
   context.lineWidth = 1;
   context.beginPath();
-  context.moveTo(flag.place, FLAG_RADIUS * 2);
+  context.moveTo(flag.place, flag.radius * 2);
   context.lineTo(flag.x, box.top - 5);
   context.lineTo(flag.x, box.y(flag.belief ?? 0.5));
   context.stroke();
-  drawPip(context, flag.place, FLAG_RADIUS + 2, FLAG_RADIUS, flag.robot.final.decision, flag.robot.name);
+  drawPip(context, flag.place, flag.radius, flag.radius, flag.robot.final.decision, flag.name,
+    flag.robots.length > 1 ? 9 : undefined);
   context.globalAlpha = 1;
 }
 
@@ -88,7 +92,7 @@ function drawCursor(context, box, x, t, followed) {
   context.beginPath();
   for (const [dx, dy] of [[0, 2], [6, 10], [-6, 10]]) context.lineTo(x + dx, box.y(0) + dy);
   context.fill();
-  for (const robot of robots) {
+  for (const robot of isCrowd ? [followed, beliefChart.hovered].filter(Boolean) : robots) {
     const mind = mindAt(robot, t);
     bitPath(context, Math.max(mind.decision, 0), x, box.y(mind.belief), robot === followed ? 4.5 : 3);
     context.fillStyle = mind.decision < 0 ? colours.panel : colours.of[mind.decision];

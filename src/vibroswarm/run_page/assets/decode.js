@@ -58,5 +58,7 @@ function readRun() {
   const tracks = new Map(data.poses.robots.map((packed) => [packed.robot, decodeTrack(packed, data.poses)]));
   const radio = data.radio && Object.fromEntries(
     Object.entries(data.radio).map(([name, packed]) => [name, decodeColumn(packed)]));
-  return { ...data, samples, tracks, radio };
+  const places = data.places && Object.fromEntries(
+    Object.entries(data.places).map(([name, packed]) => [name, decodeColumn(packed)]));
+  return { ...data, samples, tracks, radio, places };
 }

@@ -23,7 +23,7 @@ function buildLeads() {
   const claim = ANSWERS ? `the answer is ${DECISION_WORDS[STILL]}`
     : boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
   say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
-    + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.${gateSentence()}`);
+    + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.${gateSentence()}${bandSentence()}`);
   const { tested } = run.rule, moved = tested !== boundary;
   const line = moved ? `${percent(tested)}, the share of ones expected at the boundary,` : boundary;
   const opinion = ["positive", "soft"].includes(run.strategy)

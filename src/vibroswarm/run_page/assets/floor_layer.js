@@ -8,6 +8,7 @@ function drawFloor(context, view) {
   context.fillRect(0, 0, view.width, view.height);
   drawTiles(context, view);
   drawRuler(context, view);
+  drawScaleBar(context, view);
 }
 
 // Edges of tile columns and rows in whole pixels, so that no seams show.
@@ -58,4 +59,30 @@ function drawRuler(context, view) {
     line(context, crisp(view.x(x)), view.height, crisp(view.x(x)), view.height - 5);
   }
   for (let y = 0.1; y < run.arena.height_m - 1e-6; y += 0.1) line(context, 0, crisp(view.y(y)), 5, crisp(view.y(y)));
+}
+
+const SCALE_LENGTHS_M = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
+
+// A bar of a round length, at most a quarter of the width that is seen.
+function scaleBar(view) {
+  const most = view.width / view.scale / 4;
+  const metres = SCALE_LENGTHS_M.filter((length) => length <= most).pop() ?? SCALE_LENGTHS_M[0];
+  return { metres, width: metres * view.scale, words: metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres} m` };
+}
+
+function drawScaleBar(context, view) {
+  const { width, words } = scaleBar(view), right = view.width - 14, y = view.height - 14;
+  context.globalAlpha = 0.85;
+  context.fillStyle = colours.panel;
+  context.fillRect(right - width - 8, y - 20, width + 16, 28);
+  context.globalAlpha = 1;
+  context.strokeStyle = context.fillStyle = colours.ink;
+  context.lineWidth = 2;
+  line(context, right - width, y, right, y);
+  context.lineWidth = 1.5;
+  for (const x of [right - width, right]) line(context, x, y - 4, x, y + 4);
+  context.font = `600 11px ${FONT}`;
+  context.textAlign = "center";
+  context.textBaseline = "bottom";
+  context.fillText(words, right - width / 2, y - 4);
 }

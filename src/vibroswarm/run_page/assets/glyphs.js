@@ -37,7 +37,7 @@ function drawSampleMark(context, x, y, size, bit, misread) {
 }
 
 // A robot's number in the shape of its decision; an empty ring while it has none.
-function drawPip(context, x, y, radius, decision, name) {
+function drawPip(context, x, y, radius, decision, name, size = Math.round(radius * 1.25)) {
   if (decision < 0) {
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);
@@ -52,7 +52,7 @@ function drawPip(context, x, y, radius, decision, name) {
     context.fill();
   }
   context.fillStyle = decision < 0 ? colours["ink-2"] : colours.panel;
-  context.font = `700 ${Math.round(radius * 1.25)}px ${FONT}`;
+  context.font = `700 ${size}px ${FONT}`;
   context.textAlign = "center";
   context.textBaseline = "middle";
   context.fillText(name, x, y + 0.5);

@@ -1,6 +1,6 @@
 // Puts the page together: holds its state (time, playing, speed, followed robot) and draws it.
 
-const state = { t: 0, playing: false, speed: 20, followed: null };
+const state = { t: 0, playing: false, speed: 20, followed: null, loop: null };
 const LIVE_TEXT_MS = 120; // while playing, the table's words change no more often than can be read
 let lastText = 0, lastFrame = 0, waiting = false;
 
@@ -10,9 +10,13 @@ function draw(now = performance.now()) {
   drawCards(state.t, state.followed);
   drawVerdict(state.t);
   drawPlayer(state);
+  drawLoop(state.loop);
+  drawZoom();
+  recordFrame(state.t);
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
   drawRoster(state.t, state.followed);
+  refreshTooltip();
 }
 
 function askForFrame() {
@@ -23,6 +27,7 @@ function askForFrame() {
     if (state.playing) {
       const passed = lastFrame ? Math.min(Math.max((now - lastFrame) / 1000, 0), 0.1) : 0;
       state.t = Math.min(state.t + passed * state.speed, END_S);
+      if (state.loop && state.loop.to !== null && state.t >= state.loop.to) state.t = state.loop.from;
       if (state.t >= END_S) pause();
     }
     lastFrame = state.playing ? now : 0;
@@ -67,6 +72,11 @@ const actions = {
   setSpeed,
   changeSpeed: (by) => setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(state.speed) + by, 0), SPEEDS.length - 1)]),
   follow,
+  now: () => state.t,
+  loop: () => {
+    state.loop = nextLoop(state.loop, state.t);
+    askForFrame();
+  },
 };
 
 function watchBelief() {
@@ -80,10 +90,23 @@ function watchBelief() {
   canvas.addEventListener("pointermove", (event) => {
     if (canvas.hasPointerCapture(event.pointerId)) return scrub(event);
     const place = placeIn(canvas, event), near = beliefNear(place.x, place.y);
+    const flag = flagNear(place.x, place.y);
+    hover(flag ? null : near?.robot ?? null);
+    if (flag) return showTooltip(event, ...flagNote(flag));
     if (!near) return hideTooltip();
-    showTooltip(event, `Robot ${near.robot.name} at ${seconds(near.time)}`, [["p", probability(near.belief)]]);
+    showTooltip(event, `Robot ${near.robot.name} at ${bothTimes(near.time)}`, [["p", probability(near.belief)]]);
   });
-  canvas.addEventListener("pointerleave", hideTooltip);
+  canvas.addEventListener("pointerleave", () => {
+    hover(null);
+    hideTooltip();
+  });
+}
+
+// The robot whose line is shown because the pointer is on it; needed only where lines are not shown anyway.
+function hover(robot) {
+  if (!isCrowd || robot === beliefChart.hovered) return;
+  beliefChart.hovered = robot;
+  askForFrame();
 }
 
 let shown = false; // false in a frame that is hidden
@@ -91,6 +114,7 @@ let shown = false; // false in a frame that is hidden
 function layOut() {
   shown = byId("belief-frame").clientWidth > 0;
   drawLegend();
+  drawLoop(state.loop);
   layOutArena();
   layOutBelief();
   layOutCards();
@@ -123,7 +147,8 @@ function expose() {
   window.vibroswarm = {
     state: () => ({
       time_s: state.t, playing: state.playing, speed: state.speed, end_s: END_S, theme: themeName(),
-      followed: state.followed ? state.followed.id : null,
+      followed: state.followed ? state.followed.id : null, loop: state.loop,
+      hovered: beliefChart.hovered ? beliefChart.hovered.id : null,
     }),
     seek: (t) => {
       state.t = Math.min(Math.max(t, 0), END_S);
@@ -135,6 +160,14 @@ function expose() {
     mind: (id, t) => mindAt(robots.find((robot) => robot.id === id), t),
     faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
     gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
+    place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
+    flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
+      { robots: group.map(({ id }) => id), place, radius })),
+    events: () => EVENT_TIMES_S,
+    band: () => beliefChart.band,
+    tileUnder: (x, y) => tileAt(arena.view.toX(x), arena.view.toY(y)),
+    screen: (x, y) => ({ x: arena.view.x(x), y: arena.view.y(y) }),
+    scaleBar: () => scaleBar(arena.view),
     robots: run.robots,
   };
 }
@@ -145,7 +178,19 @@ function open() {
   buildLeads();
   buildCards(follow);
   buildRoster(follow);
+  buildLayers(layOut);
   buildPlayer(actions);
+  byId("next-event").addEventListener("click", () => seek(nextEvent(state.t)));
+  byId("previous-event").addEventListener("click", () => seek(previousEvent(state.t)));
+  byId("loop").addEventListener("click", actions.loop);
+  buildZoom(() => {
+    layOutZoom();
+    askForFrame();
+  }, () => {
+    const pose = state.followed && poseAt(state.followed, state.t);
+    return pose ? { x: arena.view.x(pose.x), y: arena.view.y(pose.y) } : null;
+  });
+  buildExport(() => state.t, play, pause);
   watchKeys(actions);
   watchArena(() => state.t, follow);
   watchBelief();

@@ -27,10 +27,10 @@ function buildPlayer(actions) {
   speed.addEventListener("change", () => actions.setSpeed(Number(speed.value)));
   byId("slower").addEventListener("click", () => actions.changeSpeed(-1));
   byId("faster").addEventListener("click", () => actions.changeSpeed(1));
-  byId("scrub-marks").replaceChildren(...decisionFlags(0, 1).map(({ robot, time }) => {
+  byId("scrub-marks").replaceChildren(...decidedInOrder().map((robot) => {
     const mark = make("i", "");
     mark.dataset.decision = robot.final.decision;
-    mark.style.left = `${100 * time / END_S}%`;
+    mark.style.left = `${100 * robot.final.decision_time_s / END_S}%`;
     return mark;
   }));
 }
@@ -38,9 +38,10 @@ function buildPlayer(actions) {
 function drawPlayer(state) {
   const { t, playing, speed } = state, scrub = byId("scrub");
   say(byId("clock"), seconds(t));
+  say(byId("clock-minutes"), `${clockMinutes(t)} / ${clockMinutes(END_S)} min`);
   scrub.value = String(t);
   scrub.style.setProperty("--done", `${100 * t / END_S}%`);
-  scrub.setAttribute("aria-valuetext", seconds(t));
+  scrub.setAttribute("aria-valuetext", bothTimes(t));
   if (Number(byId("speed").value) !== speed) byId("speed").value = String(speed);
   byId("slower").disabled = speed === SPEEDS[0];
   byId("faster").disabled = speed === SPEEDS[SPEEDS.length - 1];

@@ -2,7 +2,20 @@
 
 const tooltip = byId("tooltip");
 
+let tooltipNow = null; // how to write the note again when time goes on
+
+// A note that is written again as time goes on under a pointer that rests.
+function liveTooltip(event, note) {
+  showTooltip(event, ...note());
+  tooltipNow = { event, note };
+}
+
+function refreshTooltip() {
+  if (!tooltip.hidden && tooltipNow) liveTooltip(tooltipNow.event, tooltipNow.note);
+}
+
 function showTooltip(event, heading, rows) {
+  tooltipNow = null;
   const lines = rows.map(([name, value]) => make("div", "", make("span", "", name), make("b", "", value)));
   tooltip.replaceChildren(make("p", "", heading), ...lines);
   tooltip.hidden = false;

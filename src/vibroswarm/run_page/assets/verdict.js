@@ -64,7 +64,8 @@ function verdictFacts() {
     .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} say: ${word}`);
   const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
   return [
-    [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus"],
+    [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus",
+      when === null || when < 60 ? "" : minutes(when)],
     ["Sure of it", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
     ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
@@ -102,7 +103,7 @@ function buildVerdict() {
 }
 
 function drawVerdict(t) {
-  say(byId("now-time"), seconds(t));
+  say(byId("now-time"), bothTimes(t));
   let count = 0;
   robots.forEach((robot, i) => {
     const { decision } = mindAt(robot, t), pip = byId("pips").children[i];

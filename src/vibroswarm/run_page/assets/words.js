@@ -9,6 +9,9 @@ const minutes = (value) => {
   const whole = Math.floor(value / 60 + 1e-9), rest = Math.max(value - 60 * whole, 0);
   return whole ? `${whole} min ${Number(rest.toFixed(1))} s` : `${Number(rest.toFixed(1))} s`;
 };
+// Seconds, and from a minute on minutes beside them.
+const bothTimes = (value) => (value < 60 ? seconds(value) : `${seconds(value)} (${minutes(value)})`);
+const clockMinutes = (value) => `${Math.floor(value / 60)}:${String(Math.floor(value % 60)).padStart(2, "0")}`;
 const whole = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 const percent = (share) => `${Number((100 * share).toFixed(1))} %`;
 const ratio = (share) => String(Number(share.toFixed(6)));
