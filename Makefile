@@ -1,6 +1,6 @@
 # These commands do all the set-up on a fresh machine that has Python 3.11 or later (with venv) and make:
 #   make demo   runs one inspection and says where its page is
-#   make test   passes the tests
+#   make test   passes the tests, but for those that take seconds each: make test-slow passes those
 #   make docs   builds the documentation site and says where it is
 PYTHON ?= python3
 VENV := .venv
@@ -8,13 +8,17 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 SITE ?= out/site
 
-.PHONY: demo test docs lint bench clean
+.PHONY: demo test test-slow docs lint bench clean
 
 demo: $(VENV)/run.done
 	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 2 --out "$(OUT)" --force
 
 test: $(VENV)/dev.done
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
+
+# Cold starts, statistics, clusters, whole reports: half of the time of all tests. CI runs both.
+test-slow: $(VENV)/dev.done
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow $(ARGS)
 
 docs: $(VENV)/docs.done
 	$(BIN)/python -m sphinx -q -E -W --keep-going -b html docs "$(SITE)"
