@@ -150,6 +150,11 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
         y_m=pl.col("y_m") + pl.Series(off[1]),
         heading_rad="heading_rad",
         spread_m=pl.lit(0.04),
+        lagged_sample=pl.when(pl.col("sample") >= 4).then(pl.col("sample") - 4),
+        lagged_x_m=pl.when(pl.col("sample") >= 4).then(pl.col("x_m") / 2),
+        lagged_y_m=pl.when(pl.col("sample") >= 4).then(pl.col("y_m") / 2),
+        lagged_spread_x_m=pl.lit(0.02),
+        lagged_spread_y_m=pl.lit(0.03),
     )
     file = tmp_path / "places.html"
     write_page(replace(record, places=places.reverse()), file)
@@ -161,6 +166,14 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
         assert [drawn[name] for name in ("x", "y", "heading", "spread", "trueX", "trueY")] == pytest.approx(
             [told["x_m"], told["y_m"], told["heading_rad"], 0.04, row["x_m"], row["y_m"]], abs=1e-6
         )
+        smoothed = page.evaluate("(id) => vibroswarm.smoothed(id, 101.37)", robot)
+        of = record.motion.filter(
+            (pl.col("robot") == robot) & (pl.col("sample") == row["sample"] - 4)
+        ).to_dicts()[0]
+        assert list(smoothed.values()) == pytest.approx(
+            [of["sample"], row["x_m"] / 2, row["y_m"] / 2, 0.02, 0.03, of["x_m"], of["y_m"]], abs=1e-6
+        )
+    assert page.evaluate("vibroswarm.smoothed(0, 5)") is None
     page.evaluate("vibroswarm.seek(101.37)")
     shown = "document.getElementById('actors').toDataURL()"
     plain = open_page("#t=101.37")
