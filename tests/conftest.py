@@ -14,7 +14,7 @@ from hypothesis import settings
 from helpers.page_records import make_record
 from vibroswarm.run_page.payload import RunRecord
 
-pytest_plugins = ["helpers.recordings", "helpers.browser"]
+pytest_plugins = ["helpers.recordings", "helpers.browser", "helpers.page_browser"]
 
 os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
 

@@ -132,7 +132,8 @@ class RunRecord:
     faults: tuple[tuple[int, str, float, bool], ...] = ()
     details: dict[str, str] = field(default_factory=dict)
     places: pl.DataFrame | None = None
-    """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m."""
+    """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m;
+    and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
     radio: MessageLog | None = None
     """The run's messages; None: all hear all, or it is not known who heard them."""
 
@@ -327,19 +328,21 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
 
 
 PLACE_COLUMNS = ("x_m", "y_m", "heading_rad", "spread_m")
+LAGGED_COLUMNS = ("lagged_sample", "lagged_x_m", "lagged_y_m", "lagged_spread_x_m", "lagged_spread_y_m")
+"""The smoothed place of an earlier sample; optional."""
 
 
 def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
     """Return the estimates as packed columns, row by row those of the samples; NaN where there is none."""
-    known = places.select("robot", "sample", *PLACE_COLUMNS)
+    names = (*PLACE_COLUMNS, *(name for name in LAGGED_COLUMNS if name in places.columns))
+    known = places.select("robot", "sample", *names)
     of_samples = record.motion.select("robot", "sample")
     for table in (record.observations, record.inference):
         of_samples = of_samples.join(table.select("robot", "sample"), on=["robot", "sample"], how="semi")
     of_samples = of_samples.sort("robot", "sample")
     estimates = of_samples.join(known, on=["robot", "sample"], how="left", maintain_order="left")
     return {
-        name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy())
-        for name in PLACE_COLUMNS
+        name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy()) for name in names
     }
 
 

@@ -161,6 +161,7 @@ function expose() {
     faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
     gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
     place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
+    smoothed: (id, t) => smoothedAt(robots.find((robot) => robot.id === id), t),
     flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
       { robots: group.map(({ id }) => id), place, radius })),
     events: () => EVENT_TIMES_S,

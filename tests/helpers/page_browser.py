@@ -1,0 +1,82 @@
+"""Opening the replay page in a browser, and asking it things."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm.run_page.payload import RunRecord
+from vibroswarm.run_page.write import write_page
+
+BLANK = """(id) => {
+  const canvas = document.getElementById(id);
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(canvas, 0, 0);
+  const seen = new Set(new Uint32Array(context.getImageData(0, 0, copy.width, copy.height).data.buffer));
+  return seen.size < 3;
+}"""
+
+Open = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def page_path(record: RunRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "run.html"
+    write_page(record, file)
+    return file
+
+
+@pytest.fixture
+def open_page(browser: Any, page_path: Path) -> Iterator[Open]:
+    """Opens a page; at the end, whatever it logged or asked for fails the test."""
+    noise: list[str] = []
+    contexts: list[Any] = []
+
+    def opened(hash_: str = "#t=0", file: Path = page_path, **options: Any) -> Any:
+        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
+        contexts.append(browser.new_context(**options))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: noise.append(f"error: {error}"))
+        own = file.as_uri()
+        page.on("request", lambda request: request.url.split("#")[0] == own or noise.append(request.url))
+        page.goto(own + hash_)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert noise == []
+
+
+def state(page: Any) -> dict[str, Any]:
+    got: dict[str, Any] = page.evaluate("vibroswarm.state()")
+    return got
+
+
+def wait_until(page: Any, true: str) -> None:
+    """Asks until the expression holds (the page's policy forbids the evaluation by which Playwright would wait)."""
+    for _ in range(200):
+        if page.evaluate(true):
+            return
+        page.wait_for_timeout(25)
+    pytest.fail(f"not within 5 s: {true}")
+
+
+def settled(page: Any) -> dict[str, Any]:
+    """The state after the frame that was asked for has been drawn."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return state(page)
+
+
+def latest(record: RunRecord, robot: int, time_s: float) -> dict[str, Any]:
+    table = record.motion.join(record.inference, on=["run", "robot", "sample"])
+    return (
+        table.filter((pl.col("robot") == robot) & (pl.col("time_s") <= time_s)).sort("sample").to_dicts()[-1]
+    )

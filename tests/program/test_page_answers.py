@@ -1,0 +1,211 @@
+"""What the page says at first sight, in a real browser: question, outcome, gate, flags, places, band."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from helpers.page_browser import BLANK, Open, latest, settled, wait_until
+from helpers.page_records import make_record
+from vibroswarm.run_page.payload import RunRecord
+from vibroswarm.run_page.write import write_page
+
+
+@pytest.mark.parametrize("way", ["src", "srcdoc"])
+def test_it_opens_in_a_hidden_frame_and_draws_once_shown(
+    browser: Any, page_path: Path, tmp_path: Path, way: str
+) -> None:
+    source = page_path.as_uri() if way == "src" else html.escape(page_path.read_text(encoding="utf-8"))
+    around = tmp_path / "notebook.html"
+    around.write_text(
+        f'<iframe {way}="{source}" style="display:none; width:900px; height:700px"></iframe>',
+        encoding="utf-8",
+    )
+    page = browser.new_page(reduced_motion="reduce")
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(around.as_uri())
+    frame = page.frames[1]
+    wait_until(frame, "typeof vibroswarm === 'object'")
+    assert frame.evaluate("innerWidth") == 0
+    frame.evaluate("vibroswarm.seek(100)")
+    page.evaluate("document.querySelector('iframe').style.display = 'block'")
+    wait_until(frame, "document.getElementById('arena-frame').clientWidth > 250")
+    for canvas in ("floor", "past", "actors", "belief"):
+        assert not frame.evaluate(BLANK, canvas), canvas
+    assert errors == []
+    page.close()
+
+
+@pytest.mark.parametrize("gate", ["total", "received", "own"])
+def test_the_gate_opens_when_the_tables_say(
+    open_page: Open, record: RunRecord, tmp_path: Path, gate: str
+) -> None:
+    """Observations counted here from the order of samples and the column of received messages."""
+    least = 15
+    tables = record.inference.join(record.motion, on=["run", "robot", "sample"])
+    counted = {
+        "total": pl.col("sample") + pl.col("messages_received"),
+        "received": pl.col("messages_received"),
+        "own": pl.col("sample"),
+    }
+    first = tables.filter(counted[gate] > least)["time_s"].min()
+    assert isinstance(first, float)
+    file = tmp_path / "gate.html"
+    undecided = record.robots.with_columns(decision=pl.lit(-1, dtype=pl.Int8))
+    write_page(replace(record, gate=gate, min_observations=least, robots=undecided), file)
+    page = open_page(file=file)
+    assert page.evaluate("vibroswarm.gate().first_s") == pytest.approx(first, abs=1e-9)
+    words = {"total": "observations, its own and received", "received": "received bits", "own": "own samples"}
+    lead = page.inner_text("#belief-lead")
+    assert f"only with more than {least} {words[gate]}: before {first:.1f} s it is too early" in lead
+
+
+def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """Of a strategy without a gate, and where robots decided before it."""
+    for name, fields in {"none": {"gated": False}, "broken": {"min_observations": 100}}.items():
+        write_page(replace(record, **fields), tmp_path / f"{name}.html")
+        page = open_page(file=tmp_path / f"{name}.html")
+        assert page.evaluate("vibroswarm.gate().first_s") == 0
+        assert "too early" not in page.inner_text("#belief-lead")
+
+
+def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record: RunRecord) -> None:
+    page = open_page("#t=10")
+    share = f"{100 * record.fill_ratio:.1f}".removesuffix(".0")
+    assert page.inner_text("#task") == f"Does more than 50 % of the floor vibrate? Truth: no ({share} %)."
+    assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
+    assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
+    assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
+
+
+def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
+    page = open_page("#t=50")
+    box = page.locator("#actors").bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    notes = []
+    for time_s in (0.0, 120.0, 240.0):
+        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+        notes.append(page.text_content("#tooltip"))
+    assert len(set(notes)) > 1
+    page.mouse.move(0, 0)
+    page.evaluate("vibroswarm.seek(60)")
+    assert not page.locator("#tooltip").is_visible()
+
+
+def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """Each decided robot has one flag, alone or with others; none lies on another."""
+    chance = np.random.default_rng(5)
+    row = record.robots.row(0, named=True)
+    times = np.sort(np.append(chance.uniform(90, 240, 30), chance.uniform(150, 152, 29)))
+    table = pl.DataFrame(
+        [
+            row
+            | {"robot": i, "decision": i % 5 // 4, "decision_time_s": float(time), "belief_at_decision": 0.96}
+            for i, time in enumerate(times)
+        ]
+        + [row | {"robot": 59, "decision": -1, "decision_time_s": None, "belief_at_decision": None}],
+        schema=record.robots.schema,
+    )
+    file = tmp_path / "sixty.html"
+    write_page(replace(record, robots=table, gated=False), file)
+    flags = open_page(file=file, viewport={"width": 900, "height": 700}).evaluate("vibroswarm.flags()")
+    assert sorted(robot for flag in flags for robot in flag["robots"]) == list(range(59))
+    places = [flag["place"] for flag in flags]
+    assert min(np.diff(places)) >= 2 * flags[0]["radius"]
+    assert all(len({robot % 5 // 4 for robot in flag["robots"]}) == 1 for flag in flags)
+    few = open_page().evaluate("vibroswarm.flags()")
+    assert [len(flag["robots"]) for flag in few] == [1, 1, 1]
+
+
+def test_minutes_stand_beside_seconds(open_page: Open) -> None:
+    page = open_page("#t=100")
+    assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
+    assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
+
+
+def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
+    page = open_page()
+    bar = page.evaluate("vibroswarm.scaleBar()")
+    width = page.locator("#arena-frame").evaluate("(frame) => frame.clientWidth")
+    assert bar["words"] == "20 cm"
+    assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
+
+
+def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    chance = np.random.default_rng(8)
+    off = chance.normal(0, 0.04, (2, len(record.motion)))
+    places = record.motion.select(
+        "robot",
+        "sample",
+        x_m=pl.col("x_m") + pl.Series(off[0]),
+        y_m=pl.col("y_m") + pl.Series(off[1]),
+        heading_rad="heading_rad",
+        spread_m=pl.lit(0.04),
+        lagged_sample=pl.when(pl.col("sample") >= 4).then(pl.col("sample") - 4),
+        lagged_x_m=pl.when(pl.col("sample") >= 4).then(pl.col("x_m") / 2),
+        lagged_y_m=pl.when(pl.col("sample") >= 4).then(pl.col("y_m") / 2),
+        lagged_spread_x_m=pl.lit(0.02),
+        lagged_spread_y_m=pl.lit(0.03),
+    )
+    file = tmp_path / "places.html"
+    write_page(replace(record, places=places.reverse()), file)
+    page = open_page(file=file)
+    for robot in (0, 3):
+        row = latest(record, robot, 101.37)
+        told = places.filter((pl.col("robot") == robot) & (pl.col("sample") == row["sample"])).to_dicts()[0]
+        drawn = page.evaluate("(id) => vibroswarm.place(id, 101.37)", robot)
+        assert [drawn[name] for name in ("x", "y", "heading", "spread", "trueX", "trueY")] == pytest.approx(
+            [told["x_m"], told["y_m"], told["heading_rad"], 0.04, row["x_m"], row["y_m"]], abs=1e-6
+        )
+        smoothed = page.evaluate("(id) => vibroswarm.smoothed(id, 101.37)", robot)
+        of = record.motion.filter(
+            (pl.col("robot") == robot) & (pl.col("sample") == row["sample"] - 4)
+        ).to_dicts()[0]
+        assert list(smoothed.values()) == pytest.approx(
+            [of["sample"], row["x_m"] / 2, row["y_m"] / 2, 0.02, 0.03, of["x_m"], of["y_m"]], abs=1e-6
+        )
+    assert page.evaluate("vibroswarm.smoothed(0, 5)") is None
+    page.evaluate("vibroswarm.seek(101.37)")
+    shown = "document.getElementById('actors').toDataURL()"
+    plain = open_page("#t=101.37")
+    assert page.evaluate(shown) != plain.evaluate(shown)
+    page.uncheck("#layer-places")
+    assert settled(page)["time_s"] == 101.37
+    assert page.evaluate(shown) == plain.evaluate(shown)
+    assert plain.locator("#layer-places").count() == 0
+
+
+def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:
+    """The band's numbers against those of the tables, at three times."""
+    crowd = make_record(robots=20, t_end_s=60.0, seed=4, min_observations=60)
+    file = tmp_path / "crowd.html"
+    write_page(crowd, file)
+    page = open_page(file=file)
+    band = page.evaluate("vibroswarm.band()")
+    assert band[0]["low"] == band[0]["mean"] == band[0]["high"] == pytest.approx(0.5)
+    for point in (band[len(band) // 3], band[len(band) // 2], band[-1]):
+        beliefs = sorted(latest(crowd, robot, point["t"])["belief_below"] for robot in crowd.robots["robot"])
+        assert point["mean"] == pytest.approx(np.mean(beliefs))
+        assert (point["low"], point["high"]) == (beliefs[2], beliefs[-3])
+    assert "Band: the middle 80 % of the robots" in page.inner_text("#belief-lead")
+    shown = "document.getElementById('belief').toDataURL()"
+    before = page.evaluate(shown)
+    box = page.locator("#belief").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert settled(page)["hovered"] in range(20)
+    assert page.evaluate(shown) != before
+    page.mouse.move(0, 0)
+    assert settled(page)["hovered"] is None
+    assert page.evaluate(shown) == before
+    page.check("#layer-lines")
+    assert page.evaluate(shown) != before
+    assert "Band" not in open_page().inner_text("#belief-lead")
