@@ -13,6 +13,7 @@ import multiprocessing
 import operator
 from collections.abc import Iterable
 from functools import cache
+from pathlib import Path
 
 
 class InputError(ValueError):
@@ -106,6 +107,38 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         raise InputError(
             f"there is no {shown(value)}{nearest(value, known)} (choices: {', '.join(known)})", field=field
         )
+
+
+def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: str) -> None:
+    """Refuse a value of another type.
+
+    Args:
+        kind: as of ``isinstance``. field: its name. words: what the value is not: "a Result, as simulate returns".
+    Raises:
+        InputError: it is of another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{shown(value)} is not {words}", field=field)
+
+
+def check_callable(value: object, field: str) -> None:
+    """Refuse a value that is neither a function nor None.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if value is not None and not callable(value):
+        raise InputError(f"{shown(value)} is not a function", field=field)
+
+
+def path_of(value: object, field: str = "path") -> Path:
+    """Return a path that is given as text or as a path.
+
+    Raises:
+        InputError: it is something else.
+    """
+    check_kind(value, (str, Path), field, "a path")
+    return Path(value)  # type: ignore[arg-type]
 
 
 def check_keywords(given: Iterable[str], function: str, known: Iterable[str]) -> None:

@@ -22,7 +22,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
-from vibroswarm.errors import InputError, RunError, check_format, shown
+from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
 from vibroswarm.faults.assignment import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -188,6 +188,7 @@ class Result(NotebookView):
             InputError: there is no such ``run``.
         """
         check_threads()
+        run = whole_number_of(run, "run", 0, 2**32 - 1)
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
             raise InputError(f"there is no run {run} in this result", field="run")
@@ -205,7 +206,7 @@ class Result(NotebookView):
             InputError: something is there, or it cannot be written.
             RunError: the disk is full or failed.
         """
-        with whole_folder(Path(path), replace=replace) as part:
+        with whole_folder(path_of(path), replace=replace) as part:
             self.write_into(part)
 
     def write_into(self, folder: Path) -> None:
@@ -238,7 +239,7 @@ class Result(NotebookView):
         Raises:
             InputError: not a result, a newer or older format, or a damaged or missing table.
         """
-        folder = Path(path)
+        folder = path_of(path)
         about = _head(folder)
         seed, source, names = about["seed"], about["source"], about["tables"]
         frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}

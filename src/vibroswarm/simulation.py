@@ -15,7 +15,7 @@ import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known 
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
-from vibroswarm.errors import InputError, shown, whole_number_of
+from vibroswarm.errors import InputError, check_callable, check_kind, shown, whole_number_of
 from vibroswarm.faults.assignment import fault_frame
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -64,6 +64,7 @@ def simulate(
         InputError: a seed or a run out of range, an unknown source, a boundary that readings cannot be tested against.
     """
     check_scenario(scenario)
+    check_callable(progress, "progress")
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     readings_boundary(scenario)  # refuse early
@@ -99,6 +100,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
     Raises:
         InputError: ``scenario`` would move the robots otherwise, or the runs ended when all had decided.
     """
+    check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
     if result.seed is None:
         raise InputError(

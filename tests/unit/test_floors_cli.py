@@ -51,7 +51,7 @@ def test_show_draws_here_and_to_a_file(capsys, tmp_path):
     path = tmp_path / "f.svg"
     assert run("show", "stripe:0.46", "--out", path) == 0
     out = capsys.readouterr().out
-    assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in out
+    assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in " ".join(out.split())
     assert out.splitlines()[-1] == f"Saved: {path}"
     assert path.read_text().startswith("<?xml")
     with pytest.raises(InputError, match="--force"):
@@ -67,7 +67,8 @@ def test_show_tells_seeds_apart(capsys):
     assert outs[0] == outs[1] != outs[2]
 
 
-def test_measure_as_text_and_json(capsys, tmp_path):
+def test_measure_as_text_and_json(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")  # paths may be long
     (tmp_path / "still.txt").write_text("000\n000\n")
     assert run("measure", tmp_path / "still.txt", "diagonal:0.48") == 0
     lines = capsys.readouterr().out.splitlines()

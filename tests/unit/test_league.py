@@ -347,7 +347,7 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
 
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
     settings = frozen_settings()
-    assert set(settings) == set(on_equal_terms()) == set(known()) - {"places", "field"}
+    assert set(settings) == set(on_equal_terms()) == set(known()) - {"places", "field", "explore"}
     assert set(frozen_settings(own_motion=True)) == set(settings)
     motions = {
         tuple(v for k, v in own.items() if k.startswith("walk.")) for own in frozen_settings(True).values()

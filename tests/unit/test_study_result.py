@@ -139,3 +139,14 @@ def test_the_package_stays_cheap_to_import() -> None:
     code = f"import sys, vibroswarm; vibroswarm.Study; print([m for m in {heavy[-3:]} if m in sys.modules])"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env)
     assert told.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("package", "convert"), [("pandas", "to_pandas"), ("pyarrow", "to_pandas"), ("xarray", "to_xarray")]
+)
+def test_a_missing_package_is_named_with_its_extra(
+    package: str, convert: str, result: StudyResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError, match=rf"^{convert}: needs {package}: pip install 'vibroswarm\[frames\]'"):
+        getattr(result, convert)()

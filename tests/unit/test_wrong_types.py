@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from vibroswarm import Floor, Result, StudyResult, make_floor, measure, pose, replay, write_run_page
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -87,3 +89,96 @@ def test_wrong_types_in_a_study_are_refused(text: str) -> None:
     with pytest.raises(InputError) as caught:
         Study.from_toml(text)
     assert len(str(caught.value)) < 300
+
+
+WRONG: tuple[Any, ...] = (5, 1.5, True, b"x", [1], object(), HUGE)
+"""Neither text nor None nor a table, wherever one of these is asked for."""
+
+CALLS = {
+    "preset": lambda x, r: preset(x),
+    "Scenario.from_values": lambda x, r: Scenario.from_values(x),
+    "Scenario.from_toml": lambda x, r: Scenario.from_toml(x),
+    "Scenario.from_base": lambda x, r: Scenario.from_base(x),
+    "Scenario.read": lambda x, r: Scenario.read(x),
+    "Scenario.with_values": lambda x, r: r.scenario.with_values(x),
+    "Scenario[]": lambda x, r: r.scenario[x],
+    "simulate": lambda x, r: simulate(r.scenario, progress=x),
+    "replay": lambda x, r: replay(x, r.scenario),
+    "verdict": lambda x, r: verdict(x),
+    "write_run_page": lambda x, r: write_run_page(x, "page.html"),
+    "write_run_page path": lambda x, r: write_run_page(r, x),
+    "pose": lambda x, r: pose(x, 0, 0, [1.0]),
+    "Result.read": lambda x, r: Result.read(x),
+    "Result.write": lambda x, r: r.write(x),
+    "Study vary": lambda x, r: Study(r.scenario, x),
+    "Study name": lambda x, r: Study(r.scenario, name=x),
+    "Study folder": lambda x, r: Study(r.scenario, folder=x),
+    "Study.from_toml": lambda x, r: Study.from_toml(x),
+    "Study.from_values": lambda x, r: Study.from_values(x),
+    "Study.read": lambda x, r: Study.read(x),
+    "Study.run": lambda x, r: Study(r.scenario).run(x),
+    "Study.run executor": lambda x, r: Study(r.scenario).run(executor=x),
+    "Study.run job": lambda x, r: Study(r.scenario).run(job=x),
+    "StudyResult.open": lambda x, r: StudyResult.open(x),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ran(short: Scenario) -> Result:
+    return simulate(short, 1, 1, segments=True)
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_wrong_types_are_refused_in_words(
+    call: str, ran: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for value in WRONG:
+        with pytest.raises(InputError) as caught:
+            CALLS[call](value, ran)
+        assert len(str(caught.value)) < 300
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "value", [None, "x", b"x", [1], {}, object(), HUGE, float("nan"), float("inf")], ids=str_of
+)
+def test_sizes_and_numbers_out_of_range_are_refused(value: Any, ran: Result) -> None:
+    calls = [
+        lambda: Floor([[1]], value, 1.0),  # type: ignore[arg-type]
+        lambda: Floor([[1]], 1.0, 1.0, value),  # type: ignore[arg-type]
+        lambda: Floor.filling([[1]], value),
+        lambda: ran.floor().fill_ratio_within(value, 1.0),
+        lambda: ran.floor(value),
+        lambda: pose(ran.segments, value, 0, [1.0]),  # type: ignore[arg-type]
+        lambda: pose(ran.segments, 0, value, [1.0]),  # type: ignore[arg-type]
+        lambda: ran.scenario.floor_for(value, 0),
+        lambda: ran.scenario.floor_for(0, value),
+        lambda: measure(value),
+        lambda: make_floor(value, 4, 0.5, 0.0),
+        lambda: make_floor(4, 4, value, 0.0),
+        lambda: make_floor(4, 4, 0.5, value),
+        lambda: make_floor(4, 4, 0.5, 0.0, "x" if value is None else value),
+        lambda: make_floor(4, 4, 0.5, 0.0, None, value),
+        lambda: Study.of(ran.scenario, strategy__name=value) if value != [1] else Study.of(ran.scenario, value),
+    ]  # fmt: skip
+    for call in calls:
+        with pytest.raises(InputError) as caught:
+            call()
+        assert len(str(caught.value)) < 300
+
+
+def test_numbers_of_numpy_are_sizes() -> None:
+    assert Floor.filling([[1, 0]], np.float32(2.0)).tile_width_m == 1.0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5, "2", HUGE], ids=str_of)
+def test_workers_are_a_whole_number(short: Scenario, count: Any) -> None:
+    """Thousands of digits once started threads without end."""
+    with pytest.raises(InputError, match=r"^workers: "):
+        Study(short).run(workers=count)
+
+
+def test_an_unknown_argument_of_run_is_named(short: Scenario) -> None:
+    with pytest.raises(InputError, match=r"^worker: .*did you mean 'workers'"):
+        Study(short).run(worker=2)

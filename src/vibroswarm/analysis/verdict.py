@@ -17,7 +17,7 @@ import polars as pl
 from vibroswarm import tasks
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -102,6 +102,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         InputError: the result holds no such run.
     """
     check_threads()
+    check_kind(result, Result, "result", "a Result, as simulate() returns")
     available = result.runs["run"].to_list()
     run = int(available[0]) if run is None and available else run
     if run is None or run not in available:

@@ -17,16 +17,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from numbers import Real
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
 from vibroswarm.floors.floor import check_size
-from vibroswarm.floors.source import check_fill_ratio, check_seed, random_tiles
+from vibroswarm.floors.source import check_fill_ratio, random_tiles
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
@@ -164,8 +165,14 @@ def _target(
     rows: int, columns: int, fill_ratio: float, moran_index: float, entropy: float | None, seed: int
 ) -> _Target:
     """Check the requested measures and return them as a target."""
+    rows = whole_number_of(rows, "rows", -(2**31), 2**31 - 1)
+    columns = whole_number_of(columns, "columns", -(2**31), 2**31 - 1)
+    seed = whole_number_of(seed, "seed", 0, 2**63 - 1)
+    numbers = {"fill_ratio": fill_ratio, "moran_index": moran_index, "entropy": entropy}
+    for name, value in numbers.items():
+        if not isinstance(value, Real) and (name != "entropy" or value is not None):
+            raise InputError(f"{shown(value)} is not a number", field=name)
     check_size(rows, columns)
-    check_seed(seed)
     check_fill_ratio(fill_ratio)
     if rows * columns > TILE_LIMIT:
         raise InputError(
@@ -173,7 +180,7 @@ def _target(
         )
     if not -1 <= moran_index <= 1:
         raise InputError(
-            f"{moran_index!r} is not a Moran index; give a number from -1 to 1", field="moran_index"
+            f"{shown(moran_index)} is not a Moran index; give a number from -1 to 1", field="moran_index"
         )
     ones = round(fill_ratio * rows * columns)
     if ones in (0, rows * columns):
@@ -184,7 +191,9 @@ def _target(
         )
     if entropy is not None:
         if not 0 <= entropy <= 1:
-            raise InputError(f"{entropy!r} is not an entropy; give a number from 0 to 1", field="entropy")
+            raise InputError(
+                f"{shown(entropy)} is not an entropy; give a number from 0 to 1", field="entropy"
+            )
         if ones < 2:
             raise InputError(
                 "one vibrating tile has no entropy; give a higher fill ratio, or no entropy", field="entropy"

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -53,13 +54,15 @@ class Floor(NotebookView):
         self.tiles.setflags(write=False)
         for field in ("tile_width_m", "tile_height_m"):
             value = getattr(self, field)
-            if not (math.isfinite(value) and value > 0):
+            if not (_is_finite(value) and value > 0):
                 raise InputError(
-                    f"{value!r} is not a size; give a finite number above 0", field=f"floor.{field}"
+                    f"{shown(value)} is not a size; give a finite number above 0", field=f"floor.{field}"
                 )
         for field in ("left_m", "bottom_m"):
-            if not math.isfinite(getattr(self, field)):
-                raise InputError(f"{getattr(self, field)!r} is not finite", field=f"floor.{field}")
+            if not _is_finite(getattr(self, field)):
+                raise InputError(
+                    f"{shown(getattr(self, field))} is not a finite number", field=f"floor.{field}"
+                )
 
     def __repr__(self) -> str:
         rows, columns = self.tiles.shape
@@ -89,6 +92,7 @@ class Floor(NotebookView):
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Return the vibrating share of the tiled area inside an arena of ``width_m`` by ``height_m``; f if
         nothing is cut."""
+        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None:
             return self.fill_ratio
@@ -100,6 +104,7 @@ class Floor(NotebookView):
         """Return a floor called ``name`` whose tiles fill a rectangle of ``width_m`` by ``height_m`` from the
         origin."""
         grid = as_tiles(tiles)
+        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
@@ -119,6 +124,24 @@ class Floor(NotebookView):
         # Compared as floating point numbers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def _is_finite(value: object) -> bool:
+    """Return whether a value is a number, of Python or NumPy, and finite."""
+    if isinstance(value, int) and abs(value) > 10**300:  # too large for a float
+        return False
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def _size_of(value: float, field: str) -> float:
+    """Return a size in m as it is.
+
+    Raises:
+        InputError: it is no finite number above 0.
+    """
+    if not (_is_finite(value) and value > 0):
+        raise InputError(f"{shown(value)} is not a size; give a finite number above 0", field=field)
+    return value
 
 
 @lru_cache(maxsize=64)
@@ -161,7 +184,7 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
             return made_here
     try:
         grid = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("a floor is a rectangle of 0 and 1", field="floor") from None
     if grid.ndim != 2 or grid.size == 0:
         raise InputError(f"a floor is a rectangle of tiles, not of shape {grid.shape}", field="floor")

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.rng import SEED_LIMIT, shuffled
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
 from vibroswarm.floors.io import read_tiles
@@ -262,7 +262,7 @@ def check_fill_ratio(fill_ratio: float) -> None:
         InputError: not a finite number in [0, 1].
     """
     if not 0 <= fill_ratio <= 1:
-        raise InputError(f"{fill_ratio!r} is not a share; give a number from 0 to 1", field="fill_ratio")
+        raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field="fill_ratio")
 
 
 def check_seed(seed: int) -> None:

@@ -7,7 +7,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.fork_guard import check_threads
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
 
 
 def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
@@ -45,10 +45,15 @@ def _along_arcs(
 ) -> NDArray[np.float64]:
     """Return poses on the arcs of the rows of a table of segments or of moves."""
     check_threads()
+    check_kind(arcs, pl.DataFrame, f"{what}s", "a table; simulate with segments=True or moves=True")
+    run, robot = whole_number_of(run, "run", 0, 2**32 - 1), whole_number_of(robot, "robot", 0, 2**16 - 1)
     own = arcs.filter((pl.col("run") == run) & (pl.col("robot") == robot))
     if own.height == 0:
         raise InputError(f"the table has no {what} of robot {robot} in run {run}", field="robot")
-    times = np.asarray(time_s, dtype=np.float64)
+    try:
+        times = np.asarray(time_s, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{shown(time_s)} is not a time; give numbers in s", field="time_s") from None
     start = own["start_s"].to_numpy()
     if times.size and not float(times.min()) >= start[0]:
         raise InputError(f"{times.min():g} s is before the first {what}, at {start[0]:g} s", field="time_s")

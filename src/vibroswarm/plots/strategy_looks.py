@@ -31,6 +31,8 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "dmmd": (0, 3),
     "three_valued": (1, 4),
     "distrust": (2, 5),
+    "field": (3, 6),
+    "explore": (4, 7),
 }
 """Places in ``SERIES`` and ``MARKERS``. Never change them: readers compare pictures of different days."""
 

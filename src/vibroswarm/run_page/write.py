@@ -17,7 +17,7 @@ import polars as pl
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
@@ -117,6 +117,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     Raises:
         InputError: the result has no such run, or was made without segments.
     """
+    check_kind(result, Result, "result", "a Result, as simulate() returns")
     if result.segments is None:
         raise InputError("the page needs positions at all times; simulate with segments=True")
     floor = result.floor(run)
@@ -193,4 +194,5 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
     Raises:
         InputError: the result has no such run, was made without segments, or ``path`` cannot be written.
     """
-    write_page(record_of(result, run), Path(path))
+    path = path_of(path)
+    write_page(record_of(result, run), path)

@@ -18,8 +18,9 @@ from typing import Any, Self
 from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.scenario import plugins, validation
@@ -52,6 +53,7 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: an unknown field, or a value that is wrong.
         """
+        check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         try:
             return cls.model_validate(dict(values))
         except ValidationError as error:
@@ -68,6 +70,7 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: not TOML, or a field, a value or a floor that is wrong.
         """
+        check_kind(text, str, name, "TOML text")
         try:
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # not TOML, or a number with thousands of digits
@@ -85,6 +88,7 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: an unknown preset or field, or a value that is wrong.
         """
+        check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         values = dict(values)
         base = values.pop("preset", None)
         if base is None:
@@ -108,7 +112,7 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: it cannot be read, or something in it is wrong.
         """
-        path = Path(path)
+        path = path_of(path)
         text = read_text(path, "a scenario")
         return cls.from_toml(text, name=str(path), folder=path.parent)
 
@@ -126,8 +130,10 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: an unknown field (the nearest is named), or a value that is wrong.
         """
+        check_kind(values, Mapping, "values", "a table of values by dotted name")
         data = self.model_dump(exclude_none=True)
         for name, value in values.items():
+            check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
             if not field and section in data:
                 raise InputError(
@@ -178,7 +184,15 @@ class Scenario(Sections, NotebookView):
         return field_names()
 
     def floor_for(self, seed: int, run: int) -> Floor:
-        """Return the floor of ``run``: fixed, or the random one of (seed, run)."""
+        """Return the floor of ``run``: fixed, or the random one of (seed, run).
+
+        Raises:
+            InputError: the ``seed`` or ``run`` is no whole number, or out of range.
+        """
+        seed, run = (
+            whole_number_of(seed, "seed", 0, SEED_LIMIT - 1),
+            whole_number_of(run, "run", 0, 2**32 - 1),
+        )
         return self.floor.placed_in(self.arena, seed, run)
 
     @property
@@ -202,13 +216,18 @@ class Scenario(Sections, NotebookView):
         return tuple(choice.code for choice in self.choices if choice.code is not None)
 
 
-@cache
 def preset(name: str) -> Scenario:
     """Return the preset of that name.
 
     Raises:
         InputError: there is no such preset; the nearest is named.
     """
+    check_kind(name, str, "preset", "the name of a preset")
+    return _preset(name)
+
+
+@cache
+def _preset(name: str) -> Scenario:
     return Scenario.from_toml(preset_text(name), name=name)
 
 
@@ -228,6 +247,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
     Raises:
         InputError: there is no such field.
     """
+    check_kind(name, str, "field", "the dotted name of a field")
     section, _, field = name.partition(".")
     node = getattr(scenario, section, None)
     table, separator, last = field.partition(".")

@@ -74,7 +74,9 @@ def plotted(result: StudyResult, name: str, style: str) -> Picture:
     Raises:
         InputError: the study has no such picture; the message lists those that it has.
     """
-    named = {picture.name: picture for picture in pictures_of(outcome_of(result))}
+    named = {picture.name: picture for picture in pictures_of(outcome_of(result, compare=False))}
+    if name not in named:  # comparisons replay runs, which takes longer
+        named = {picture.name: picture for picture in pictures_of(outcome_of(result))}
     check_choice(name, "name", named)
     return named[name].draw(style=style)
 

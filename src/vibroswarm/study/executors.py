@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from vibroswarm.errors import InputError, RunError, nearest
+from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
 
@@ -38,6 +38,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 NAMES: Final = ("threads", "processes")
+MOST_WORKERS: Final = 4096
 CONNECT_S: Final = 10.0
 """Time limit for a scheduler to answer."""
 CLOSE_S: Final = 5.0
@@ -89,8 +90,9 @@ def workers_for(
     Raises:
         InputError: no such executor or file, or no scheduler answers.
     """
-    if count is not None and count < 1:
-        raise InputError(f"{count} is too few; at least 1", field="workers")
+    if count is not None:
+        count = whole_number_of(count, "workers", 1, MOST_WORKERS)
+    check_kind(executor, (str, Executor), "executor", "the name of an executor, or an Executor")
     if isinstance(executor, Executor):
         yield Workers(executor, count or _width(executor), type(executor).__name__)
     elif executor == "threads":

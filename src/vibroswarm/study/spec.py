@@ -27,7 +27,16 @@ import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, check_format, nearest, shown, whole_number_of
+from vibroswarm.errors import (
+    InputError,
+    check_choice,
+    check_format,
+    check_kind,
+    nearest,
+    path_of,
+    shown,
+    whole_number_of,
+)
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -130,6 +139,14 @@ class Study(NotebookView):
             object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
         if not isinstance(self.base, Mapping):
             raise InputError("is a scenario, or its sections by name", field="base")
+        check_kind(self.vary, Mapping, "vary", "a table of blocks, such as {'grid': {field: values}}")
+        check_kind(self.name, str, "name", "a text")
+        check_kind(self.motion, str, "motion", "the name of a source of motion")
+        check_kind(self.keep, (tuple, list), "keep", "a list of tables")
+        if self.until is not None:
+            check_kind(self.until, Precision, "until", "a Precision")
+        if self.folder is not None:
+            object.__setattr__(self, "folder", path_of(self.folder, "folder"))
         if (self.runs is None) == (self.until is None):
             raise InputError("give either a number of runs or a precision", field="runs")
         if self.runs is not None:
@@ -176,6 +193,9 @@ class Study(NotebookView):
         Raises:
             InputError: an unknown field, or a value that is wrong.
         """
+        for name, values in grid.items():
+            if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+                raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
         vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
         return cls(scenario, {"grid": vary} if vary else {}, runs, seed=seed)
 
@@ -188,6 +208,7 @@ class Study(NotebookView):
         Raises:
             InputError: not TOML, or naming what is wrong in it.
         """
+        check_kind(text, str, name, "TOML text")
         return cls.from_values(parsed_toml(text, name), name=name, folder=folder)
 
     @classmethod
@@ -201,6 +222,8 @@ class Study(NotebookView):
         Raises:
             InputError: naming what is wrong, and what would be right.
         """
+        check_kind(values, Mapping, name, "a table of values")
+        folder = None if folder is None else path_of(folder, "folder")
         with plugins.search_beside(folder):
             return cls._from_values(values, name, folder)
 
@@ -251,7 +274,7 @@ class Study(NotebookView):
         Raises:
             InputError: it cannot be read, or something in it is wrong.
         """
-        path = Path(path)
+        path = path_of(path)
         return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
 
     def to_toml(self) -> str:

@@ -19,7 +19,18 @@ import polars as pl
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag, whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.progress_line import ProgressLine, is_watched
-from vibroswarm.errors import InputError, RunError, check_choice, check_keywords, nearest, shown
+from vibroswarm.errors import (
+    InputError,
+    RunError,
+    check_callable,
+    check_choice,
+    check_keywords,
+    check_kind,
+    nearest,
+    path_of,
+    shown,
+    whole_number_of,
+)
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
@@ -28,7 +39,7 @@ from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
 from vibroswarm.study.sequential_stopping import Settled, runs_that_count, settled
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import SHARDS, Store
 
 if TYPE_CHECKING:
@@ -73,7 +84,7 @@ class StudyResult(NotebookView):
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
         """Open the study in a folder."""
-        store = Store.open(folder)
+        store = Store.open(path_of(folder, "folder"))
         return cls(store.study, store, tuple(cell.number for cell in store.study.cells))
 
     @cached_property
@@ -225,6 +236,8 @@ class StudyResult(NotebookView):
 
     def runs_there(self, cell: int, most: int) -> list[int]:
         """List the first ``most`` stored runs of a cell: all from 0, unless some failed."""
+        self.cell(cell)
+        most = whole_number_of(most, "most", 0, MOST_RUNS)
         ranges = sorted(self.store.ranges(self._group_of[cell].number))
         stored = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
         return [run for run in stored if run < self.runs_of(cell)][:most]
@@ -286,7 +299,7 @@ class StudyResult(NotebookView):
         """
         from vibroswarm.study.comparison import reported
 
-        return reported(self, None if folder is None else Path(folder), replace)
+        return reported(self, None if folder is None else path_of(folder, "folder"), replace)
 
     def _table(self, table: str) -> pl.DataFrame:
         check_choice(table, "table", TABLES)
@@ -352,6 +365,10 @@ def run(
     allow_failures: bool = False,
 ) -> StudyResult:
     """Run a study and return its result; see ``runner.run_study``. Without a folder it is saved only temporarily."""
+    folder = None if folder is None else path_of(folder, "folder")
+    check_callable(progress, "progress")
+    if job is not None:
+        check_kind(job, Job, "job", "a Job")
     kept = _TemporaryFolder() if folder is None else None
     target = kept.folder / "study" if kept is not None else Path(folder or "")
     store = run_study(

@@ -1,0 +1,62 @@
+"""The bar of ``Study.run``: what it shows, and where."""
+
+from __future__ import annotations
+
+import io
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from vibroswarm import Study, preset
+from vibroswarm.core import progress_line
+from vibroswarm.core.progress_line import ProgressLine, in_notebook, is_watched
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_line_is_rewritten_and_always_ends_at_the_last_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 1.0, 1.01, 1.02])
+    monkeypatch.setattr(progress_line.time, "monotonic", lambda: next(clock))
+    out = io.StringIO()
+    line = ProgressLine("simulating", out)
+    line.show(30, 120)
+    line.show(60, 120)  # too soon
+    line.show(120, 120, "1 batches failed")
+    line.end()
+    first, last = out.getvalue().removesuffix("\n").split("\r")[1:]
+    assert first == f"simulating [{'#' * 7}{'.' * 23}] 30 of 120 runs, 30 per second, 3 s left"
+    assert last.startswith(f"simulating [{'#' * 30}] 120 of 120 runs, ")
+    assert last.endswith("1 batches failed")
+    assert len(last) >= len(first)
+
+
+def test_a_bar_is_shown_where_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = Study.of(SHORT, 2)
+    for stream, progress, shows in (
+        (Terminal(), True, True),
+        (Terminal(), False, False),
+        (io.StringIO(), True, False),
+    ):
+        monkeypatch.setattr(sys, "stderr", stream)
+        study.run(progress=progress)
+        assert ("2 of 2 runs" in stream.getvalue()) == shows
+    seen: list[int] = []
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    study.run(progress=lambda now: seen.append(now.done))
+    assert seen[-1] == 2
+    assert sys.stderr.getvalue() == ""  # type: ignore[attr-defined]
+
+
+def test_a_notebook_is_known_by_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not in_notebook()
+    for config, known in (({"IPKernelApp": {}}, True), ({}, False)):
+        shell = SimpleNamespace(get_ipython=lambda config=config: SimpleNamespace(config=config))
+        monkeypatch.setitem(sys.modules, "IPython", shell)  # type: ignore[arg-type]
+        assert in_notebook() is known
+        assert is_watched(io.StringIO()) is known
