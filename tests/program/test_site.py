@@ -214,6 +214,44 @@ def test_pages_are_whole_on_a_phone(site, browser, name, scheme):
     assert wrong == []
 
 
+SOUGHT = {
+    "moran": "Floors",
+    "install": "Tutorial",
+    "own strategy": "How to write your own strategy",
+    "confidence interval": "Statistics",
+    "packet loss": "Networks",
+    "cluster": "On more machines than one",
+    "robots fail": "Robots that fail",
+    "kilosim": "Coming from ARGoS, Webots, Kilosim",
+    "belief_below": "vibroswarm.robot.belief.belief_below",
+}
+"""What readers look for, and the beginning of the first result."""
+
+
+def test_the_search_finds_the_right_page_first_with_an_excerpt(site, browser):
+    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 800})
+    first = {}
+    for query in SOUGHT:
+        tab.goto((site / "search.html").as_uri() + "?q=" + query.replace(" ", "+"))
+        tab.locator("#search-results li a").first.wait_for()
+        first[query] = tab.locator("#search-results li > a").first.inner_text()
+        if "_" not in query:
+            excerpt = tab.locator("#search-results li").first.locator(".excerpt")
+            excerpt.wait_for()
+            assert len(excerpt.inner_text()) > 20
+    assert {q: first[q] for q in SOUGHT if not first[q].startswith(SOUGHT[q])} == {}
+    assert wrong == []
+
+
+def test_the_front_page_plays_an_inspection(site, browser):
+    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 900})
+    player = tab.frame_locator(".replay iframe")
+    player.locator("#actors").wait_for()
+    assert "0.48" in player.locator("body").inner_text()
+    assert (site / "_static" / "replay.html").stat().st_size < 400_000
+    assert wrong == []
+
+
 def test_the_search_works_from_disk(site, browser):
     tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 800})
     tab.fill("input[name=q]", "moran")
