@@ -183,6 +183,20 @@ def test_every_public_name_is_in_the_reference(site):
     assert not documented("vibroswarm.core.rng", "uniform", known)
 
 
+def internals(names: set[str]) -> set[str]:
+    """Names that are not for users: with an underscore, and functions of shipped strategies that the engine calls."""
+    hooks = r"vibroswarm\.strategies\.(?!base\.|bayes\.|soft\.)\w+\.(begin|on_\w+|decision|State|Message)"
+    return {name for name in names if re.search(r"\._[a-z]", name) or re.fullmatch(hooks, name)}
+
+
+def test_the_reference_has_no_internals(site):
+    assert internals(inventory(site)) == set()
+    assert internals({"vibroswarm.strategies.mcp.on_sample", "vibroswarm.a._b", "vibroswarm.simulate"}) == {
+        "vibroswarm.strategies.mcp.on_sample",
+        "vibroswarm.a._b",
+    }
+
+
 def test_every_module_of_the_reference_is_one(site):
     modules = re.findall(r"automodule:: (\S+)", "\n".join(p.read_text() for p in (DOCS / "api").glob("*.md")))
     for module in modules:
@@ -259,7 +273,7 @@ def test_the_search_works_from_disk(site, browser):
     found = tab.locator("#search-results li a")
     found.first.wait_for()
     assert "Floors" in found.all_inner_texts()
-    tab.get_by_role("link", name="Floors", exact=True).last.click()
+    tab.locator("#search-results li > a").get_by_text("Floors", exact=True).first.click()
     assert tab.locator("h1").first.inner_text().startswith("Floors")
     tab.goto((site / "search.html").as_uri() + "?q=zzzznothing")
     tab.get_by_text("did not match any documents").wait_for()
