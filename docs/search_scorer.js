@@ -23,20 +23,26 @@ const bestSection = (page, words) => {
   return best;
 };
 
-const GENERATED = ["commands", "scenario"];
+const LISTS = ["commands", "scenario", "glossary", "paper"]; // they name everything, and explain little
 const isName = (words) => words.some((word) => word.includes("_"));
 
 var Scorer = {
   score: ([page, title, anchor, , score, , kind]) => {
     const words = queryWords();
-    if (kind === "object") return isName(words) ? score + 30 : score - 40;
+    if (kind === "object") {
+      if (isName(words)) return score + 30;
+      return title === `vibroswarm.${words.join("")}` ? 20 : score - 40; // a public name comes early, others last
+    }
     const texts = SECTION_TEXTS[page];
     if (!texts || !words.length) return score - 20;
     const whole = ["", title, texts.map(([, head, text]) => `${head} ${text}`).join(" ")];
-    const inTitle = words.filter((word) => countOf(texts[0]?.[1] ?? "", word)).length / words.length;
+    const head = `${page.replaceAll("-", " ")} ${texts[0]?.[1] ?? ""}`;
+    const inTitle = words.filter((word) => countOf(head, word)).length / words.length;
+    const phrase = words.length > 1 ? countOf(whole[2], words.join(" ")) : 0;
     const best = bestSection(page, words)?.weight ?? 0;
-    const found = 4 * Math.log2(1 + best) + 2 * Math.log2(1 + weightOf(whole, words)) + 8 * inTitle;
-    return found + (anchor ? 0 : 1) + Math.min(score, 15) / 4 - (GENERATED.includes(page) ? 6 : 0);
+    const found = 4 * Math.log2(1 + best) + 2 * Math.log2(1 + weightOf(whole, words)) + 10 * inTitle
+      + 3 * Math.log2(1 + phrase);
+    return found + (anchor ? 0 : 1) + Math.min(score, 15) / 4 - (LISTS.includes(page) ? 9 : 0);
   },
   objNameMatch: 11, objPartialMatch: 6, objPrio: { 0: 15, 1: 5, 2: -5 }, objPrioDefault: 0,
   title: 15, partialTitle: 7, term: 5, partialTerm: 2,
