@@ -296,7 +296,7 @@ def test_ctrl_c_ends_with_130_and_leaves_nothing_half_written(tmp_path):
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
-    assert err.splitlines()[-1] == "vibroswarm: interrupted"
+    assert err.splitlines()[-1] == "vibroswarm: interrupted; nothing is saved"
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
 
