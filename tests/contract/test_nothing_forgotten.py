@@ -95,6 +95,7 @@ def test_a_field_changes_hash_and_plan(name: str) -> None:
     section, _, field = name.partition(".")
     moves = section in OF_MOTION and name not in ONE_MOTION
     moves |= section == "faults" and field in MotionFaults.model_fields
+    moves |= name.startswith("strategy.explore.")  # which steers
     assert motions == (2 if moves else 1)
 
 

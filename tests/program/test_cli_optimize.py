@@ -240,7 +240,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["--sensitivity", "--budget", "10"], "too few"),
         (["--style", "poster"], "style"),
-        (["--workers", "0", "--budget", "1000"], "at least 1"),
+        (["--workers", "0", "--budget", "1000"], "a whole number from 1"),
     ],
 )
 def test_bad_input_is_told_and_ends_with_2(

@@ -202,7 +202,7 @@ BAD = {
     "sweep newer.toml": ("is of format", "update vibroswarm"),
     "sweep one.toml --runs 0": ("runs: 0 is wrong",),
     "sweep one.toml --runs many": ("--runs", "'many' is not a whole number"),
-    "sweep one.toml --workers 0": ("workers: 0 is too few",),
+    "sweep one.toml --workers 0": ("workers: 0 is wrong; give a whole number from 1",),
     "sweep one.toml --workers x": ("--workers", "not a whole number"),
     "sweep one.toml --executor thread": ("executor", "did you mean 'threads'?"),
     "sweep one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),

@@ -57,6 +57,7 @@ LAYERS_ABOVE: Final = (
     "calibrate",
     "paper",
     "export",
+    "notebook",
     "testing",
 )
 """Packages above the simulation: they hold no kernel and change no table of a result."""

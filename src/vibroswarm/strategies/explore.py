@@ -123,7 +123,8 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     """Add and send the sample whose place is known by now, decide, and choose where to drive."""
     sends: bool = add_own(s, a, x, out, d, p, w)
     if x.number > 0:
-        s.step_m += STEP_MEMORY * (math.hypot(x.x_m - s.last_x_m, x.y_m - s.last_y_m) - s.step_m)
+        along_m, aside_m = x.x_m - s.last_x_m, x.y_m - s.last_y_m
+        s.step_m += STEP_MEMORY * (math.sqrt(along_m * along_m + aside_m * aside_m) - s.step_m)
     s.last_x_m, s.last_y_m = x.x_m, x.y_m
     a.visited_s[tile_at(x.x_m, x.y_m, w)] = x.t_s
     choose_direction(s, a, x, p, w)
@@ -168,7 +169,8 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
             continue
         worth = 0.0
         for t in range(w.rows * w.columns):
-            away_m = math.hypot(middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m)
+            along_m, aside_m = middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m
+            away_m = math.sqrt(along_m * along_m + aside_m * aside_m)
             worth += a.uncertainty[t] * math.exp(-away_m / p.range_m)
         worth *= 1.0 - p.turn_cost * abs(turn_rad) / math.pi
         if worth > most:

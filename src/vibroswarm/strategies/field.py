@@ -91,8 +91,8 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     for b in range(BLOCKS):
         a.mean[b] = 0.5
         for c in range(b + 1):
-            across, down = abs(b % SIDE - c % SIDE), abs(b // SIDE - c // SIDE)
-            a.covariance[at] = a.gain[down * SIDE + across]
+            blocks_across, blocks_down = abs(b % SIDE - c % SIDE), abs(b // SIDE - c // SIDE)
+            a.covariance[at] = a.gain[blocks_down * SIDE + blocks_across]
             total += a.covariance[at] * (1.0 if b == c else 2.0)
             at += 1
     s.variance = total / (BLOCKS * BLOCKS)
