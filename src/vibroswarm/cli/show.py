@@ -85,7 +85,10 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
         _show_result(folder, arguments)
         return
     if arguments.json:
-        results = show_study.results_of(store) if store is not None and there is None else None
+        results = None
+        if store is not None and there is None:
+            results, needed = show_study.results_or_need(store)
+            document |= {"results_need": needed} if needed else {}
         if there is not None:
             document |= {"command": there.command, "printed": there.blocks}
         print_json(document | ({} if results is None else {"results": results.as_dict()}))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.study.store import Store
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
 
 MOST_FAILED = 5
 """Batches that are listed one by one."""
+OF_CODE: Final = ("strategy.name", "network.name", "task.name")
+"""Fields that may name code of the user's."""
 
 
 def state_of(store: Store) -> dict[str, Any]:
@@ -122,11 +126,25 @@ def results_of(store: Store) -> Outcome | None:
     return outcome_of(result, StudyResult.open(second) if (second / HEAD).exists() else None)
 
 
+def results_or_need(store: Store) -> tuple[Outcome | None, str]:
+    """Return the results of a study; or None, and which code of the user's they need, which ``show`` does not run."""
+    try:
+        return results_of(store), ""
+    except InputError as error:
+        if error.field not in OF_CODE:
+            raise
+        return None, str(error)
+
+
 def print_results(store: Store) -> None:
     """Print the tables of a study."""
-    from vibroswarm.cli.output import print_line, print_tables
+    from vibroswarm.cli.output import print_line, print_paragraph, print_tables
 
-    outcome = results_of(store)
+    outcome, needed = results_or_need(store)
+    if needed:
+        print_paragraph(
+            f"Results need code that is not loaded ({needed}); the command that made them prints them again."
+        )
     if outcome is not None:
         print_line()
         print_tables(outcome)
