@@ -78,6 +78,7 @@ def nothing_of_others_stays() -> Iterator[None]:
     from vibroswarm.strategies import base as strategies
     from vibroswarm.tasks import base as tasks
 
+    os.environ.pop("COLUMNS", None)  # of the terminal in which tests run; those about widths set their own
     before = {room: set(room.known()) for room in (strategies, networks, tasks, source)}
     yield
     for room, names in before.items():

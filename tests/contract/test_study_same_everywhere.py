@@ -394,7 +394,7 @@ def test_a_scheduler_file_that_is_none(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("count", [0, -1])
 def test_too_few_workers(count: int) -> None:
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="whole number from 1"):
         STUDY.run(workers=count)
 
 
