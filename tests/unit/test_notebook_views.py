@@ -2,53 +2,20 @@
 
 from __future__ import annotations
 
+import html
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers.markup import HOSTILE, Markup
 from vibroswarm import Floor, Result, Scenario, Study, StudyResult, preset, simulate, verdict
 from vibroswarm.motion.source import source
 from vibroswarm.notebook.elements import escaped, page, table
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
-HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&$x_$</iframe>"
-"""Markup, both quotes, a dollar for formulas, and the end of a frame."""
-
-
-class Markup(HTMLParser):
-    """Elements and attributes of a view, and the documents of its frames."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str | None]] = []
-        self.text = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-    @property
-    def frames(self) -> list[str]:
-        return [value or "" for name, value in self.attributes if name == "srcdoc"]
-
-    def check_inert(self) -> None:
-        """Fail if the view itself has a script or a handler, or loads anything."""
-        assert not {"script", "object", "embed", "link", "form", "base", "meta"} & set(self.tags)
-        assert not [name for name, _ in self.attributes if name.startswith("on")]
-        assert all(
-            value.startswith("data:image/") for name, value in self.attributes if name == "src" and value
-        )
-        assert not [name for name, _ in self.attributes if name == "href"]
 
 
 @pytest.fixture(scope="module")
@@ -173,3 +140,17 @@ def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
         studied.plot("robots_wrongs")
     with pytest.raises(ValueError, match="did you mean 'none'"):
         studied.compare("non")
+
+
+@pytest.mark.slow
+def test_a_study_writes_its_report_and_shows_it(studied: StudyResult, tmp_path: Path) -> None:
+    report = studied.report(tmp_path / "report")
+    document = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert report.path == tmp_path / "report" / "report.html"
+    assert studied.compare().answers[0].sentence in html.unescape(document).replace("\u00a0", " ")
+    view = Markup(report._repr_html_())
+    view.check_inert()
+    assert view.frames == [document]
+    assert repr(report) == f"ReportFile({str(report.path)!r})"
+    with pytest.raises(ValueError, match="exists already"):
+        studied.report(tmp_path / "report")

@@ -32,6 +32,8 @@ def public() -> Iterator[tuple[str, Any]]:
 
 def missing(found: Any) -> list[str]:
     """What the docstring does not say: parameters, and that it raises."""
+    if not inspect.isclass(found) and not inspect.isroutine(found):
+        found = type(found)  # an object
     text = inspect.getdoc(found) or ""
     if not text:
         return ["a docstring"]

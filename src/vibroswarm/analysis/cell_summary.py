@@ -49,6 +49,7 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
     wilson,
 )
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
     RUNS,
@@ -70,7 +71,7 @@ FIGURES: Final = (
 """Columns that are computed, in order."""
 
 
-class ByRun:
+class ByRun(NotebookView):
     """Robots grouped by run; sums have a fixed order, whatever the number of threads.
 
     Args:
@@ -125,7 +126,7 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
 
 
 @dataclass(frozen=True)
-class CellSummary:
+class CellSummary(NotebookView):
     """Figures of a cell, see the head of this module; times in s."""
 
     runs: int

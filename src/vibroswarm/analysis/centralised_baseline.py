@@ -35,6 +35,7 @@ from vibroswarm.analysis.intervals import (
     sign_flip_interval,
     wilson,
 )
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
@@ -46,7 +47,7 @@ THRESHOLDS: Final = 400
 
 
 @dataclass(frozen=True)
-class PooledCounting:
+class PooledCounting(NotebookView):
     """The reference and the strategy on the judged half of the runs; times in s."""
 
     rule: Rule
@@ -142,7 +143,7 @@ def pooled_counting(
 
 
 @dataclass(frozen=True)
-class Passages:
+class Passages(NotebookView):
     """Time and side at which the evidence of each run first passes each threshold; tables (runs, thresholds)."""
 
     thresholds: NDArray[np.float64]

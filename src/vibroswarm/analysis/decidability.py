@@ -38,6 +38,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
+from vibroswarm.core.notebook_view import NotebookView, html_view
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on
@@ -57,7 +58,7 @@ _STEPS = 200
 
 
 @dataclass(frozen=True)
-class Decidability:
+class Decidability(NotebookView):
     """Whether the question can be decided from own samples; see the head of this module."""
 
     verdict: Word
@@ -238,6 +239,9 @@ class ObservedShare(NamedTuple):
     effective_samples: float
     tiles: int
     """Number of tiles that were sampled; others are left out."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
+from vibroswarm.core.notebook_view import html_view
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999
@@ -53,6 +54,9 @@ class Interval(NamedTuple):
     level: float
     n: int
     how: str
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; None for what is not finite."""
@@ -250,6 +254,9 @@ class SignFlip(NamedTuple):
 
     interval: Interval
     p_value: float
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:

@@ -35,6 +35,7 @@ from vibroswarm.analysis.cell_summary import ByRun
 from vibroswarm.analysis.forced_error import forced_error_by_robot
 from vibroswarm.analysis.intervals import Interval, generator
 from vibroswarm.analysis.tradeoff import replayed
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario
@@ -52,7 +53,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Reached:
+class Reached(NotebookView):
     """What a scenario reaches with its settings: (points, runs) each; the first point is the scenario as it is."""
 
     time_s: Array
@@ -60,7 +61,7 @@ class Reached:
 
 
 @dataclass(frozen=True)
-class MatchedError:
+class MatchedError(NotebookView):
     """Two strategies at equal error, and at equal time; times in s, errors as shares."""
 
     of_first: bool

@@ -52,6 +52,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, wilson, wilson_limits
 from vibroswarm.analysis.tile_posterior import Prior, Values, log_prior, log_ratios, mirrored, sides_of
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, sides_inside
 from vibroswarm.posterior.boundary_side import SMALL, needs_chains, sides_until_known
@@ -64,7 +65,7 @@ UNSETTLED: Final = 0.05
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(NotebookView):
     """When the side of the boundary could be known; times in s."""
 
     prior: str

@@ -35,6 +35,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from vibroswarm.analysis.intervals import Interval, check_level, plain, sign_flip
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
 FIGURES: Final = {
@@ -50,7 +51,7 @@ DIRECTIONS: Final = FIGURES | {"forced_error": -1, "swarm_right": 1, "swarm_wron
 
 
 @dataclass(frozen=True)
-class Paired:
+class Paired(NotebookView):
     """One figure in two cells: ``difference`` is first - second, over runs that have the figure in both.
 
     A win is a run in which the first cell does better. ``p_holm`` is corrected over the family it was compared in.
@@ -150,7 +151,7 @@ def holm(p_values: ArrayLike) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Confirmation:
+class Confirmation(NotebookView):
     """A comparison on a first block of seeds and its repetition on a second."""
 
     first: Paired

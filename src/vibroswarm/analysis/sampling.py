@@ -49,6 +49,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.result import Result
@@ -90,7 +91,7 @@ def walk_figures(
     return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
 
 
-class Walk:
+class Walk(NotebookView):
     """``walk_figures`` of one motion for many floors and sensors; what does not depend on these is computed once.
 
     Args:

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(NotebookView):
     """Camera model, see the head of this module."""
 
     magnification: float = 1.0

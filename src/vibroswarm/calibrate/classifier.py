@@ -31,6 +31,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -43,7 +44,7 @@ RIDGE: Final = 3.0
 
 
 @dataclass(frozen=True)
-class ClassifierAccuracy:
+class ClassifierAccuracy(NotebookView):
     """Balanced accuracy of the classifier; intervals over sessions."""
 
     simulated: Interval

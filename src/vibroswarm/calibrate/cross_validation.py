@@ -24,6 +24,7 @@ from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.features import FEATURES, values_of
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario
@@ -37,7 +38,7 @@ _SEED: Final = 34
 
 
 @dataclass(frozen=True)
-class Score:
+class Score(NotebookView):
     """Similarity and energy distance of one feature of a held-out session to three sources, at equal counts; nan if
     missing.
     """
@@ -53,7 +54,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Reading:
+class Reading(NotebookView):
     """A statistic of the held-out session, with mean and standard deviation over simulated sessions."""
 
     name: str
@@ -68,7 +69,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Fold:
+class Fold(NotebookView):
     """Result for one held-out session."""
 
     session: int

@@ -14,6 +14,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.threshold import edge_distance
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Dataset:
+class Dataset(NotebookView):
     """Sessions, numbered consecutively over all recordings (column ``run``)."""
 
     samples: pl.DataFrame

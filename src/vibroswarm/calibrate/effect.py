@@ -15,6 +15,7 @@ import polars as pl
 from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
 
@@ -24,7 +25,7 @@ BATCH: Final = 100
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(NotebookView):
     """One strategy: figures and shares of each consensus for both scenarios, and the differences (second - first)."""
 
     strategy: str

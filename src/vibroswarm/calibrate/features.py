@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.recording import Recording
@@ -184,7 +185,7 @@ def shapeless(feature: str, u: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Sessions:
+class Sessions(NotebookView):
     """Samples of several sessions (runs), and their features."""
 
     samples: tuple[pl.DataFrame, ...]

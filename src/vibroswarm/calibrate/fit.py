@@ -22,6 +22,7 @@ from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,7 @@ INTERRUPTED_BELOW: Final = 0.02
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Fitted(NotebookView):
     """An estimate with its standard error and 95 % interval (bootstrap over robots and sessions, or posterior)."""
 
     name: str
@@ -52,7 +53,7 @@ class Fitted:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(NotebookView):
     """The fitted scenario, the estimates behind it, and checks."""
 
     scenario: Scenario

@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 
 Floats = NDArray[np.float64]
@@ -39,7 +40,7 @@ _BOUNDS: Final = [(-10.0, 10.0), (-3.0, 3.0), (-3.0, 3.0), (-3.0, 8.0), (-2.0, 2
 
 
 @dataclass(frozen=True)
-class CameraFit:
+class CameraFit(NotebookView):
     """The camera, its bootstrap draws by parameter, (draws,), and twice the gain in log likelihood."""
 
     camera: Camera

@@ -29,6 +29,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
 MOST_SHIFTED: Final = 3
@@ -38,7 +39,7 @@ STEPS: Final = (1, 2, 3, 5, 10, 20)
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class Windows(NotebookView):
     """The intervals between a robot's samples; one entry each, in order of time."""
 
     run: int
@@ -50,7 +51,7 @@ class Windows:
 
 
 @dataclass(frozen=True)
-class Bursts:
+class Bursts(NotebookView):
     """A Gilbert-Elliott model of receivers; without bursts if ``bad_share`` is 0."""
 
     bad_share: float

@@ -23,6 +23,7 @@ from vibroswarm.calibrate.similarity import (
     compare_feature,
 )
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(NotebookView):
     """Result of ``compare``; features that one of the two lacks are missing."""
 
     similarities: tuple[Similarity, ...]

@@ -19,6 +19,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_in
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
 FIGURES: Final[dict[str, tuple[str, float]]] = {
@@ -51,7 +52,7 @@ SHARES: Final = ("share_between", "avoid_none", "false_positive", "false_negativ
 
 
 @dataclass(frozen=True)
-class Figure:
+class Figure(NotebookView):
     """A statistic of a source: by session (None if undefined), and over sessions."""
 
     name: str

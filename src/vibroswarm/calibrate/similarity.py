@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.distances import sum_of_distances
+from vibroswarm.core.notebook_view import NotebookView, html_view
 from vibroswarm.core.rng import Purpose, uniforms
 
 Floats = NDArray[np.float64]
@@ -51,7 +52,7 @@ _SEED: Final = 20
 
 
 @dataclass(frozen=True)
-class Spread:
+class Spread(NotebookView):
     """Mean and range over pairs of sessions."""
 
     mean: float
@@ -61,7 +62,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Similarity:
+class Similarity(NotebookView):
     """Similarity of one feature of two sources by the authors' measure, with null and ceiling."""
 
     feature: str
@@ -191,7 +192,7 @@ MOST: Final = 4000
 
 
 @dataclass(frozen=True)
-class EnergyDistance:
+class EnergyDistance(NotebookView):
     """Effect size of a feature, real against simulated and real against real."""
 
     feature: str
@@ -241,6 +242,9 @@ class RealDistances(NamedTuple):
     """Mean distance within each session."""
     against: Interval | None
     """Effect size of each against the others; None with one session."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 RealCache = dict[str, RealDistances]

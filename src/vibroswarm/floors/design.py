@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
@@ -73,7 +74,7 @@ _MENDABLE_MISS: Final = 0.1  # a longer search does not mend a larger miss
 
 
 @dataclass(frozen=True)
-class FloorDesign:
+class FloorDesign(NotebookView):
     """A designed floor.
 
     Args:

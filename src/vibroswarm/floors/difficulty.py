@@ -27,13 +27,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import as_tiles
 from vibroswarm.floors.source import pattern
 
 
 @dataclass(frozen=True)
-class Difficulty:
+class Difficulty(NotebookView):
     """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined.
 
     Args:

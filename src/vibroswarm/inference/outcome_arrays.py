@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array, capped_time_s, estimate_of, numbers, right_of, wrong_of
 from vibroswarm.scenario.scenario import Scenario
@@ -19,7 +20,7 @@ POLL_S: Final = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Outcomes:
+class Outcomes(NotebookView):
     """Outcomes of some runs of one scenario as arrays; times in s, ``t_end_s`` is the end of the runs.
 
     The study's search ended a run when all had decided, which it checked every 20 s, or at T_end, and took the

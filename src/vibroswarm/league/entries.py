@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.analysis.matched_error import front_settings
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.source import is_random, pattern
@@ -38,7 +39,7 @@ FILLS: Final = (0.46, 0.48)
 
 
 @dataclass(frozen=True)
-class Entry:
+class Entry(NotebookView):
     """A strategy and the fields that it sets.
 
     Args:
@@ -59,7 +60,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class LeagueFloor:
+class LeagueFloor(NotebookView):
     """A floor that all strategies meet.
 
     Args:

@@ -34,6 +34,7 @@ from scipy.stats import ttest_1samp
 from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import capped_time_s, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
@@ -52,7 +53,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class League:
+class League(NotebookView):
     """Strategies that meet on the same floors, motion, readings and radio.
 
     Args:
@@ -100,7 +101,7 @@ class League:
 
 
 @dataclass(frozen=True)
-class Standings:
+class Standings(NotebookView):
     """What came of a league.
 
     Args:

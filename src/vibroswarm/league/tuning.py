@@ -24,6 +24,7 @@ from typing import Any, Final
 import polars as pl
 import tomli_w
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.league.entries import Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
@@ -39,7 +40,7 @@ BASE: Final = "base"
 
 
 @dataclass(frozen=True)
-class Tuned:
+class Tuned(NotebookView):
     """Settings found.
 
     Args:

@@ -32,6 +32,11 @@ def paragraph(text: str) -> str:
     return f'<p style="margin: 4px 0">{escaped(text)}</p>'
 
 
+def details(title: str, text: str) -> str:
+    """Return plain text that opens on a click."""
+    return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
+
+
 def rows(values: Mapping[str, object]) -> str:
     """Return names with their values, one pair per line."""
     lines = "".join(

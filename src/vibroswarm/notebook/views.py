@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import io
 from functools import singledispatch
+from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict, verdict
 from vibroswarm.analysis.verdict_words import confidence, headline, robot_row
 from vibroswarm.errors import shown
+from vibroswarm.floors.design import FloorDesign
 from vibroswarm.floors.floor import Floor
-from vibroswarm.notebook.elements import card, image, page, paragraph, rows, table
+from vibroswarm.notebook.elements import card, details, image, page, paragraph, rows, table
+from vibroswarm.notebook.records import MOST_ROWS, record
 from vibroswarm.plots.picture import Picture, picture_bytes
 from vibroswarm.plots.run import floor_figure, run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
+from vibroswarm.scenario.field_names import FieldNames
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.comparison import Comparison, ReportFile
 from vibroswarm.study.spec import Study
@@ -24,20 +28,35 @@ from vibroswarm.study.study_result import StudyResult
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_ROWS: Final = 20
-"""Robots, runs and cells that are listed."""
 PLAYER_PX: Final = 760
 REPORT_PX: Final = 900
 ROBOT_HEADS: Final = ("robot", "decision", "at, s", "belief, %", "share of ones (95 %)", "own", "heard")
 
 
-@singledispatch
+VIEWS: Final = {
+    "optimize": "search_views",
+    "league": "league_views",
+    "calibrate": "calibration_views",
+    "paper": "reproduction_views",
+}
+"""Modules with the views of packages that take long to import; loaded with the first object of the package."""
+
+
 def html_of(value: object) -> str:
-    """Return the view of an object as HTML; by default its short text."""
-    return card(type(value).__name__, paragraph(repr(value)))
+    """Return the view of an object as HTML; by default its values."""
+    package = type(value).__module__.split(".")[1]
+    if package in VIEWS:
+        import_module(f"vibroswarm.notebook.{VIEWS[package]}")
+    return view_of(value)
 
 
-@html_of.register
+@singledispatch
+def view_of(value: object) -> str:
+    """Return the view of an object; one function for each class, registered below and in ``VIEWS``."""
+    return record(value)
+
+
+@view_of.register
 def _scenario(value: Scenario) -> str:
     """Show what is simulated, and all fields of the sections that matter most."""
     return card(
@@ -58,14 +77,7 @@ def _scenario(value: Scenario) -> str:
     )
 
 
-def details(title: str, text: str) -> str:
-    """Return plain text that opens on a click."""
-    from vibroswarm.notebook.elements import escaped
-
-    return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
-
-
-@html_of.register
+@view_of.register
 def _floor(value: Floor) -> str:
     return card(
         f"Floor {shown(value.name)}" if value.name else "Floor", paragraph(repr(value)), _floor_image(value)
@@ -77,18 +89,33 @@ def _floor_image(floor: Floor) -> str:
         return image(_png(floor_figure(floor.tiles)), "png", f"{floor!r}", 280)
 
 
+@view_of.register
+def _floor_design(value: FloorDesign) -> str:
+    """Show the floor and its measures."""
+    measures = value.difficulty
+    with MATPLOTLIB_LOCK:
+        picture = image(_png(floor_figure(value.tiles)), "png", value.words, 280)
+    numbers = {
+        "fill ratio": f"{measures.fill_ratio:.3f} ({measures.ones} of {value.tiles.size} tiles)",
+        "Moran index": f"{measures.moran_index:.3f}",
+        "entropy": f"{measures.entropy:.3f}",
+        "clusters": f"{measures.clusters}; the largest has {measures.largest_cluster} tiles",
+    }
+    return card("Designed floor", paragraph(value.words), rows(numbers), picture)
+
+
 def _png(figure: Figure) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
 
 
-@html_of.register
+@view_of.register
 def _robot(value: RobotVerdict) -> str:
     return card(f"Robot {value.robot}", paragraph(repr(value)))
 
 
-@html_of.register
+@view_of.register
 def _verdict(value: Verdict) -> str:
     return card("Verdict", *_verdict_parts(value))
 
@@ -102,7 +129,7 @@ def _verdict_parts(found: Verdict) -> list[str]:
     return parts
 
 
-@html_of.register
+@view_of.register
 def _result(value: Result) -> str:
     """Show verdict, picture and player of the first run, and the outcomes of all."""
     if value.runs.is_empty():
@@ -133,14 +160,17 @@ def _runs_table(result: Result) -> str:
     return table(heads, body, texts=2) + (paragraph(f"... and {left:,} more runs") if left else "")
 
 
-@html_of.register
+def picture_image(value: Picture, width_px: int) -> str:
+    """Return a picture as an image element."""
+    return image(picture_bytes(value.figure, "svg"), "svg+xml", value.caption, width_px)
+
+
+@view_of.register
 def _picture(value: Picture) -> str:
-    return card(
-        "", image(picture_bytes(value.figure, "svg"), "svg+xml", value.caption, 640), paragraph(value.caption)
-    )
+    return card("", picture_image(value, 640), paragraph(value.caption))
 
 
-@html_of.register
+@view_of.register
 def _study(value: Study) -> str:
     names = value.varied or ["strategy.name"]
     body = [
@@ -156,7 +186,7 @@ def _study(value: Study) -> str:
     )
 
 
-@html_of.register
+@view_of.register
 def _study_result(value: StudyResult) -> str:
     cells = value.cells.select("cell", "name", "wanted", "there")
     body = cells.head(MOST_ROWS).rows()
@@ -170,12 +200,17 @@ def _study_result(value: StudyResult) -> str:
     )
 
 
-@html_of.register
+@view_of.register
 def _comparison(value: Comparison) -> str:
     return card(value.outcome.question, *(paragraph(line) for line in value.sentences))
 
 
-@html_of.register
+@view_of.register
 def _report(value: ReportFile) -> str:
     document = value.path.read_text(encoding="utf-8")
     return card(f"Report in {value.path}", page(document, "Report of a study", REPORT_PX))
+
+
+@view_of.register
+def _field_names(value: FieldNames) -> str:
+    return card("Fields", paragraph("Complete a name with the Tab key."), paragraph(", ".join(dir(value))))

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values
 
 
 @dataclass
-class Candidate:
+class Candidate(NotebookView):
     """One point of the space with the figures of its runs."""
 
     key: int
@@ -38,7 +39,7 @@ class Candidate:
         return self.rows[0] if self.rows else np.empty((0, 1, 1))
 
 
-class Archive:
+class Archive(NotebookView):
     """Candidates by key (0, 1, ...), and their scores under the objectives."""
 
     def __init__(self, space: Space, objectives: Sequence[Objective]) -> None:

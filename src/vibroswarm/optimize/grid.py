@@ -24,6 +24,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcome_arrays import Outcomes, from_tables
@@ -49,7 +50,7 @@ FRESH: Final = 2000
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(NotebookView):
     """A study of a grid and its objective."""
 
     study: Study
@@ -110,7 +111,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Node:
+class Node(NotebookView):
     """A scored cell of a grid."""
 
     cell: Cell
@@ -129,7 +130,7 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Nodes:
+class Nodes(NotebookView):
     """A grid with the scores of its cells."""
 
     grid: Grid

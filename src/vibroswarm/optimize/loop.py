@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.batch_samplers import Random, Sobol
@@ -68,7 +69,7 @@ WIDTHS: Final = {"time_at_error": 5, "expected_time_to_right": 2}
 
 
 @dataclass(frozen=True)
-class Found:
+class Found(NotebookView):
     """The result of a search, as the search itself estimates it; see ``validation`` for estimates on fresh runs.
 
     Args:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of
 from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
@@ -44,7 +45,7 @@ Rows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Objective:
+class Objective(NotebookView):
     """A score to be minimised.
 
     Args:

@@ -28,6 +28,7 @@ from typing import Final
 
 import numpy as np
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask, Iteration, chance, iteration_of
@@ -38,7 +39,7 @@ NOISE: Final = ("rescore", "ocba", "fixed")
 
 
 @dataclass(frozen=True)
-class PsoSettings:
+class PsoSettings(NotebookView):
     """The swarm's settings; defaults are the paper's except for ``noise``.
 
     Args:

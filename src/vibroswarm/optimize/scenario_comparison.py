@@ -17,6 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
@@ -32,7 +33,7 @@ FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_sh
 
 
 @dataclass(frozen=True)
-class Checked:
+class Checked(NotebookView):
     """The comparison of two scenarios under one objective."""
 
     objective: Objective

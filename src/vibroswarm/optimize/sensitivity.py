@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
@@ -45,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(NotebookView):
     """The indices of one field, with 95 % limits."""
 
     name: str
@@ -58,7 +59,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class Sensitivity(NotebookView):
     """The indices of all fields, the largest total first."""
 
     fields: tuple[Field, ...]

@@ -26,6 +26,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, rounded
@@ -108,7 +109,7 @@ class Dimension:
 
 
 @dataclass(frozen=True)
-class Space:
+class Space(NotebookView):
     """The fields of a search, in order: its ``dimensions``."""
 
     dimensions: tuple[Dimension, ...]

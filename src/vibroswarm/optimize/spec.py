@@ -28,6 +28,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, nearest, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
@@ -50,7 +51,7 @@ FINAL_SHARE: Final = 0.4
 
 
 @dataclass(frozen=True)
-class SearchSettings:
+class SearchSettings(NotebookView):
     """Settings of a search that all methods share.
 
     Args:
@@ -88,7 +89,7 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(NotebookView):
     """The definition of a search, see the head of this module.
 
     Args:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain
 from vibroswarm.analysis.tradeoff import pareto_front
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
@@ -36,7 +37,7 @@ LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defin
 
 
 @dataclass(frozen=True)
-class Scored:
+class Scored(NotebookView):
     """One set of values, scored on fresh runs."""
 
     name: str
@@ -72,7 +73,7 @@ class Scored:
 
 
 @dataclass(frozen=True)
-class Truth:
+class Truth(NotebookView):
     """The score of a search's ``winner`` as the search ``believed`` it, and on fresh runs."""
 
     believed: float
@@ -256,7 +257,7 @@ MIN_FRESH_RUNS: Final = 200
 
 
 @dataclass(frozen=True)
-class Member:
+class Member(NotebookView):
     """A candidate of a front; scores are in the order of the objectives."""
 
     key: int
@@ -269,7 +270,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Front:
+class Front(NotebookView):
     """A Pareto front, scored on fresh runs."""
 
     names: tuple[str, ...]

@@ -26,6 +26,7 @@ from typing import Any, Final, Self
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.paper.cells import Cell, CellResults
@@ -40,7 +41,7 @@ MOST_BYTES: Final = 512 * 2**20
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*)?(\.[a-z]+)?")
 
 
-class Zipped:
+class Zipped(NotebookView):
     """An open zip file whose entries have plain names and bounded sizes.
 
     Raises:

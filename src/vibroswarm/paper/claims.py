@@ -63,6 +63,8 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 from scipy.special import betaincinv, stdtrit
 
+from vibroswarm.core.notebook_view import NotebookView, html_view
+from vibroswarm.core.short_text import short_text
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.paper.columns import COLUMNS
 
@@ -157,7 +159,7 @@ UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "can
 
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(NotebookView):
     """One claim of ``claims.toml``."""
 
     id: str
@@ -254,6 +256,12 @@ class Decided(NamedTuple):
     """Level of the claim, before it is corrected for the number of its values."""
     cells: pl.DataFrame
     """cell, estimate, low, high, level (of these limits), n, holds (holds, fails, open, cannot be asked), why."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+    def __repr__(self) -> str:
+        return short_text(self)
 
 
 Rows = Sequence[Mapping[str, Any]]

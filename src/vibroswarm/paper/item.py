@@ -24,6 +24,7 @@ import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import entry, read_bytes, read_json, texts
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -44,7 +45,7 @@ CLAIMS: Final = "measured"
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(NotebookView):
     """Options of a reproduction."""
 
     runs: int = 1000
@@ -150,7 +151,7 @@ class TableView(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Item:
+class Item(NotebookView):
     """One item, see the head of this module."""
 
     number: int

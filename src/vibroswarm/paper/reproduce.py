@@ -16,6 +16,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
@@ -128,7 +129,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class ItemResult:
+class ItemResult(NotebookView):
     """One item with its tables, or why it was skipped."""
 
     item: Item
@@ -137,7 +138,7 @@ class ItemResult:
 
 
 @dataclass(frozen=True)
-class Reproduction:
+class Reproduction(NotebookView):
     """Results of a reproduction."""
 
     settings: Settings

@@ -16,6 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import tag
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, check_table, unescaped
 from vibroswarm.errors import InputError
@@ -53,7 +54,7 @@ ROBOT_ROWS: Final = Schema(
 
 
 @dataclass(frozen=True)
-class Verification:
+class Verification(NotebookView):
     """Result of a check."""
 
     how: str

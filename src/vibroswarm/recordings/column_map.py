@@ -31,6 +31,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.recordings.log import COUNTERS, REQUIRED, SAMPLES, TRACKS, Log, log_frame
@@ -167,7 +168,7 @@ USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
 
 
 @dataclass(frozen=True)
-class Column:
+class Column(NotebookView):
     """Source of a value: a column of the file times ``times`` plus ``plus``; or a table of values."""
 
     name: str
@@ -179,7 +180,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class ColumnMap:
+class ColumnMap(NotebookView):
     """How a kind of CSV file is read."""
 
     name: str

@@ -35,6 +35,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import SEGMENTS
 
@@ -83,7 +84,7 @@ COUNTED: Final[dict[str, str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class Log(NotebookView):
     """One session as it was read."""
 
     name: str

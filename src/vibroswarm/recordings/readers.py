@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.recordings.column_map import (
     check_values,
@@ -127,7 +128,7 @@ HEAD: Final = 2**20
 
 
 @dataclass(frozen=True)
-class Reader:
+class Reader(NotebookView):
     """A log format."""
 
     name: str

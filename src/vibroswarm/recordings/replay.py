@@ -19,6 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
@@ -49,7 +50,7 @@ REPLAYABLE: Final = ("sensor", "strategy", "decision")
 
 
 @dataclass(frozen=True, eq=False)
-class Replayed:
+class Replayed(NotebookView):
     """Many draws of one scenario on a recording."""
 
     scenario: Scenario
@@ -243,7 +244,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
 
 
 @dataclass(frozen=True)
-class SessionOutcome:
+class SessionOutcome(NotebookView):
     """Outcome of a session over the draws."""
 
     session: int

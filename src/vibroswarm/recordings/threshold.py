@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -62,7 +63,7 @@ EDGES_M: Final = (0.0, 0.01, 0.02, 0.04, 0.06, np.inf)
 
 
 @dataclass(frozen=True)
-class Rates:
+class Rates(NotebookView):
     """Error rates of samples at a threshold."""
 
     false_positive: float
@@ -72,7 +73,7 @@ class Rates:
 
 
 @dataclass(frozen=True)
-class Threshold:
+class Threshold(NotebookView):
     """A threshold with its interval, its error rates, and whether the floor can be decided with it."""
 
     rule: str
@@ -100,7 +101,7 @@ class Threshold:
 
 
 @dataclass(frozen=True, eq=False)
-class Labelled:
+class Labelled(NotebookView):
     """Samples on tiles, (samples,) each."""
 
     energy: Floats

@@ -6,9 +6,11 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from vibroswarm.core.notebook_view import NotebookView
+
 
 @dataclass(frozen=True)
-class Column:
+class Column(NotebookView):
     """The heading of a column and the format of its numbers."""
 
     title: str = ""

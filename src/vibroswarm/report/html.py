@@ -25,6 +25,7 @@ from typing import Any, Final, Protocol
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.report.answer import ReportAnswer, answers_html
 from vibroswarm.report.columns import Column as Column
@@ -171,7 +172,7 @@ LONG_FROM = 30
 
 
 @dataclass(frozen=True)
-class ReportTable:
+class ReportTable(NotebookView):
     """A table of a section; missing values are dashes and are sorted last."""
 
     frame: pl.DataFrame
@@ -185,7 +186,7 @@ class ReportTable:
 
 
 @dataclass(frozen=True)
-class ReportPicture:
+class ReportPicture(NotebookView):
     """A picture of a section, with its numbers to be saved as CSV."""
 
     svg: str
@@ -197,7 +198,7 @@ class ReportPicture:
 
 
 @dataclass(frozen=True)
-class ReportCode:
+class ReportCode(NotebookView):
     """Text of a section that stands as it is, line by line: a file, a command."""
 
     text: str
@@ -219,7 +220,7 @@ def picture_of(drawn: _Drawn, name: str) -> ReportPicture:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(NotebookView):
     """A part of a report with a heading; sections may hold sections, down to three levels."""
 
     title: str
@@ -234,7 +235,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(NotebookView):
     """A whole report."""
 
     title: str

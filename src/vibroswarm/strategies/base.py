@@ -38,6 +38,7 @@ import numpy as np
 from pydantic import BaseModel, create_model
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
 from vibroswarm.strategies.static_checks import check_function
@@ -69,7 +70,7 @@ class Bit:
 
 
 @dataclass(frozen=True)
-class Plugin:
+class Plugin(NotebookView):
     """What strategies, networks and tasks have in common.
 
     Args:

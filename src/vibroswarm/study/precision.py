@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import Any, Final
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, whole_number_of
 
 FIRST_LOOK: Final = 100
@@ -25,7 +26,7 @@ FIGURES: Final = (*TIMES, *SHARES)
 
 
 @dataclass(frozen=True)
-class Precision:
+class Precision(NotebookView):
     """The wanted half-width of a figure's interval.
 
     Args:

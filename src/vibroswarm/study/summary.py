@@ -32,7 +32,7 @@ WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effecti
 
 
 @dataclass(frozen=True)
-class CellOutcome:
+class CellOutcome(NotebookView):
     """The figures of a cell; times in s, lengths in m."""
 
     cell: Cell

@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.faults.assignment import onset_s, working
 from vibroswarm.inference.agents import sizes_of, world_of
@@ -72,7 +73,7 @@ class TooEarly(NamedTuple):
 
 
 @dataclass
-class PlainRun:
+class PlainRun(NotebookView):
     """Result of ``plain_run``: a row per sample, in order of time and robot, and the robots at the end."""
 
     rows: list[dict[str, Any]]

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
 from vibroswarm.inference.sender_positions import move_rows
@@ -20,7 +21,7 @@ from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(NotebookView):
     """The finding of one check: whether it holds, and if not, why."""
 
     what: str
