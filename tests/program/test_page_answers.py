@@ -138,6 +138,10 @@ def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
     assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
 
 
+NARROW = {"width": 800, "height": 800}
+"""A window in one column: the arena is as wide as the page, whatever the height of its legend."""
+
+
 def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
     open_page: Open, record: RunRecord, tmp_path: Path
 ) -> None:
@@ -158,7 +162,7 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
     )
     file = tmp_path / "places.html"
     write_page(replace(record, places=places.reverse()), file)
-    page = open_page(file=file)
+    page = open_page(file=file, viewport=NARROW)
     for robot in (0, 3):
         row = latest(record, robot, 101.37)
         told = places.filter((pl.col("robot") == robot) & (pl.col("sample") == row["sample"])).to_dicts()[0]
@@ -176,7 +180,7 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
     assert page.evaluate("vibroswarm.smoothed(0, 5)") is None
     page.evaluate("vibroswarm.seek(101.37)")
     shown = "document.getElementById('actors').toDataURL()"
-    plain = open_page("#t=101.37")
+    plain = open_page("#t=101.37", viewport=NARROW)
     assert page.evaluate(shown) != plain.evaluate(shown)
     page.uncheck("#layer-places")
     assert settled(page)["time_s"] == 101.37

@@ -248,9 +248,57 @@ def test_nothing_runs_over_the_side(open_page: Open, size: tuple[int, int]) -> N
     page = open_page("#t=100", viewport={"width": size[0], "height": size[1]})
     assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
     arena = page.locator("#arena-frame").bounding_box()
-    story = page.locator(".story").bounding_box()
+    story = page.locator(".figures").bounding_box()
     assert arena["width"] >= 280
     assert arena["x"] + arena["width"] < story["x"] or arena["y"] + arena["height"] < story["y"]
+
+
+@pytest.mark.parametrize("outcome", ["right", "wrong", "incomplete", "split"])
+def test_the_first_screen_of_a_telephone_has_the_outcome_and_the_floor(
+    open_page: Open, record: RunRecord, tmp_path: Path, outcome: str
+) -> None:
+    file = tmp_path / "run.html"
+    write_page(replace(record, consensus=outcome), file)
+    page = open_page("#t=100", file=file, viewport={"width": 400, "height": 800})
+    bottom = page.locator(".player").bounding_box()["y"]
+    above = 0.0
+    for part in ("#task", "#verdict-badge", "#verdict-line", "#arena-frame"):
+        box = page.locator(part).bounding_box()
+        assert above <= box["y"], part
+        assert box["y"] + box["height"] <= bottom, part
+        above = box["y"]
+    assert page.inner_text("#verdict-line") != ""
+
+
+def test_words_are_in_the_font_that_the_page_holds(open_page: Open, page_path: Path, tmp_path: Path) -> None:
+    """On the page and on canvases. The control is a page without the font's data."""
+    without = tmp_path / "without.html"
+    text = re.sub(r"@font-face.*", "", page_path.read_text(encoding="utf-8"))
+    without.write_text(text, encoding="utf-8")
+    page, control = open_page("#t=100"), open_page("#t=100", file=without)
+    wait_until(page, "document.fonts.status === 'loaded'")
+    faces = page.evaluate("[...document.fonts].map((face) => [face.family, face.status])")
+    assert faces == [["Roboto embedded", "loaded"]] * 2
+    assert page.evaluate("""document.fonts.check('400 12px "Roboto embedded"')""")
+    for shown, embedded in ((page, True), (control, False)):
+        used = shown.context.new_cdp_session(shown)
+        used.send("DOM.enable")
+        used.send("CSS.enable")
+        root = used.send("DOM.getDocument")["root"]["nodeId"]
+        for part in ("#verdict-line", "#task", "#clock", ".fact", "#belief-title"):
+            node = used.send("DOM.querySelector", {"nodeId": root, "selector": part})["nodeId"]
+            fonts = used.send("CSS.getPlatformFontsForNode", {"nodeId": node})["fonts"]
+            assert {font["isCustomFont"] for font in fonts} == {embedded}, (part, fonts)
+    widths = """(weight) => {
+      const context = document.createElement("canvas").getContext("2d");
+      context.font = `${weight} 40px "Roboto embedded"`;
+      return [..."0123456789W"].map((text) => context.measureText(text).width);
+    }"""
+    for weight in (400, 700):
+        *digits, widest = page.evaluate(widths, weight)
+        assert len(set(digits)) == 1
+        assert widest > digits[0]
+        assert page.evaluate(widths, weight) != control.evaluate(widths, weight)
 
 
 def test_the_theme_can_be_switched(open_page: Open) -> None:

@@ -70,12 +70,29 @@ def page_html(record: RunRecord) -> str:
     document = _asset("page.html")
     parts = {
         "title": html.escape(record.title.encode("utf-8", "replace").decode("utf-8")),
-        "style": _asset("page.css"),
+        "style": _font_faces() + _asset("page.css"),
         "script": script,
         "script_hash": _script_hash(document, script),
         "data": script_json(payload(record)),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], document)
+
+
+WEIGHTS: Final = {400: "100 500", 700: "501 900"}
+"""Files of the page's font by weight, with the range of weights that each stands for."""
+
+
+def _font_faces() -> str:
+    """Return the rules that hold the page's font, so that all machines show the same page."""
+    rules = []
+    for weight, range_of in WEIGHTS.items():
+        data = files("vibroswarm.run_page").joinpath("assets", f"roboto-{weight}.woff2").read_bytes()
+        text = base64.b64encode(data).decode("ascii")
+        rules.append(
+            f'@font-face {{ font-family: "Roboto embedded"; font-weight: {range_of}; '
+            f'src: url(data:font/woff2;base64,{text}) format("woff2"); }}\n'
+        )
+    return "".join(rules)
 
 
 def _script_hash(document: str, script: str) -> str:

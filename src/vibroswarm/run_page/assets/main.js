@@ -200,6 +200,8 @@ function open() {
   state.t = address.t ?? 0;
   state.followed = address.robot;
   applyTheme();
+  // Words on a canvas do not load a font by themselves, and are not drawn again when it is there.
+  Promise.all(["400 12px", "700 12px"].map((size) => document.fonts.load(`${size} "Roboto embedded"`))).then(layOut);
   expose();
   if (address.t === null && !calm.matches) play();
 }

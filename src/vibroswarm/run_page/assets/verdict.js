@@ -49,7 +49,7 @@ function rightAndWrong() {
   return `Decided right: ${right}, wrong: ${wrong}.`;
 }
 
-// Belief in the own decision when it was made.
+// Confidence: probability of the own decision when it was made.
 function certainties() {
   return robots.filter((robot) => robot.final.belief_at_decision !== null && robot.final.decision >= 0)
     .map(({ final }) => (final.decision === STILL ? final.belief_at_decision : 1 - final.belief_at_decision));
@@ -66,7 +66,7 @@ function verdictFacts() {
   return [
     [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus",
       when === null || when < 60 ? "" : minutes(when)],
-    ["Sure of it", sure.length ? probability(mean) : "none",
+    ["Confidence", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
     ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
     ["Samples", whole(count), "samples", `${percent(misread / Math.max(count, 1))} misread`],
