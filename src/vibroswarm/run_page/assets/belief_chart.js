@@ -29,7 +29,9 @@ function drawBeliefLayers(followed) {
   }
   strong.context.globalAlpha = 1;
   if (followed) strokeBelief(strong.context, followed, box, 2.6, true);
-  Object.assign(beliefChart, { faint: faint.canvas, strong: strong.canvas });
+  const written = layer();
+  drawBeliefWords(written.context, beliefChart.words);
+  Object.assign(beliefChart, { faint: faint.canvas, strong: strong.canvas, written: written.canvas });
 }
 
 // A robot's belief as steps; in the colour of its decision from then on.
@@ -58,14 +60,14 @@ function strokeBelief(context, robot, box, weight, coloured) {
 
 function drawBelief(t, followed) {
   if (followed !== beliefChart.followed) drawBeliefLayers(followed);
-  const { context, box, faint, strong, width, words } = beliefChart;
+  const { context, box, faint, strong, width, written } = beliefChart;
   const ratio = faint.width / width, now = box.x(t);
   context.clearRect(0, 0, width, box.total);
   context.drawImage(faint, 0, 0, width, box.total);
   const seen = Math.max(Math.round(now * ratio), 1);
   context.drawImage(strong, 0, 0, seen, strong.height, 0, 0, seen / ratio, box.total);
   if (beliefChart.hovered) strokeBelief(context, beliefChart.hovered, box, 2, true);
-  drawBeliefWords(context, words);
+  context.drawImage(written, 0, 0, width, box.total);
   for (const flag of box.flags) drawFlag(context, box, flag, flag.time <= t);
   drawCursor(context, box, now, t, followed);
 }

@@ -23,6 +23,33 @@ function hiddenCanvas(width, height) {
   return { canvas, context: fitCanvas(canvas, width, height) };
 }
 
+const stamped = new Map();
+
+// Words drawn once and put down as a picture, centred, on whole device pixels: to name a font on a canvas that is
+// shown makes the browser work out all styles anew. With a halo, a line of that colour runs round the letters.
+function stampWords(context, text, x, y, size, colour, halo = null) {
+  const ratio = pixelRatio(), key = [text, size, colour, halo, ratio].join("|");
+  if (!stamped.has(key)) stamped.set(key, wordsPicture(text, size, colour, halo));
+  const { canvas, width, height } = stamped.get(key), snap = (value) => Math.round(value * ratio) / ratio;
+  context.drawImage(canvas, snap(x - width / 2), snap(y - height / 2), width, height);
+}
+
+function wordsPicture(text, size, colour, halo) {
+  const font = `700 ${size}px ${FONT}`, ruler = hiddenCanvas(1, 1).context, ratio = pixelRatio();
+  ruler.font = font;
+  const width = Math.ceil((ruler.measureText(text).width + 8) * ratio) / ratio;
+  const height = Math.ceil((size * 1.4 + 6) * ratio) / ratio;
+  const { canvas, context } = hiddenCanvas(width, height);
+  Object.assign(context, { font, textAlign: "center", textBaseline: "middle", lineJoin: "round", lineWidth: 3 });
+  if (halo) {
+    context.strokeStyle = halo;
+    context.strokeText(text, width / 2, height / 2);
+  }
+  context.fillStyle = colour;
+  context.fillText(text, width / 2, height / 2);
+  return { canvas, width, height };
+}
+
 // Half a device pixel off, so that a thin line fills whole pixels.
 function crisp(value) {
   const ratio = pixelRatio();

@@ -51,9 +51,5 @@ function drawPip(context, x, y, radius, decision, name, size = Math.round(radius
     context.fillStyle = colours.of[decision];
     context.fill();
   }
-  context.fillStyle = decision < 0 ? colours["ink-2"] : colours.panel;
-  context.font = `700 ${size}px ${FONT}`;
-  context.textAlign = "center";
-  context.textBaseline = "middle";
-  context.fillText(name, x, y + 0.5);
+  stampWords(context, name, x, y + 0.5, size, decision < 0 ? colours["ink-2"] : colours.panel);
 }

@@ -112,6 +112,7 @@ function hover(robot) {
 let shown = false; // false in a frame that is hidden
 
 function layOut() {
+  stamped.clear();
   shown = byId("belief-frame").clientWidth > 0;
   drawLegend();
   drawLoop(state.loop);

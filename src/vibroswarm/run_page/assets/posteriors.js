@@ -2,6 +2,7 @@
 
 const CARD_HEIGHT = 62, AXIS_HEIGHT = 15;
 const cards = [];
+const axes = new Map(); // pictures of the axis, by width and window
 
 function buildCards(onChoose) {
   for (const robot of robots) {
@@ -28,6 +29,7 @@ function cardColumns() {
 }
 
 function layOutCards() {
+  axes.clear();
   byId("cards").style.gridTemplateColumns = `repeat(${cardColumns()}, minmax(0, 1fr))`;
   for (const card of cards) {
     card.canvas.style.width = "100%";
@@ -44,16 +46,19 @@ function drawCards(t, followed) {
   const minds = robots.map((robot) => mindAt(robot, t));
   const frame = shapeWindow(minds);
   cards.forEach((card, i) => {
-    const mind = minds[i], chosen = card.robot === followed;
-    const key = `${mind.samples}/${frame.low}/${frame.high}/${chosen}`;
+    const mind = minds[i], key = `${mind.samples}/${frame.low}/${frame.high}`;
     if (key === card.key) return;
     card.key = key;
+    drawDensity(card, mind, frame);
+  });
+  // Words after all pictures: each change between them would have the browser work out styles again.
+  cards.forEach((card, i) => {
+    const mind = minds[i];
     say(card.alpha, String(mind.alpha));
     say(card.beta, String(mind.beta));
     say(card.belief, probability(mind.belief));
-    card.pip.dataset.decision = mind.decision;
-    card.button.setAttribute("aria-pressed", String(chosen));
-    drawDensity(card, mind, frame);
+    mark(card.pip, "data-decision", String(mind.decision));
+    mark(card.button, "aria-pressed", String(card.robot === followed));
   });
 }
 
@@ -83,7 +88,13 @@ function drawDensity(card, mind, frame) {
   context.strokeStyle = colours.ink;
   context.lineWidth = 1.4;
   context.stroke();
-  drawDensityAxis(context, width, floor, x, frame);
+  const key = `${width}/${frame.low}/${frame.high}`;
+  if (!axes.has(key)) {
+    const { canvas, context: brush } = hiddenCanvas(width, CARD_HEIGHT + AXIS_HEIGHT);
+    drawDensityAxis(brush, width, floor, x, frame);
+    axes.set(key, canvas);
+  }
+  context.drawImage(axes.get(key), 0, 0, width, CARD_HEIGHT + AXIS_HEIGHT);
 }
 
 function densityPath(context, heights, width, floor, tall) {

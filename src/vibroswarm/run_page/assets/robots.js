@@ -61,22 +61,12 @@ function drawNose(context, x, y, r, heading, colour, tip) {
 
 function drawName(context, view, pose, decision, name) {
   const x = view.x(pose.x), y = view.y(pose.y), r = bodyRadius(view);
-  context.textAlign = "center";
-  context.textBaseline = "middle";
   if (r >= 7.5) {
-    context.font = `700 ${Math.round(Math.min(r * (name.length > 1 ? 1 : 1.25), 17))}px ${FONT}`;
-    context.fillStyle = decision < 0 ? colours.ink : colours.panel;
-    context.fillText(name, x, y + 0.75);
-    return;
+    const size = Math.round(Math.min(r * (name.length > 1 ? 1 : 1.25), 17));
+    return stampWords(context, name, x, y + 0.75, size, decision < 0 ? colours.ink : colours.panel);
   }
   const up = y < 26 ? 1 : -1;
-  context.font = `700 11px ${FONT}`;
-  context.lineWidth = 3;
-  context.lineJoin = "round";
-  context.strokeStyle = colours.panel;
-  context.strokeText(name, x, y + up * (r + 9));
-  context.fillStyle = colours.ink;
-  context.fillText(name, x, y + up * (r + 9));
+  stampWords(context, name, x, y + up * (r + 9), 11, colours.ink, colours.panel);
 }
 
 // Sampling: a ring that fills. Turning: an arrow round the body; avoiding: the same in the warning colour.

@@ -66,8 +66,8 @@ function drawRoster(t, followed) {
     say(state, pose ? doingWords(robot, pose, t) : "\u2013");
     say(belief, probability(mind.belief));
     for (const element of lost) say(element, String(lostBy(robot, t)));
-    choose.dataset.decision = mind.decision;
-    choose.setAttribute("aria-pressed", String(robot === followed));
+    mark(choose, "data-decision", String(mind.decision));
+    mark(choose, "aria-pressed", String(robot === followed));
     row.classList.toggle("followed", robot === followed);
   }
 }

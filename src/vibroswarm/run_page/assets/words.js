@@ -62,4 +62,9 @@ function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// The same for attributes.
+function mark(element, name, value) {
+  if (element.getAttribute(name) !== value) element.setAttribute(name, value);
+}
+
 const byId = (id) => document.getElementById(id);
