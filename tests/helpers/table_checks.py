@@ -12,13 +12,14 @@ WIDTHS = (60, 80, 100, 140)
 
 
 def lost(table: Table, lines: Sequence[str]) -> list[str]:
-    """Return names of rows and numbers that are not there whole."""
+    """Return names of rows and numbers that are not there whole; a name may be broken between words."""
     text = " ".join(" ".join(lines).split())
     cells = [" ".join(cell.split()) for row in table.rows for cell in row]
     names = [" ".join(cell.split()) for row in table.rows for cell in row[: table.names]]
     there = NUMBER.findall(text)
     numbers = [number for cell in cells for number in NUMBER.findall(cell) if number not in there]
-    return [name for name in names if name not in text] + numbers
+    words = text.split()
+    return [name for name in names if not all(word in words for word in name.split())] + numbers
 
 
 def too_wide(lines: Sequence[str], width: int) -> list[str]:
