@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.real_vs_simulated import compare
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.readers import read_log
 from vibroswarm.recordings.recording import Recording, recording_of
 from vibroswarm.result import Result
@@ -21,12 +21,11 @@ CAMERA = Camera(1.05, 0.004, -0.006)
 
 
 @pytest.fixture(scope="module")
-def seen(made: Result, told: Scenario, ground: Floor, tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """The log of a simulation as a camera would have seen it."""
-    folder = tmp_path_factory.mktemp("seen")
-    for run in (0, 1):
-        write_rugbot(seen_through(made, CAMERA), folder / f"{run}.csv", run)
-    return recording_of([read_log(folder / f"{run}.csv") for run in (0, 1)], ground, told)
+def seen(logs: list[Path], told: Scenario, ground: Floor) -> Recording:
+    """The log of a simulation, with positions as a camera would have seen them."""
+    log = recording_of([read_log(path) for path in logs], ground, told)
+    x, y = CAMERA.seen(log.motion["x_m"].to_numpy(), log.motion["y_m"].to_numpy(), (1.0, 1.0))
+    return replace(log, motion=log.motion.with_columns(x_m=pl.Series(x), y_m=pl.Series(y)))
 
 
 def test_true_positions_are_found_again_from_where_they_were_seen() -> None:
