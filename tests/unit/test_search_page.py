@@ -24,7 +24,7 @@ from vibroswarm.optimize.search_report import grid_pictures, made_by, write_grid
 from vibroswarm.optimize.search_tables import bound_of
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import LUCK, Front, Truth, front_of, truth_of
+from vibroswarm.optimize.validation import LUCK, Front, Truth, front_of, is_too_short, truth_of
 from vibroswarm.report.html import Report, report_html
 from vibroswarm.simulation import versions
 from vibroswarm.study.spec import Study
@@ -197,6 +197,18 @@ def test_a_start_that_won_is_a_warning(found: Found, truth: Truth) -> None:
     assert warned(report, "The winner is the start itself: nothing better was found.")
 
 
+def test_a_swarm_that_never_moved_gets_no_verdict(found: Found, truth: Truth) -> None:
+    short = replace(truth, believed=0.1 * truth.winner.score.estimate, too_short=True)
+    assert not truth.too_short
+    assert short.luck == "too short"
+    warnings = page_of(found, short).warnings
+    assert short.words in warnings
+    assert not any("nothing was found" in text for text in warnings)
+    once = replace(found, history=found.history[:1])
+    assert is_too_short(once)
+    assert not is_too_short(found)
+
+
 def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> None:
     score = truth.winner.score
     wide = truth.winner.score._replace(low=0.1 * score.estimate, high=2.0 * score.estimate)
@@ -208,6 +220,7 @@ def test_luck_is_a_warning_and_its_absence_none(found: Found, truth: Truth) -> N
             truth, believed=0.5 * score.estimate, winner=replace(truth.winner, score=wide)
         ),
         "not defined": replace(truth, believed=np.inf),
+        "too short": replace(truth, too_short=True),
     }
     assert set(cases) == set(LUCK)
     for luck, one in cases.items():

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,26 @@ class Camera(NotebookView):
     magnification: float = 1.0
     shift_x_m: float = 0.0
     shift_y_m: float = 0.0
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Camera:
+        """Return the camera of the recordings that a scenario was fitted to."""
+        fields = scenario.camera
+        return cls(fields.magnification or 1.0, fields.shift_x_m or 0.0, fields.shift_y_m or 0.0)
+
+    def fields(self) -> dict[str, float]:
+        """Return the fields of the scenario that hold it; none for a camera without error."""
+        if self == RIGHT:
+            return {}
+        return {f"camera.{name}": round(getattr(self, name), 5) for name in self.__dataclass_fields__}
+
+    @property
+    def words(self) -> str:
+        """A short description."""
+        return (
+            f"magnification {self.magnification:.4g}, shift {1000 * self.shift_x_m:+.1f} mm to the right, "
+            f"{1000 * self.shift_y_m:+.1f} mm up"
+        )
 
     def true(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
         """True positions of objects seen at (x, y)."""
@@ -60,6 +81,15 @@ def corrected(result: Result, camera: Camera) -> Result:
     return replace(
         result, motion=_moved(result.motion, camera, size), tracks=_moved(result.tracks, camera, size)
     )
+
+
+def seen_through(result: Result, camera: Camera) -> Result:
+    """Return a simulation with samples where the camera would have seen them; a recording is returned unchanged."""
+    if camera == RIGHT or isinstance(result, Recording):
+        return result
+    motion, arena = result.motion, result.scenario.arena
+    x, y = camera.seen(motion["x_m"].to_numpy(), motion["y_m"].to_numpy(), (arena.width_m, arena.height_m))
+    return replace(result, motion=motion.with_columns(x_m=pl.Series(x), y_m=pl.Series(y)))
 
 
 def _moved(frame: pl.DataFrame, camera: Camera, size: tuple[float, float]) -> pl.DataFrame:

@@ -100,6 +100,7 @@ def fit(
     """
     camera = fit_camera(found)
     found = found.corrected(camera.camera)
+    base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
     drive, sensor, sight = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
     loss = fit_loss(found)
     changed: dict[str, Any] = {name: value for name, value in drive.fields(base).items() if value is not None}
@@ -116,6 +117,7 @@ def fit(
     tried = {} if candidates is None else {"candidates": candidates}
     avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **tried)
     changed |= avoidance.fields(base.with_values(changed), speed_m_s)
+    changed |= camera.camera.fields()
     camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
     figures = [
         _estimate(f"{section}{name}", value, draws[name])

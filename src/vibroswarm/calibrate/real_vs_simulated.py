@@ -6,15 +6,16 @@ Also draw both side by side, feature by feature, as in the paper's calibration f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
-from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
 from vibroswarm.calibrate.similarity import (
     EnergyDistance,
     RealCache,
@@ -25,6 +26,7 @@ from vibroswarm.calibrate.similarity import (
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -39,6 +41,10 @@ class Comparison(NotebookView):
     distances: tuple[EnergyDistance, ...]
     classifier: ClassifierAccuracy
     missing: tuple[str, ...]
+    camera: Camera = RIGHT
+    """Through which the simulated positions were seen."""
+    without_camera: tuple[Similarity, ...] = ()
+    """The similarities of the positions as simulated; none if the camera is exact."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -47,19 +53,33 @@ class Comparison(NotebookView):
             "energy_distances": [row.as_dict() for row in self.distances],
             "told_apart": self.classifier.as_dict(),
             "missing": list(self.missing),
+            "camera": asdict(self.camera),
+            "similarities_without_camera": [row.as_dict() for row in self.without_camera],
         }
 
 
-def compare(real: Result, simulated: Result, known: RealCache | None = None) -> Comparison:
+def camera_between(real: Result, simulated: Result) -> Camera:
+    """Return the camera through which a simulation is compared with recordings: the one kept with its scenario."""
+    if isinstance(real, Recording) and not isinstance(simulated, Recording):
+        return Camera.of(simulated.scenario)
+    return RIGHT
+
+
+def compare(
+    real: Result, simulated: Result, known: RealCache | None = None, *, camera: Camera | None = None
+) -> Comparison:
     """Compare the samples of two results; each run is a session.
 
     Args:
         real: recordings, or what stands for them. simulated: of the same floor and settings.
         known: earlier results for the same ``real``; extended.
+        camera: how the recordings saw robots; by default ``camera_between``. Simulated positions are seen through it.
     Raises:
         InputError: no energies, or fewer than two robots.
     """
-    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
+    camera = camera_between(real, simulated) if camera is None else camera
+    real_sessions = sessions_of(real)
+    simulated_sessions = sessions_of(seen_through(simulated, camera))
     similarities, distances, missing = [], [], []
     for feature in FEATURES:
         values = real_sessions.values(feature), simulated_sessions.values(feature)
@@ -79,7 +99,22 @@ def compare(real: Result, simulated: Result, known: RealCache | None = None) -> 
         tuple(distances),
         classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
         tuple(missing),
+        camera,
+        () if camera == RIGHT else _similarities(real_sessions, sessions_of(simulated)),
     )
+
+
+def _similarities(real: Sessions, simulated: Sessions) -> tuple[Similarity, ...]:
+    """Return the similarity of each feature that both have."""
+    found = []
+    for feature in FEATURES:
+        published = (
+            real.values(feature, as_published=True),
+            simulated.values(feature, as_published=True),
+        )
+        alike = compare_feature(feature, real.values(feature), simulated.values(feature), published)
+        found += [] if alike is None else [alike]
+    return tuple(found)
 
 
 INK: Final = ("#2b2b2b", "#4c78a8")
@@ -111,7 +146,7 @@ def comparison_figure(
     """Draw a row for each feature, real and simulated, with similarities in the titles; legible in grey."""
     from matplotlib.figure import Figure
 
-    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
+    real_sessions, simulated_sessions = sessions_of(real), sessions_of(seen_through(simulated, found.camera))
     shown = [feature for feature in features if feature not in found.missing]
     figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
     axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)

@@ -45,6 +45,11 @@ def add_parser(commands: Any) -> None:
     compare.add_argument(
         "--pictures", metavar="DIR", type=Path, help="draw one file per feature into DIR, and one of all"
     )
+    compare.add_argument(
+        "--no-camera",
+        action="store_true",
+        help="take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them",
+    )
     add_json(compare)
     compare.set_defaults(run=run_compare)
     figures = tasks.add_parser(
@@ -101,6 +106,7 @@ def _scaled(one: Interval | None, scale: float) -> str:
 
 def run_compare(arguments: argparse.Namespace) -> int:
     """Compare two results; print the comparison and draw it."""
+    from vibroswarm.calibrate.camera import RIGHT
     from vibroswarm.calibrate.real_vs_simulated import (
         compare,
         write_comparison_picture,
@@ -110,7 +116,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     from vibroswarm.floors.io import check_suffix
 
     real, simulated = read_result(arguments.real), read_result(arguments.simulated)
-    comparison = compare(real, simulated)
+    comparison = compare(real, simulated, camera=RIGHT if arguments.no_camera else None)
     if arguments.picture is not None:
         check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
         write_comparison_picture(real, simulated, comparison, arguments.picture)
@@ -130,15 +136,33 @@ def print_comparison(found: Comparison) -> None:
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
 
+    without = {similarity.feature: similarity for similarity in found.without_camera}
+    if without:
+        print_paragraph(
+            f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); "
+            "--no-camera takes them as they are."
+        )
+        print_line()
     print_paragraph("Cosine similarity (published: of all samples; here: at equal counts)")
     print_table(
-        ["feature", "published", "null", "here", "ceiling", "session, real-sim", "session, real-real", ""],
+        [
+            "feature",
+            "published",
+            "null",
+            "here",
+            *(["without camera"] if without else []),
+            "ceiling",
+            "session, real-sim",
+            "session, real-real",
+            "",
+        ],
         [
             [
                 WORDS[similarity.feature],
                 f"{similarity.as_published:.3f}",
                 f"{similarity.null:.3f}",
                 f"{similarity.at_equal_counts:.3f}",
+                *([f"{without[similarity.feature].at_equal_counts:.3f}"] if without else []),
                 f"{similarity.ceiling:.3f}",
                 _spread(similarity.by_session),
                 "-" if similarity.real_by_session is None else _spread(similarity.real_by_session),

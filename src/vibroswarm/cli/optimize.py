@@ -52,7 +52,9 @@ def add_parser(commands: Any) -> None:
         "--method", metavar="NAME", help="pso (default), tpe, gp, cmaes, nsga2, random, sobol, grid"
     )
     options.add_argument(
-        "--noise", metavar="NAME", help="for pso: rescore (default), ocba, or fixed (the paper)"
+        "--noise",
+        metavar="NAME",
+        help="for pso: rescore (default), ocba, fixed (the paper), or as-ran (its program)",
     )
     options.add_argument("--cost", metavar="NAME", help="cost to minimise (default: that of the file)")
     options.add_argument("--budget", metavar="N", type=whole, help="runs that the search may use")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from vibroswarm.cli.output import percent, print_paragraph, print_table, with_interval
 from vibroswarm.optimize.search_tables import (
     GRID_LUCK,
+    failures_in,
     failures_said,
     fresh_failures_said,
     reasons,
@@ -39,7 +40,7 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
                 f"{with_interval(paired, '+.2f')}"
             )
     archive = found.archive
-    print_paragraph(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_said(archive.failed)}")
+    print_paragraph(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_in(archive)}")
     for cause in reasons(archive):
         print_paragraph(f"  failed: {cause}")
 

@@ -27,10 +27,12 @@ class Candidate(NotebookView):
     """The step that proposed it: "start", "pso 3", ..."""
     rows: list[Rows] = field(default_factory=list)
     failed: int = 0
-    """Runs that failed; a candidate with a failed run cannot win."""
+    """Runs that failed; a candidate with a failed run cannot win, unless the archive ``drops_failed``."""
     why: str = ""
     count: int = 0
     """Runs requested, including failed ones."""
+    iteration: int = 0
+    """The iteration of a particle swarm that proposed it, from 0."""
 
     def all_rows(self) -> Rows:
         """Return the figures of all runs, (runs, cases, columns)."""
@@ -42,8 +44,10 @@ class Candidate(NotebookView):
 class Archive(NotebookView):
     """Candidates by key (0, 1, ...), and their scores under the objectives."""
 
-    def __init__(self, space: Space, objectives: Sequence[Objective]) -> None:
+    def __init__(self, space: Space, objectives: Sequence[Objective], *, drops_failed: bool = False) -> None:
         self.space, self.objectives = space, tuple(objectives)
+        self.drops_failed = drops_failed
+        """Whether failed runs are left out of a candidate's score, as in the paper's program."""
         self.candidates: list[Candidate] = []
         self.columns: list[slice] = []
         """The columns of each objective; set when the first rows are added."""
@@ -60,11 +64,11 @@ class Archive(NotebookView):
     def __len__(self) -> int:
         return len(self.candidates)
 
-    def new(self, point: Point, origin: str) -> int:
+    def new(self, point: Point, origin: str, iteration: int = 0) -> int:
         """Add a candidate and return its key."""
         point = np.clip(np.asarray(point, dtype=np.float64), 0.0, 1.0)
         key = len(self.candidates)
-        self.candidates.append(Candidate(key, point, self.space.values(point), origin))
+        self.candidates.append(Candidate(key, point, self.space.values(point), origin, iteration=iteration))
         return key
 
     def count(self, key: int) -> int:
@@ -86,7 +90,7 @@ class Archive(NotebookView):
     def score(self, key: int, objective: int = 0) -> float:
         """Compute the score of a candidate; infinite without runs or if one failed."""
         candidate = self[key]
-        if candidate.failed or not candidate.rows:
+        if self._is_out(candidate):
             return math.inf
         count, known = self.count(key), self._scores.get((key, objective))
         if known is None or known[0] != count:
@@ -95,6 +99,10 @@ class Archive(NotebookView):
             self._scores[key, objective] = known
         return known[1]
 
+    def _is_out(self, candidate: Candidate) -> bool:
+        """Tell whether a candidate has no score: it has no runs, or one failed that is not dropped."""
+        return not candidate.rows or (candidate.failed > 0 and not self.drops_failed)
+
     def scores(self, key: int) -> list[float]:
         """Compute the score under each objective."""
         return [self.score(key, k) for k in range(len(self.objectives))]
@@ -102,7 +110,7 @@ class Archive(NotebookView):
     def estimate(self, key: int) -> tuple[float, float]:
         """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error."""
         candidate, count = self[key], self.count(key)
-        if candidate.failed or not count:
+        if self._is_out(candidate):
             return math.inf, math.inf
         known = self._corrected.get(key)
         if known is None or known[0] != count:

@@ -1,7 +1,8 @@
 """Evaluate candidates on any executor, in small pieces: from values of fields to the figures of each run.
 
 Each run has a number of its own, counted over the search, so that evaluations are independent; with common random
-numbers, evaluation e of every candidate is run e. Results are joined in the order of the requests, so that none
+numbers, evaluation e of every candidate is run e. As the paper's program ran, it is ``pso.shared_run``, and each run is
+a piece, so that crashed ones can be dropped one by one. Results are joined in the order of the requests, so that none
 depends on the workers.
 """
 
@@ -19,11 +20,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.method import Ask
 from vibroswarm.optimize.objective import Objective, Rows
+from vibroswarm.optimize.pso import shared_run
 from vibroswarm.optimize.simulate_outcomes import outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
@@ -33,6 +36,8 @@ PIECE: Final = 10
 """Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
 TRIES: Final = 2
 NUMBERS: Final = ("independent", "common")
+AS_RAN: Final = "as-ran"
+"""Numbers of runs that a search by the paper's program gives, whatever its settings say."""
 RUN_LIMIT: Final = 2**32
 
 
@@ -52,6 +57,11 @@ class Piece:
     last: int
     code: tuple[tuple[str, str], ...] = ()
     """User code and its text."""
+    crashed: bool = False
+    """Whether the runs are taken to have crashed; they are not simulated."""
+
+
+CRASHED: Final = "taken to crash (pso.crash_share)"
 
 
 def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ...]:
@@ -70,6 +80,8 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
     Raises:
         InputError: a cost gives no number.
     """
+    if piece.crashed:
+        return CRASHED
     try:
         plugins.install_all(piece.code)
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
@@ -105,8 +117,11 @@ class Evaluator:
         *,
         motion: str = "event",
         numbers: str = "independent",
+        crash_share: float = 0.0,
     ) -> None:
+        """Divide runs of the candidates in ``archive``; ``numbers`` is one of ``NUMBERS``, or AS_RAN."""
         self.archive, self.motion, self.numbers = archive, motion, numbers
+        self.crash_share, self.search_seed = crash_share, seed
         self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases, motion)
         self.seed = derived_seed(seed, "evaluations")
         self.next_run = 0
@@ -114,6 +129,8 @@ class Evaluator:
     def pieces(self, ask: Ask) -> list[Piece]:
         """Return the pieces of a request, with the next run numbers."""
         candidate = self.archive[ask.key]
+        if self.numbers == AS_RAN:
+            return self._pieces_as_ran(ask)
         first = self.next_run if self.numbers == "independent" else candidate.count
         self.next_run += ask.runs
         if first + ask.runs > RUN_LIMIT:
@@ -124,6 +141,17 @@ class Evaluator:
                 self.cases, values, self.seed, self.motion, low, min(low + PIECE, first + ask.runs), self.code
             )
             for low in range(first, first + ask.runs, PIECE)
+        ]
+
+    def _pieces_as_ran(self, ask: Ask) -> list[Piece]:
+        """Return a piece for each run, by its shared number; some are taken to crash."""
+        candidate, values = self.archive[ask.key], tuple(self.archive[ask.key].values.items())
+        chances = generator(self.search_seed, f"optimizer: crashes {ask.key} {candidate.count}")
+        crashed = (chances.random(ask.runs) < self.crash_share).tolist()
+        runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
+        return [
+            Piece(self.cases, values, self.seed, self.motion, run, run + 1, self.code, lost)
+            for run, lost in zip(runs, crashed, strict=True)
         ]
 
 

@@ -17,7 +17,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.batch_samplers import Random, Sobol
-from vibroswarm.optimize.evaluate import Evaluator, do_pieces
+from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, do_pieces
 from vibroswarm.optimize.journal import JOURNAL, Journal, Step
 from vibroswarm.optimize.method import Ask, Iteration, Method, SearchProgress
 from vibroswarm.optimize.pso import Pso
@@ -94,7 +94,7 @@ class Found(NotebookView):
     @property
     def believed(self) -> float:
         """The winner's score in the search: biased by selection in the paper's method, corrected otherwise."""
-        if self.race or self.search.settings.method != "pso" or self.search.pso.noise != "fixed":
+        if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
             return self.archive.estimate(self.best)[0]
         return self.history[-1].best
 
@@ -131,13 +131,15 @@ def run_search(
 class _Loop:
     def __init__(self, search: Search, journal: Journal | None, pool: Workers, progress: Progress) -> None:
         self.search, self.journal, self.pool, self.progress = search, journal, pool, progress
-        self.archive = Archive(search.space, search.objectives)
+        as_ran = search.is_as_ran
+        self.archive = Archive(search.space, search.objectives, drops_failed=as_ran)
         self.evaluator = Evaluator(
             self.archive,
             [cell.scenario for cell in search.cases],
             search.seed,
             motion=search.study.motion,
-            numbers=search.settings.numbers,
+            numbers=AS_RAN if as_ran else search.settings.numbers,
+            crash_share=search.pso.crash_share if as_ran else 0.0,
         )
         self.before: Iterator[Step] = iter(()) if journal is None else journal.steps()
         self.replaying = journal is not None

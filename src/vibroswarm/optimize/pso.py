@@ -13,6 +13,8 @@
 
 * ``fixed``, the paper: the best 20 % of the particles get them; a personal best keeps the score with which it became
   one, so that the luckiest wins.
+* ``as-ran``, the paper's program: ``fixed``, and besides velocities are 0 at first, the first move has the full inertia
+  w = 1.0, all particles share the runs of an iteration (``shared_run``), and runs that crash are dropped.
 * ``rescore`` (default): the best 20 % of particles and personal bests together get them, and every score uses all
   evaluations so far.
 * ``ocba``: they are allocated where they best discriminate between candidates (see ``race``).
@@ -35,7 +37,22 @@ from vibroswarm.optimize.method import Ask, Iteration, chance, iteration_of
 from vibroswarm.optimize.race import allocate_runs
 from vibroswarm.optimize.space import Point
 
-NOISE: Final = ("rescore", "ocba", "fixed")
+NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
+KEEPS_SCORES: Final = ("fixed", "as-ran")
+"""Kinds of ``noise`` in which a personal best keeps the score with which it became one."""
+FIRST_REEVALUATION: Final = 2
+"""Re-evaluations count from here: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 products."""
+
+
+def shared_run(evaluation: int, iteration: int) -> int:
+    """Return the number of the run of an evaluation, as the paper's program seeded it: re-evaluation x (iteration + 1).
+
+    The same for all particles, and often that of an earlier iteration: 265 of the first ten's 500 are distinct.
+
+    Args:
+        evaluation, iteration: from 0. A candidate's extra evaluations go on counting.
+    """
+    return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,8 @@ class PsoSettings(NotebookView):
         extra, extra_share: number of extra runs, and the share of the best that get them.
         inertia_first, inertia_last: omega, falling linearly. weight_personal, weight_global: omega_p, omega_g.
         first_velocity, caution: see below.
-        noise: ``rescore``, ``ocba`` or ``fixed`` (the paper), see docs/optimizing.md.
+        noise: ``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md.
+        crash_share: see below.
     Raises:
         InputError: no particles, no iterations, a weight that is no number.
     """
@@ -62,10 +80,12 @@ class PsoSettings(NotebookView):
     weight_personal: float = 0.75
     weight_global: float = 0.75
     first_velocity: float = 0.1
-    """Initial velocities are uniform between minus and plus this fraction of the bounds."""
+    """Initial velocities are uniform between minus and plus this fraction of the bounds (``as-ran``: 0)."""
     noise: str = "rescore"
     caution: float = 1.0
-    """Unless ``fixed``: candidates are compared by score plus this number of standard errors."""
+    """With ``rescore`` and ``ocba``: candidates are compared by score plus this number of standard errors."""
+    crash_share: float = 0.0
+    """With ``as-ran``: share of runs that are taken to crash, at random; a tenth of those of the study did."""
 
     def __post_init__(self) -> None:
         for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
@@ -76,6 +96,14 @@ class PsoSettings(NotebookView):
         ):  # fmt: skip
             number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
         check_choice(self.noise, "pso.noise", NOISE)
+        number_of(self.crash_share, "pso.crash_share", 0, 0.9)
+        if self.crash_share and self.noise != "as-ran":
+            raise InputError('needs noise = "as-ran"; elsewhere no run is dropped', field="pso.crash_share")
+
+    @property
+    def keeps_scores(self) -> bool:
+        """Whether a personal best keeps the score with which it became one, as in the paper."""
+        return self.noise in KEEPS_SCORES
 
     @property
     def best_of(self) -> int:
@@ -107,7 +135,8 @@ class Pso:
         shape = (settings.particles, archive.space.size)
         random = chance(seed, "pso begins")
         self.position = random.random(shape)
-        self.velocity = settings.first_velocity * (2.0 * random.random(shape) - 1.0)
+        span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
+        self.velocity = span * (2.0 * random.random(shape) - 1.0)
         if starts and len(starts) > settings.particles:
             raise InputError(f"{len(starts)} starts for {settings.particles} particles", field="start")
         for k, start in enumerate(starts or []):
@@ -115,7 +144,7 @@ class Pso:
         self.current: list[int] = []
         self.personal: list[int] = []
         self.kept = np.full(settings.particles, math.inf)
-        """Scores of the personal bests when they became so, for ``fixed``."""
+        """Scores of the personal bests when they became so, for ``KEEPS_SCORES``."""
 
     def ask(self) -> list[Ask]:
         """Request runs of all particles, then the extra evaluations."""
@@ -123,7 +152,7 @@ class Pso:
             return []
         if not self.extras:
             origin = f"pso {self.iteration + 1}"
-            self.current = [self.archive.new(point, origin) for point in self.position]
+            self.current = [self.archive.new(point, origin, self.iteration) for point in self.position]
             return [Ask(key, self.settings.evaluations) for key in self.current]
         return self._extra_asks()
 
@@ -156,7 +185,7 @@ class Pso:
     def _extra_asks(self) -> list[Ask]:
         """Request the extra evaluations, according to ``noise``."""
         settings, archive = self.settings, self.archive
-        if settings.noise == "fixed":
+        if settings.keeps_scores:
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
             return [Ask(key, settings.extra) for key in order[: settings.best_of]]
         among = list(dict.fromkeys([*self.personal, *self.current]))
@@ -171,24 +200,25 @@ class Pso:
         if not self.personal:
             self.personal, self.kept = list(self.current), now
             return
-        before = self.kept if self.settings.noise == "fixed" else self._personal_scores()
+        before = self.kept if self.settings.keeps_scores else self._personal_scores()
         for k in np.flatnonzero(now < before):
             self.personal[k], self.kept[k] = self.current[k], now[k]
 
     def _score(self, key: int) -> float:
-        if self.settings.noise == "fixed":
+        if self.settings.keeps_scores:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        if self.settings.noise == "fixed":
+        if self.settings.keeps_scores:
             return self.kept
         return np.array([self._score(key) for key in self.personal])
 
     def _move(self) -> None:
         """Move all particles by the velocity update of the paper."""
         settings = self.settings
-        share = self.iteration / max(self.iterations - 1, 1)
+        moves_before = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
+        share = moves_before / max(self.iterations - 1, 1)
         inertia = settings.inertia_first + share * (settings.inertia_last - settings.inertia_first)
         random = chance(self.seed, f"pso {self.iteration + 1}")
         r_1, r_2 = random.random((2, *self.position.shape))

@@ -22,7 +22,7 @@ from vibroswarm.optimize.grid import Grid
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.search_tables import (
     bound_of,
-    failures_said,
+    failures_in,
     fresh_failures_said,
     interval_said,
     other_names,
@@ -81,7 +81,7 @@ def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[st
     words = []
     if found.archive.failed:
         causes = "; ".join(reasons(found.archive))
-        words.append(f"{failures_said(found.archive.failed)}." + (f" Why: {causes}" if causes else ""))
+        words.append(f"{failures_in(found.archive)}." + (f" Why: {causes}" if causes else ""))
     for scored in () if truth is None else (truth.winner, *truth.others):
         if fresh_failures := fresh_failures_said(scored):
             words.append(f"{fresh_failures}.")
@@ -110,7 +110,9 @@ def luck_words(truth: Truth) -> str:
 
 def _nothing_found(search: Search, truth: Truth) -> list[str]:
     """List the warnings that the winner is not better than the starts."""
-    words = []
+    words: list[str] = []
+    if truth.too_short:
+        return words
     for k, name in enumerate(other_names(search, truth)[: len(search.starts)]):
         stands, less = standing(truth, k), interval_said(truth.against[k], sign=True)
         if stands == "the same":
@@ -220,7 +222,7 @@ def _lead(found: Found, truth: Truth | None, front: Front | None) -> Iterable[st
     cases = f", each in {len(search.cases)} cases" if len(search.cases) > 1 else ""
     yield (
         f"`{search.settings.method}` over {search.space.size} fields, for the lowest {_aims(search)}: {len(archive):,} "
-        f"candidates in {found.runs:,} runs{cases}; {failures_said(archive.failed)}."
+        f"candidates in {found.runs:,} runs{cases}; {failures_in(archive)}."
     )
     if truth is not None:
         yield best_words(found.values, truth, search.objectives[0].unit)
@@ -323,7 +325,7 @@ def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Sec
         fresh.append(("front", count, front.runs * count - failed, failed))
     failures = tables.failure_table(found.archive)
     parts = (tables.account(found, fresh), *(() if failures is None else (failures,)))
-    text = (f"{found.runs:,} runs by the search; {failures_said(found.archive.failed)}.",)
+    text = (f"{found.runs:,} runs by the search; {failures_in(found.archive)}.",)
     return Section("Runs", text, parts)
 
 

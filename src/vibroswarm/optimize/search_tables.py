@@ -23,11 +23,24 @@ GRID_LUCK: Final = "not significantly different from it. Which of them is lowest
 """Completes a sentence about the other cells of a grid."""
 
 
-def failures_said(failed: int) -> str:
-    """Say how many runs of a search ``failed``, and what that means for their candidates."""
-    return (
-        "none failed" if not failed else f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
-    )
+def failures_said(failed: int, *, dropped: bool = False) -> str:
+    """Say how many runs of a search ``failed``, and what that means for their candidates.
+
+    Args:
+        dropped: whether they are left out of the scores, as in the paper's program.
+    """
+    if not failed:
+        return "none failed"
+    if dropped:
+        return (
+            f"{failed:,} runs FAILED and are dropped: scores are of the other runs, as in the paper's program"
+        )
+    return f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
+
+
+def failures_in(archive: Archive) -> str:
+    """Say how many runs of the candidates in ``archive`` failed."""
+    return failures_said(archive.failed, dropped=archive.drops_failed)
 
 
 def fresh_failures_said(scored: Scored) -> str:
@@ -82,6 +95,7 @@ EDGE: Final = 0.01
 """A value closer to a bound than this fraction of the range lies at it."""
 LUCK_TONES: Final = {
     "not significant": "good", "lucky": "bad", "unlucky": "fair", "inconclusive": "open", "not defined": "open",
+    "too short": "open",
 }  # fmt: skip
 STANDING_TONES: Final = {"better": "good", "worse": "bad", "not significant": "open", "the same": "open"}
 LIMIT_TONES: Final = {"within": "good", "beyond": "bad", "not significantly": "open"}
@@ -308,7 +322,8 @@ def failure_table(archive: Archive) -> ReportTable | None:
         }
         for cause, candidates in sorted(by_cause.items(), key=lambda item: (-len(item[1]), item[0]))
     ]
-    caption = "Why runs failed, by the first reason of each candidate; none of them could win."
+    result = "their scores are of the other runs" if archive.drops_failed else "none of them could win"
+    caption = f"Why runs failed, by the first reason of each candidate; {result}."
     return ReportTable(_frame(rows), {"why": Column(prose=True)}, caption, "failures")
 
 

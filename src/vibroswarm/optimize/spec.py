@@ -124,6 +124,13 @@ class Search(NotebookView):
         if self.settings.method == "pso" and len(self.starts) > self.pso.particles:
             raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
         _ = self.pso_settings, self.search_budget
+        if self.is_as_ran:
+            if self.settings.numbers != "independent":
+                raise InputError(
+                    'noise = "as-ran" numbers its runs itself; leave this out', field="search.numbers"
+                )
+            if self.final_runs:
+                raise InputError('noise = "as-ran" has no race; leave this out', field="search.final")
 
     @classmethod
     def from_toml(
@@ -187,7 +194,8 @@ class Search(NotebookView):
         blocks = [objective.as_values() for objective in self.objectives]
         values["objective"] = blocks[0] if len(blocks) == 1 else blocks
         values["search"] = {k: v for k, v in vars(self.settings).items() if v is not None}
-        return values | {"pso": dict(vars(self.pso))}
+        swarm = {k: v for k, v in vars(self.pso).items() if k != "crash_share" or v}  # older searches lack it
+        return values | {"pso": swarm}
 
     def to_toml(self) -> str:
         """Write the search as TOML; ``from_toml`` reads an equal one.
@@ -254,7 +262,7 @@ class Search(NotebookView):
         """Runs of the race of the finalists: none with several objectives, or with the paper's method."""
         if self.settings.final is not None:
             return self.settings.final
-        if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.noise == "fixed"):
+        if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.keeps_scores):
             return 0
         return int(FINAL_SHARE * self.budget)
 
@@ -272,6 +280,11 @@ class Search(NotebookView):
                 field="search.budget",
             )
         return left
+
+    @property
+    def is_as_ran(self) -> bool:
+        """Whether it runs as the paper's program did."""
+        return self.settings.method == "pso" and self.pso.noise == "as-ran"
 
     @property
     def has_dashboard(self) -> bool:

@@ -32,7 +32,9 @@ from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
 """Relative difference above which an interval that contains it is too wide to judge luck."""
-LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined")
+LEAST_ITERATIONS: Final = 2
+"""With fewer, particles have never moved."""
+LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined", "too short")
 """Explanations of the difference between believed and true score."""
 
 
@@ -82,6 +84,8 @@ class Truth(NotebookView):
     """The starts and other requested values, on the same runs."""
     against: tuple[Interval, ...]
     """Score of the winner minus that of each other, paired by run."""
+    too_short: bool = False
+    """Whether the search had fewer than ``LEAST_ITERATIONS``, so that its winner says nothing about searches."""
 
     @property
     def difference(self) -> float:
@@ -95,6 +99,8 @@ class Truth(NotebookView):
     def luck(self) -> str:
         """The explanation of the difference, one of ``LUCK``."""
         share, score = self.difference, self.winner.score
+        if self.too_short:
+            return "too short"
         if not math.isfinite(share):
             return "not defined"
         if score.low <= self.believed <= score.high:
@@ -106,6 +112,9 @@ class Truth(NotebookView):
         """The explanation in words."""
         share = self.difference
         return {
+            "too short": (
+                "No verdict: the swarm made no move, so that its winner is the best of random points; raise --budget."
+            ),
             "not defined": "The difference between the believed and the true score is not defined.",
             "inconclusive": (
                 f"The believed score is {abs(100 * share):.0f} % too {'low' if share > 0 else 'high'}, but the "
@@ -162,7 +171,12 @@ def truth_of(
     scored = score_fresh(search, named, count, executor=executor, workers=workers, progress=progress)
     objective = search.objectives[0]
     against = tuple(paired_score(objective, scored[0], other) for other in scored[1:])
-    return Truth(found.believed, scored[0], tuple(scored[1:]), against)
+    return Truth(found.believed, scored[0], tuple(scored[1:]), against, is_too_short(found))
+
+
+def is_too_short(found: Found) -> bool:
+    """Return whether a swarm had fewer than ``LEAST_ITERATIONS`` iterations."""
+    return found.search.settings.method == "pso" and len(found.history) < LEAST_ITERATIONS
 
 
 def score_fresh(

@@ -74,11 +74,11 @@ def exact(claim: str, column: str, cell: str, value: float, cannot: str | None =
     return row(claim, column, cell, value, None, 1, cannot) | {"exact": True}
 
 
-def of_interval(claim: str, column: str, cell: str, found: Interval) -> Row:
+def of_interval(claim: str, column: str, cell: str, found: Interval, cannot: str | None = None) -> Row:
     """Return the row of an estimate given with its 95 % limits."""
     half = (found.high - found.low) / 2
     quantile = float(stdtrit(max(found.n - 1, 1), 0.5 + found.level / 2))
-    return row(claim, column, cell, found.estimate, half / quantile, found.n)
+    return row(claim, column, cell, found.estimate, half / quantile, found.n, cannot)
 
 
 def mean(

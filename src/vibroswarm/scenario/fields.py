@@ -296,6 +296,20 @@ class Decision(FrozenModel):
     """For strategies whose opinions may change: the swarm has decided when all have agreed for this long, s."""
 
 
+class CameraField(FrozenModel):
+    """How a camera saw the robots of the recordings that a scenario was fitted to, if it saw them displaced.
+
+    No simulation depends on it; ``calibrate compare`` applies it to simulated positions.
+    """
+
+    magnification: Annotated[float, Field(gt=0.5, lt=2)] | None = None
+    """Distance from the arena's centre at which robots are seen, relative to the true one; if omitted, 1."""
+    shift_x_m: Annotated[float, Field(ge=-1, le=1)] | None = None
+    """How far to the right they are seen, in addition; if omitted, 0."""
+    shift_y_m: Annotated[float, Field(ge=-1, le=1)] | None = None
+    """How far up; if omitted, 0."""
+
+
 class Run(FrozenModel):
     """Duration and time step."""
 
@@ -325,6 +339,7 @@ class Sections(FrozenModel):
     network: NetworkChoice = NetworkChoice()
     faults: Faults = Faults()
     task: TaskChoice = TaskChoice()
+    camera: CameraField = CameraField()
     run: Run = Run()
 
     @property

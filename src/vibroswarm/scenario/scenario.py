@@ -120,7 +120,7 @@ class Scenario(Sections, NotebookView):
         """Return the whole scenario as TOML; ``from_toml`` gives back an equal one."""
         import tomli_w
 
-        return tomli_w.dumps(self.model_dump(mode="python", exclude_none=True))
+        return tomli_w.dumps(_without_empty(self.model_dump(mode="python", exclude_none=True)))
 
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
         """Return a copy with some fields replaced.
@@ -198,7 +198,7 @@ class Scenario(Sections, NotebookView):
     @property
     def hash(self) -> str:
         """16 hexadecimal digits that change with any field, and with nothing else."""
-        data = {"schema": SCHEMA_VERSION, **self.model_dump(mode="json", exclude_none=True)}
+        data = {"schema": SCHEMA_VERSION, **_without_empty(self.model_dump(mode="json", exclude_none=True))}
         data |= {choice.kind: choice.effective for choice in self.choices}
         text = json.dumps(_infinite_as_text(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -214,6 +214,11 @@ class Scenario(Sections, NotebookView):
     def codes(self) -> tuple[str, ...]:
         """Users' files that it needs, as ``plugins`` names them."""
         return tuple(choice.code for choice in self.choices if choice.code is not None)
+
+
+def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
+    """Return the sections of which any field is set, so that one with optional fields only changes no hash."""
+    return {name: fields for name, fields in sections.items() if fields != {}}
 
 
 def preset(name: str) -> Scenario:

@@ -13,8 +13,9 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.calibrate.camera import seen_through
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
-from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
+from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import RealCache, null_similarity, similarity
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
@@ -96,7 +97,8 @@ Sets = dict[str, list[tuple[float, float]]]
 
 def similarity_by_set(real: Result, simulated: Result) -> Sets:
     """Return the similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
-    real_sessions, simulated_sessions = sessions_of(real), sessions_of(simulated)
+    real_sessions = sessions_of(real)
+    simulated_sessions = sessions_of(seen_through(simulated, camera_between(real, simulated)))
     by_feature: Sets = {}
     for feature in FEATURES:
         all_real = np.concatenate(real_sessions.values(feature))
@@ -220,7 +222,9 @@ def compute(work: Work) -> Tables:
         "distances": _distances(comparisons),
         "figures": _figures(settings, everything),
         "states": pl.concat([_states(name, source) for name, source in everything.items()]),
-        "histograms": histograms_of({ROBOTS: real, **sources}),
+        "histograms": histograms_of(
+            {name: seen_through(one, camera_between(real, one)) for name, one in everything.items()}
+        ),
         CLAIMS: frame(measured),
     }
 

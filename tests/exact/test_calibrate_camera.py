@@ -1,0 +1,89 @@
+"""The camera of the recordings: kept with a scenario, and applied to simulated positions when they are compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
+from vibroswarm.calibrate.real_vs_simulated import compare
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario, preset
+
+CAMERA = Camera(1.05, 0.004, -0.006)
+
+
+@pytest.fixture(scope="module")
+def seen(logs: list[Path], told: Scenario, ground: Floor) -> Recording:
+    """The log of a simulation, with positions as a camera would have seen them."""
+    log = recording_of([read_log(path) for path in logs], ground, told)
+    x, y = CAMERA.seen(log.motion["x_m"].to_numpy(), log.motion["y_m"].to_numpy(), (1.0, 1.0))
+    return replace(log, motion=log.motion.with_columns(x_m=pl.Series(x), y_m=pl.Series(y)))
+
+
+def test_true_positions_are_found_again_from_where_they_were_seen() -> None:
+    x, y = np.random.default_rng(3).uniform(0.1, 0.9, (2, 50))
+    back = CAMERA.true(*CAMERA.seen(x, y, (1.0, 1.0)), (1.0, 1.0))
+    np.testing.assert_allclose(back, (x, y), atol=1e-12)
+    assert np.abs(np.subtract(CAMERA.seen(x, y, (1.0, 1.0)), (x, y))).max() > 0.02
+
+
+def test_it_is_kept_with_a_scenario_and_changes_the_hash_of_no_other() -> None:
+    scenario = Scenario().with_values(CAMERA.fields())
+    assert Camera.of(scenario) == CAMERA
+    assert Camera.of(Scenario.from_toml(scenario.to_toml())) == CAMERA
+    assert "camera" not in Scenario().to_toml()
+    assert RIGHT.fields() == {}
+    assert Camera.of(preset("paper")) == RIGHT
+    assert Camera.of(preset("calibrated")).magnification == pytest.approx(1.0353, abs=0.002)
+
+
+def test_a_simulation_is_compared_as_the_camera_would_have_seen_it(
+    made: Result, seen: Recording, logs: list[Path], told: Scenario, ground: Floor
+) -> None:
+    with_camera = replace(made, scenario=made.scenario.with_values(CAMERA.fields()))
+    found = compare(seen, with_camera)
+    assert found.camera == CAMERA
+    log = recording_of([read_log(path) for path in logs], ground, told)
+    exact = {one.feature: one.as_published for one in compare(log, made).similarities}
+    through = {one.feature: one.as_published for one in found.similarities}
+    without = {one.feature: one.as_published for one in found.without_camera}
+    for feature in ("distances", "steps"):
+        # The log rounds times, and has a robot's first position; one without a camera is as similar.
+        assert through[feature] == pytest.approx(exact[feature], abs=0.005), feature
+        assert without[feature] < through[feature] - 0.03, feature
+    assert without["places"] == pytest.approx(through["places"]), "its bins span the data's own range"
+    # Controls: a scenario without a camera, and one that is overridden, are compared as simulated.
+    for other in (compare(seen, made), compare(seen, with_camera, camera=RIGHT)):
+        assert {one.feature: one.as_published for one in other.similarities} == without
+        assert other.without_camera == ()
+
+
+def test_no_camera_stands_between_two_simulations_or_two_recordings(made: Result, seen: Recording) -> None:
+    with_camera = replace(made, scenario=made.scenario.with_values(CAMERA.fields()))
+    assert seen_through(seen, CAMERA) is seen
+    assert compare(seen, seen).camera == RIGHT
+    assert compare(made, with_camera).camera == RIGHT
+
+
+def test_the_command_names_it(
+    made: Result, seen: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from vibroswarm.cli import main
+
+    seen.write(tmp_path / "real")
+    replace(made, scenario=made.scenario.with_values(CAMERA.fields())).write(tmp_path / "made")
+    assert main(["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made")]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "magnification 1.05, shift +4.0 mm to the right, -6.0 mm up" in told
+    assert "without camera" in told
+    arguments = ["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"), "--no-camera"]
+    assert main(arguments) == 0
+    assert "camera" not in capsys.readouterr().out

@@ -1,0 +1,190 @@
+"""The paper's search as its program ran it, against a small re-implementation that shares nothing but the chance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers import search_functions as functions
+from vibroswarm.errors import InputError
+from vibroswarm.optimize import evaluate
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.evaluate import AS_RAN, Evaluator
+from vibroswarm.optimize.loop import run_search
+from vibroswarm.optimize.method import Ask, chance
+from vibroswarm.optimize.pso import Pso, PsoSettings, shared_run
+from vibroswarm.optimize.space import Space
+from vibroswarm.optimize.spec import Search
+from vibroswarm.scenario.scenario import preset
+
+PARTICLES, ITERATIONS, EVALUATIONS, EXTRA, BEST = 6, 5, 4, 3, 2
+
+
+def noisy(point: np.ndarray[Any, Any], run: int) -> float:
+    """A cost whose noise depends on the number of the run alone, as a floor drawn by it."""
+    wobble = math.sin(12.9898 * run) * 43758.5453
+    return functions.sphere(point) + 0.2 * (wobble - math.floor(wobble))
+
+
+def crashes(run: int, place: float) -> bool:
+    return (run * 7 + int(1000 * place)) % 9 == 0
+
+
+def by_hand(seed: int) -> tuple[list[np.ndarray[Any, Any]], float, int]:
+    """Positions in each iteration, the score that wins, and crashed runs: velocity and inertia as stated."""
+    random = chance(seed, "pso begins")
+    x = random.random((PARTICLES, 3))
+    v = np.zeros_like(x)
+    best, best_score = x.copy(), [math.inf] * PARTICLES
+    inertia = np.linspace(1.0, 0.4, ITERATIONS)
+    where, dropped = [], 0
+    for k in range(ITERATIONS):
+        where.append(x.copy())
+        costs: list[list[float]] = []
+        for i in range(PARTICLES):
+            runs = [r * (k + 1) for r in range(2, 2 + EVALUATIONS)]
+            lost = [crashes(run, x[i, 0]) for run in runs]
+            dropped += sum(lost)
+            costs.append([noisy(x[i], run) for run, gone in zip(runs, lost, strict=True) if not gone])
+
+        def score(own: list[float]) -> float:
+            return float(np.mean(own) + np.std(own)) if own else math.inf
+
+        order = sorted(range(PARTICLES), key=lambda i: (score(costs[i]), i))
+        for i in order[:BEST]:
+            for r in range(2 + EVALUATIONS, 2 + EVALUATIONS + EXTRA):
+                run = r * (k + 1)
+                if crashes(run, x[i, 0]):
+                    dropped += 1
+                else:
+                    costs[i].append(noisy(x[i], run))
+        for i in range(PARTICLES):
+            if score(costs[i]) < best_score[i]:
+                best[i], best_score[i] = x[i], score(costs[i])
+        if k + 1 == ITERATIONS:
+            break
+        r_1, r_2 = chance(seed, f"pso {k + 2}").random((2, PARTICLES, 3))
+        leader = best[int(np.argmin(best_score))]
+        v = inertia[k] * v + 0.75 * r_1 * (best - x) + 0.75 * r_2 * (leader - x)
+        x = np.clip(x + v, 0.0, 1.0)
+    return where, min(best_score), dropped
+
+
+def as_written(seed: int, noise: str = "as-ran") -> tuple[list[np.ndarray[Any, Any]], Pso, Archive]:
+    """The same by our classes, with the function in place of the simulation."""
+    archive = functions.archive_for("mean+sd")
+    archive.drops_failed = True
+    settings = PsoSettings(
+        particles=PARTICLES, iterations=ITERATIONS, evaluations=EVALUATIONS, extra=EXTRA,
+        extra_share=BEST / PARTICLES, noise=noise,
+    )  # fmt: skip
+    found = Pso(archive, seed, settings)
+    evaluator = Evaluator(archive, [preset("paper")], seed, numbers=AS_RAN)
+    where = []
+    while asks := found.ask():
+        if len(asks) == PARTICLES:
+            where.append(found.position.copy())
+        pieces = [(ask, evaluator.pieces(ask)) for ask in asks]
+        for ask, parts in pieces:
+            point = archive[ask.key].point
+            for part in parts:
+                assert part.last == part.first + 1
+                if crashes(part.first, point[0]):
+                    archive.add_runs(ask.key, "crashed", 1)
+                else:
+                    archive.add_runs(ask.key, np.full((1, 1, 1), noisy(point, part.first)), 1)
+        found.tell()
+    return where, found, archive
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_moves_and_scores_as_the_re_implementation(seed: int) -> None:
+    where, score, dropped = by_hand(seed)
+    found_where, found, archive = as_written(seed)
+    np.testing.assert_allclose(found_where, where, atol=1e-14)
+    assert found.history[-1].best == pytest.approx(score, abs=1e-12)
+    assert archive.failed == dropped > 0
+    # Control: the paper as printed moves otherwise, from the first move on.
+    other = as_written(seed, noise="fixed")[0]
+    np.testing.assert_allclose(other[0], where[0])
+    assert np.abs(other[1] - where[1]).max() > 1e-3
+
+
+def test_265_of_the_studys_500_seeds_are_distinct() -> None:
+    settings = PsoSettings(noise="as-ran")
+    runs = [shared_run(e, k) for k in range(settings.iterations) for e in range(settings.evaluations)]
+    assert len(runs) == 500
+    assert len(set(runs)) == 265
+
+
+def test_all_particles_of_an_iteration_share_their_runs() -> None:
+    archive = functions.archive_for()
+    keys = [archive.new(np.full(3, 0.1 * k), "pso 4", 3) for k in range(3)]
+    evaluator = Evaluator(archive, [preset("paper")], 1, numbers=AS_RAN)
+    numbers = [[piece.first for piece in evaluator.pieces(Ask(key, 3))] for key in keys]
+    assert numbers == [[8, 12, 16]] * 3
+    archive[keys[0]].count = 3
+    assert [piece.first for piece in evaluator.pieces(Ask(keys[0], 2))] == [20, 24]
+    # Control: by default no two evaluations share a run.
+    evaluator = Evaluator(archive, [preset("paper")], 1)
+    assert len({piece.first for key in keys for piece in evaluator.pieces(Ask(key, 3))}) == 3
+
+
+def test_crashes_are_a_share_of_the_runs_and_fixed_by_the_seed() -> None:
+    archive = functions.archive_for()
+    key = archive.new(np.full(3, 0.5), "pso 1")
+    evaluator = Evaluator(archive, [preset("paper")], 1, numbers=AS_RAN, crash_share=0.1)
+    lost = [piece.crashed for piece in evaluator.pieces(Ask(key, 4000))]
+    assert abs(sum(lost) / 4000 - 0.1) < 0.02  # four standard errors
+    assert lost == [piece.crashed for piece in evaluator.pieces(Ask(key, 4000))]
+    other = Evaluator(archive, [preset("paper")], 2, numbers=AS_RAN, crash_share=0.1)
+    assert lost != [piece.crashed for piece in other.pieces(Ask(key, 4000))]
+
+
+def small(**settings: Any) -> Search:
+    bounds = {"walk.walk_duration_scale_ms": {"from": 0, "to": 20000}}
+    pso = PsoSettings(particles=2, iterations=2, evaluations=3, extra=1, noise="as-ran", **settings)
+    return Search(space=Space.of(bounds), pso=pso)
+
+
+def test_a_search_counts_its_crashed_runs_and_still_has_a_winner(monkeypatch: pytest.MonkeyPatch) -> None:
+    def piece(part: Any, objectives: Any) -> Any:
+        return "crashed" if part.crashed else np.full((1, 1, 1), float(part.first % 5))
+
+    monkeypatch.setattr(evaluate, "do_piece", piece)
+    found = run_search(small(crash_share=0.4))
+    assert 0 < found.archive.failed < found.runs == 14
+    assert math.isfinite(found.believed)
+    assert found.archive[found.best].failed > 0 or found.archive.failed > 0
+    from vibroswarm.optimize.search_tables import failures_in
+
+    assert "dropped" in failures_in(found.archive)
+    # Control: elsewhere a candidate with a failed run cannot win.
+    found.archive.drops_failed = False
+    scores = [found.archive.score(key) for key in range(len(found.archive)) if found.archive[key].failed]
+    assert scores
+    assert all(math.isinf(score) for score in scores)
+
+
+def test_it_is_written_and_read_and_other_searches_keep_their_hash() -> None:
+    search = small(crash_share=0.1)
+    again = Search.from_toml(search.to_toml())
+    assert (again.pso, again.hash) == (search.pso, search.hash)
+    assert "crash_share" not in Search().to_toml()
+    assert not Search().is_as_ran
+
+
+def test_what_does_not_go_with_it_is_refused() -> None:
+    search = small()
+    with pytest.raises(InputError, match="numbers its runs itself"):
+        search.with_settings(numbers="common")
+    with pytest.raises(InputError, match="has no race"):
+        search.with_settings(final=5)
+    with pytest.raises(InputError, match="as-ran"):
+        PsoSettings(crash_share=0.1)
+    with pytest.raises(InputError, match=r"pso.crash_share"):
+        replace(search.pso, crash_share=2.0)
