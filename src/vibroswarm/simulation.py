@@ -11,7 +11,8 @@ from importlib.metadata import version
 import polars as pl
 
 import vibroswarm.motion.event.engine
-import vibroswarm.motion.fixed_step  # noqa: F401  (these make themselves known as sources)
+import vibroswarm.motion.fixed_step
+import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached

@@ -114,7 +114,7 @@ def cache_folder() -> Path | None:
     return None
 
 
-ENGINES: Final = {"event": "engine", "fixed-step": "fixed_step"}
+ENGINES: Final = {"event": "engine", "fixed-step": "fixed_step", "mujoco-planar": "planar_step"}
 """Modules of the engines, by the names of their motion sources."""
 
 

@@ -20,7 +20,8 @@ A source of Motion (an engine, a recording, a camera track) gives these tables:
     row's pose to that of the next exactly; ``place_from_moves`` gives its accuracy in between.
   - ``ray_m``: the shortest ray when an avoidance begins; null for all other moves, and where an avoidance goes on.
 
-Bodies never overlap and never leave the arena at the ticks of the control period. Motion never depends on
+Bodies never overlap and never leave the arena at the ticks of the control period, except as far as the source's
+``tolerance`` says: a simulator of soft contact states how exact its tables are. Motion never depends on
 the floor, the sensor, the messages or the decisions, unless a strategy steers.
 
 ## Your own source
@@ -42,7 +43,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +129,17 @@ class Batch(Protocol):
         ``runs``."""
 
 
+class Tolerance(NamedTuple):
+    """How far a source may miss what it promises, at the ticks of the control period; 0: exact but for rounding."""
+
+    overlap_m: float = 0.0
+    """How deep bodies may be in each other or in a wall, m."""
+    arc: float = 0.0
+    """How far a segment or a move may end from where the next begins, in m and in rad."""
+    stop: float = 0.0
+    """How far a robot may be pushed, or roll, between the start of a stop and its sample, in m and in rad."""
+
+
 @dataclass(frozen=True)
 class Source:
     """A registered motion source.
@@ -141,6 +153,8 @@ class Source:
     init: Init
     batch: Batch = None  # type: ignore[assignment]  # set in __post_init__
     about: str = field(default="", compare=False)
+    tolerance: Tolerance = field(default=Tolerance(), compare=False)
+    """What ``vibroswarm.testing`` allows it."""
     is_ours: bool = field(default=False, compare=False)
     """An engine of this package: its tables are checked by tests, not while it runs."""
     source: str = field(default="", compare=False)
@@ -227,6 +241,7 @@ __all__ = [
     "MotionState",
     "Source",
     "SteeredState",
+    "Tolerance",
     "forget",
     "join",
     "known",

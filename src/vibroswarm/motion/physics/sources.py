@@ -1,0 +1,21 @@
+"""The motion sources that MuJoCo moves; MuJoCo itself is loaded when one of them is used."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+from vibroswarm.motion.kernel_run import batch_of
+from vibroswarm.motion.physics.planar_run import PlanarRun
+from vibroswarm.motion.source import Source, Tolerance, register
+
+PLANAR: Final = register(
+    Source(
+        "mujoco-planar",
+        PlanarRun,
+        partial(batch_of, PlanarRun),
+        "discs in MuJoCo: mass, finite forces, contact",
+        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.02),
+        is_ours=True,
+    )
+)
