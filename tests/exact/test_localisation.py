@@ -18,15 +18,19 @@ from vibroswarm.robot.pose_correction import correct, gain, learn_beyond, meet, 
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
+    OBSTACLES,
+    SAMPLES,
     SCALE,
     SPEED,
     STATES,
+    UNEXPECTED,
     LocalisationProgram,
     Mixture,
     X,
     Y,
     begin,
     empty_mixture,
+    excess,
     resample,
 )
 from vibroswarm.scenario.scenario import Scenario
@@ -179,15 +183,54 @@ def test_a_wall_places_a_robot_and_a_robot_does_not() -> None:
     of = program(lost_share=0.0, start_heading_spread_rad=0.01, start_spread_m=0.05)
     to_wall = 1.0 - 0.9 - of.ray_forward_m  # facing the right wall from x = 0.9
     f = begun(of, x=0.9, y=0.5, heading=0.0)
-    density = meet(f, 0, of, to_wall + 0.03, of.robots_per_m)
+    density, of_robot = meet(f, 0, of, to_wall + 0.03, of.robots_per_m, 0.0)
+    assert of_robot < 0.5 * of.robots_per_m  # a wall may be nearer
     assert f.means[0, X] == pytest.approx(0.87, abs=0.003)
     assert math.sqrt(f.covariances[0, X, X]) < 0.01
     assert math.sqrt(f.covariances[0, Y, Y]) == pytest.approx(0.05)
     spread = math.hypot(0.05, of.ray_noise_m)
     assert density == pytest.approx(math.exp(-0.5 * (0.03 / spread) ** 2) / spread / math.tau**0.5, rel=0.3)
     f = begun(of, x=0.5, y=0.5, heading=0.0)
-    assert meet(f, 0, of, 0.05, of.robots_per_m) == pytest.approx(of.robots_per_m, rel=1e-3)
+    for each in meet(f, 0, of, 0.05, of.robots_per_m, 0.0):
+        assert each == pytest.approx(of.robots_per_m, rel=1e-3)
     assert f.means[0, :2].tolist() == [0.5, 0.5]
+
+
+def test_the_monitor_counts_what_was_not_expected() -> None:
+    """Something met far from walls is all unexpected, a wall where it should be not at all; both by hand."""
+    of = program(start_heading_spread_rad=0.001, start_spread_m=0.001, lost_share=0.0)
+    far, near = begun(of, x=0.5, y=0.5, heading=0.0), begun(of, x=0.9, y=0.5, heading=0.0)
+    assert excess(far, of) == excess(near, of) == 0.0
+    for times in range(1, 41):
+        robot.obstacle(far, of, 0.05, True)
+        robot.obstacle(near, of, 1.0 - 0.9 - of.ray_forward_m, True)
+        kept = 0.95**times  # of 20 obstacles, 0.4 of each unexpected, that are presumed
+        if times < 10:  # later it takes itself for lost, and may have met a wall
+            assert excess(far, of) == pytest.approx(max((1.0 - 0.6 * kept) - 0.5, 0.0), abs=0.01)
+        assert near.monitor[UNEXPECTED] / near.monitor[OBSTACLES] == pytest.approx(0.4 * kept, abs=0.02)
+    assert 0.2 < excess(far, of) < 0.5
+    silent = of._replace(monitors=False)
+    assert excess(far, silent) == 0.0
+    wide, narrow = np.zeros(9), np.zeros(9)
+    robot.sampled(far, of, wide)
+    far.numbers[SAMPLES] = 0
+    robot.sampled(far, silent, narrow)
+    assert wide[3] == pytest.approx((1.0 + 4.0 * excess(far, of)) * narrow[3], rel=0.05)
+
+
+def test_a_wall_that_is_not_there_is_unexpected() -> None:
+    """A robot that should be beyond where rays see the wall, and sees nothing: -ln of the probability of that."""
+    of = program(start_heading_spread_rad=0.001, start_spread_m=0.02, lost_share=0.0)
+    f = begun(of, x=0.9, y=0.5, heading=0.0)
+    before = f.monitor[UNEXPECTED]
+    robot.drive(f, of, 0.7, 0.0, 0.0, False)
+    seen_at_m = 1.0 - of.ray_forward_m - of.avoidance_threshold_m
+    rng = np.random.default_rng(4)
+    drawn_m = 0.9 + rng.normal(0.0, 0.02, 400_000)
+    drawn_m += 0.7 * of.full_speed_m_s * rng.normal(of.speed_factor, of.speed_spread, drawn_m.size)
+    free = np.mean(drawn_m + rng.normal(0.0, of.seen_noise_m, drawn_m.size) < seen_at_m)
+    assert 0.1 < free < 0.5
+    assert f.monitor[UNEXPECTED] - before == pytest.approx(-math.log(free), rel=0.1)
 
 
 def test_the_law_of_speeds_is_that_of_the_robots() -> None:

@@ -69,6 +69,25 @@ def test_a_gyro_that_lies_is_seen_in_the_spread() -> None:
     assert np.mean(abs(told_good) > 3.0) > 2.0 * np.mean(abs(honest) > 3.0)
 
 
+def test_a_robot_that_is_told_a_wrong_law_states_wider_spreads() -> None:
+    """A monitor of what it meets: it halves the places that are off by 3 stated spreads, and spares right ones."""
+    for told in (
+        {"odometry__level": "poor", "localisation__assumed_level": "good"},
+        {"localisation__assumed_speed_factor": 1.3},
+        {"localisation__assumed_speed_spread": 0.03},
+    ):
+        wide, narrow = (
+            np.mean(abs(errors_of(places_of(**told, localisation__monitor=monitor))[1]) > 3.0)
+            for monitor in (True, False)
+        )
+        assert wide < 0.65 * narrow
+        assert narrow > 0.04
+    right, without = (
+        places_of(localisation__monitor=monitor)["lagged_spread_x_m"].median() for monitor in (True, False)
+    )
+    assert without <= right < 1.1 * without
+
+
 def test_the_table_holds_what_a_robot_knows_at_each_sample() -> None:
     places = places_of()
     assert list(PLACES) == places.columns[: len(PLACES)]

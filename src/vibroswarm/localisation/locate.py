@@ -191,6 +191,7 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         seen_noise_m=told.ray_noise_m + 0.001,
         robots_per_m=told.robots_factor * density * 2.0 * half_width_m * 4.0 / math.pi,
         corrects=told.method != "dead_reckoning",
+        monitors=told.monitor,
     )
 
 

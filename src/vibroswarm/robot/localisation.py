@@ -16,7 +16,12 @@ Bayesian networks", UAI 2000). Scalars and arrays of fixed size; nothing is allo
 | correction | - | - | m += P H' e / S, P -= P H' H P / S |
 | weight | - | - | times the density of e, N(0, S), plus that of meeting a robot |
 | nothing seen | - | - | q > threshold: mean and variance of the Gaussian cut off there; weight times what is left |
+| unexpected | n | - | sum of -ln(weight left) if nothing was seen, of P(robot) at each obstacle; fades by KEPT |
+| excess | - | - | max(n / obstacles - USUAL, 0): with it stated spreads and ``lost_share`` grow |
 | smoothed place | - | m | places of the last ``lag`` samples, corrected with the state by their covariance with it |
+
+A robot whose laws are not as it was told meets "robots" where there are walls, and walls that are not there. It cannot
+tell why, but it can say that its places are less sure than the laws make them, and look for itself further away.
 
 Memory of a robot with 4-byte numbers and symmetric covariances stored once: 4 (6 + 21 + 1 + lag (2 + 2 + 12)) bytes a
 component: 1.5 kB for 4 components, 5.9 kB for 16, at a lag of 4.
@@ -35,14 +40,18 @@ from vibroswarm.robot.pose_correction import inside, meet, saw_nothing
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
+    KEPT,
+    OBSTACLES,
     SAMPLES,
     SCALE,
     SPEED,
     STATES,
+    UNEXPECTED,
     LocalisationProgram,
     Mixture,
     X,
     Y,
+    excess,
     next_uniform,
     resample,
 )
@@ -50,6 +59,14 @@ from vibroswarm.robot.pose_mixture import (
 BLOCKED_DRIVE: Final = 0.5
 BLOCKED_SPREAD: Final = 0.29
 """Mean and standard deviation of the share of a drive that a robot blocked in it has driven: uniform."""
+LEAST_LIKELY: Final = 1e-9
+"""A probability below this is unexpected no more than this."""
+LOST_SLOPE: Final = 0.3
+LOST_MOST: Final = 0.5
+"""How ``lost_share`` grows with the monitor's excess, and up to which value."""
+WIDEN_SLOPE: Final = 4.0
+WIDEN_MOST: Final = 10.0
+"""How the factor of stated spreads grows with it, and up to which value."""
 
 
 @inlined
@@ -148,6 +165,10 @@ def drive(
                 f.weights[i] *= left
                 weighed = True
     if weighed:
+        likely = 0.0
+        for i in range(f.weights.size):
+            likely += f.weights[i]
+        f.monitor[UNEXPECTED] -= math.log(min(max(likely, LEAST_LIKELY), 1.0))
         resample(f)
 
 
@@ -173,8 +194,15 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
     if not program.corrects:
         return
     robots = program.robots_per_m if after_drive else 2.0 * program.robots_per_m
+    lost_share = min(program.lost_share + LOST_SLOPE * excess(f, program), max(LOST_MOST, program.lost_share))
+    density, of_robots = 0.0, 0.0
     for i in range(f.weights.size):
-        f.weights[i] *= meet(f, i, program, ray_m, robots)
+        of_component, of_robot = meet(f, i, program, ray_m, robots, lost_share)
+        density += f.weights[i] * of_component
+        of_robots += f.weights[i] * of_robot
+        f.weights[i] *= of_component
+    f.monitor[UNEXPECTED] = KEPT * f.monitor[UNEXPECTED] + of_robots / density
+    f.monitor[OBSTACLES] = KEPT * f.monitor[OBSTACLES] + 1.0
     resample(f)
 
 
@@ -204,8 +232,9 @@ def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float
         x_m, y_m = f.past[i, slot, 0] - estimate[5], f.past[i, slot, 1] - estimate[6]
         estimate[7] += weight * (max(f.past_variances[i, slot, 0], 0.0) + x_m * x_m)
         estimate[8] += weight * (max(f.past_variances[i, slot, 1], 0.0) + y_m * y_m)
+    factor = min(1.0 + WIDEN_SLOPE * excess(f, program), WIDEN_MOST)
     for j in (3, 7, 8):
-        estimate[j] = math.sqrt(max(estimate[j], 0.0))
+        estimate[j] = factor * math.sqrt(max(estimate[j], 0.0))
     for i in range(f.weights.size):
         for a in range(2):
             f.past[i, slot, a], f.past_variances[i, slot, a] = f.means[i, a], f.covariances[i, a, a]

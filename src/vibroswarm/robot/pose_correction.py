@@ -160,8 +160,15 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 
 @inner
-def meet(f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots: float) -> float:
-    """Choose a wall in x, one in y, or a robot for what a ray saw, and correct by it; return its density, 1/m."""
+def meet(
+    f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots: float, lost_share: float
+) -> tuple[float, float]:
+    """Choose a wall in x, one in y, or a robot for what a ray saw, and correct by it.
+
+    Args:
+        lost_share: probability that the component widens if it chooses a robot.
+    Returns: the density of what the ray saw, 1/m, and that of a robot alone.
+    """
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     noise = program.ray_noise_m * program.ray_noise_m
     x_variance = gain(f, i, X, x_by_x, x_by_heading) + noise
@@ -196,9 +203,9 @@ def meet(f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots:
             correct(f, i, Y, y_by_y, y_by_heading, y_variance, y_error, 1.0)
         else:
             learn_beyond(f, i, Y, -y_by_y, -y_by_heading, -of_y, 0.0, program.ray_noise_m)
-    elif next_uniform(f) < program.lost_share:
+    elif next_uniform(f) < lost_share:
         widen(f, i, program)
-    return total
+    return total, robot_density
 
 
 @inner

@@ -22,6 +22,16 @@ RANDOM: Final = 0
 SAMPLES: Final = 1
 """Indices into ``Mixture.numbers``: the state of the random numbers, and the samples so far."""
 
+UNEXPECTED: Final = 0
+OBSTACLES: Final = 1
+"""Indices into ``Mixture.monitor``."""
+KEPT: Final = 0.95
+"""What the monitor keeps of its sums at each obstacle: a memory of 20."""
+USUAL: Final = 0.5
+"""What is usually unexpected per obstacle, at most: 0.25 to 0.45 in simulations whose robots know their laws."""
+AT_START: Final = 0.4
+"""What is presumed for as many obstacles as are remembered."""
+
 ESTIMATE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_sample", "lagged_x_m", "lagged_y_m",
                    "lagged_spread_x_m", "lagged_spread_y_m")  # fmt: skip
 """What ``sampled`` gives: where the robot believes it is, the standard deviation of that (the root of the mean of those
@@ -73,6 +83,8 @@ class LocalisationProgram(NamedTuple):
     """Share of meetings with a robot that may be no such thing, as the component is lost."""
     corrects: bool = True
     """Whether rays are heeded; without, dead reckoning."""
+    monitors: bool = True
+    """Whether spreads and ``lost_share`` grow while more is unexpected than usual."""
 
 
 class Mixture(NamedTuple):
@@ -96,6 +108,8 @@ class Mixture(NamedTuple):
     """(4, 6): scratch: P H' for walls in x and y, derivatives of a move."""
     numbers: NDArray[np.int64]
     """(2,): see ``RANDOM``."""
+    monitor: NDArray[np.float64]
+    """(2,): see ``UNEXPECTED``: what was unexpected, and obstacles, of which older ones count less."""
 
 
 def empty_mixture(components: int, lag: int) -> Mixture:
@@ -110,6 +124,7 @@ def empty_mixture(components: int, lag: int) -> Mixture:
         np.zeros(components, dtype=np.int64),
         np.zeros((4, STATES)),
         np.zeros(2, dtype=np.int64),
+        np.zeros(2),
     )
 
 
@@ -141,6 +156,8 @@ def begin(
     """
     count = f.weights.size
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
+    f.monitor[OBSTACLES] = 1.0 / (1.0 - KEPT)
+    f.monitor[UNEXPECTED] = AT_START * f.monitor[OBSTACLES]
     for i in range(count):
         for j in range(STATES):
             f.means[i, j] = 0.0
@@ -168,6 +185,14 @@ def begin(
                 f.past[i, n, a], f.past_variances[i, n, a] = 0.0, 0.0
                 for j in range(STATES):
                     f.past_covariances[i, n, a, j] = 0.0
+
+
+@inlined
+def excess(f: Mixture, program: LocalisationProgram) -> float:
+    """Return by how much more is unexpected per obstacle than usual; 0 without a monitor."""
+    if not program.monitors:
+        return 0.0
+    return float(max(f.monitor[UNEXPECTED] / f.monitor[OBSTACLES] - USUAL, 0.0))
 
 
 @inner

@@ -96,3 +96,6 @@ class Localisation(FrozenModel):
     """Standard deviation of the shortest ray at a wall that they assume."""
     robots_factor: Annotated[float, Field(ge=0, le=1000)] = 6.0
     """Factor by which they assume to meet more robots than chords of straight drives would."""
+    monitor: bool = True
+    """Whether a robot that meets more than it expects (walls that are not there, "robots" where walls are) states wider
+    spreads of its places, and looks for itself further away. With "dead_reckoning" it meets nothing."""
