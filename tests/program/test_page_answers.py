@@ -13,7 +13,7 @@ import pytest
 
 from helpers.page_browser import BLANK, Open, latest, settled, wait_until
 from helpers.page_records import make_record
-from vibroswarm.run_page.payload import RunRecord
+from vibroswarm.run_page.payload import MapsOverTime, RunRecord
 from vibroswarm.run_page.write import write_page
 
 
@@ -186,6 +186,38 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
     assert settled(page)["time_s"] == 101.37
     assert page.evaluate(shown) == plain.evaluate(shown)
     assert plain.locator("#layer-places").count() == 0
+
+
+def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    """Maps as given, by robot and pooled, at the latest time before; the tile's note says the number."""
+    rows, columns = record.floor.tiles.shape
+    robots = record.robots.height
+    beliefs = np.random.default_rng(5).random((41, robots + 1, rows * columns))
+    time_s = np.linspace(0.0, record.t_end_s, 41)
+    uncounted = record.inference.with_columns(alpha=pl.lit(None, pl.UInt32), beta=pl.lit(None, pl.UInt32))
+    file = tmp_path / "map.html"
+    write_page(replace(record, maps=MapsOverTime(time_s, beliefs), inference=uncounted), file)
+    page = open_page(file=file, viewport=NARROW)
+    for t in (0.0, 101.37, record.t_end_s):
+        at = np.searchsorted(time_s, t, side="right") - 1
+        for tile in (0, rows * columns - 1):
+            for robot in (0, robots - 1, None):
+                drawn = page.evaluate("([i, t, id]) => vibroswarm.mapBelief(i, t, id)", [tile, t, robot])
+                of = robots if robot is None else robot
+                assert drawn == pytest.approx(beliefs[at, of, tile], abs=0.5 / 255 + 1e-9)
+    page.evaluate("vibroswarm.seek(101.37)")
+    shown = "document.getElementById('actors').toDataURL()"
+    with_map = page.evaluate(shown)
+    page.uncheck("#layer-map")
+    assert settled(page)["time_s"] == 101.37
+    plain = open_page("#t=101.37", viewport=NARROW)
+    assert with_map != page.evaluate(shown) == plain.evaluate(shown)
+    assert plain.locator("#layer-map").count() == 0
+    assert page.locator("#cards").is_hidden()
+    assert plain.locator("#cards").is_visible()
+    assert "NaN" not in page.locator("body").inner_text()
 
 
 def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:

@@ -5,11 +5,13 @@
 | vibrating | p of a tile: 1 / (1 + exp(-log odds)), of all senders as the robot weighs them |
 | spread | sqrt(p (1 - p)) |
 | pooled | p from what each robot knows by its own samples, all of them trusted |
+| at a time | from the samples taken by then, and all messages about them |
 | pairs of rates | p is the mean over them, by the robot's probabilities; pooled: by the mean of these |
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +19,9 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
+from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.motion.motion_tables import Motion
@@ -48,23 +52,15 @@ def floor_maps(result: Result) -> pl.DataFrame:
     Raises:
         InputError: another strategy, a recording, or a result without the moves that estimated places need.
     """
+    seed = _check_maps(result)
     scenario = result.scenario
-    if scenario.strategy.name not in WITH_MAP:
-        raise InputError(
-            f"'{scenario.strategy.name}' keeps no map of the floor; {' and '.join(WITH_MAP)} do",
-            field="strategy.name",
-        )
-    if result.seed is None:
-        raise InputError("was recorded; its maps cannot be computed again", field="result")
     timeline = timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
-    swarm = replay_to_end(scenario, result.seed, timeline, result.observations["observation"].to_numpy())
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
-    odds = swarm.arrays.odds.reshape(len(runs), robots, PAIRS, robots, -1)
-    weight = swarm.arrays.weight.reshape(len(runs), robots, 1, robots, 1)
-    credence = swarm.arrays.credence.reshape(len(runs), robots, PAIRS, 1)
-    by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
-    own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
-    pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)
+    by_robot, pooled = _beliefs(
+        replay_to_end(scenario, seed, timeline, result.observations["observation"].to_numpy()),
+        len(runs),
+        robots,
+    )
     frames = []
     for r, run in enumerate(runs):
         floor = result.floor(run)
@@ -73,11 +69,63 @@ def floor_maps(result: Result) -> pl.DataFrame:
     return pl.concat(frames)
 
 
+def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a run's maps at times, (times, robots + 1, tiles) beliefs that the tile vibrates; the last is pooled.
+
+    Args:
+        result: as for ``floor_maps``. time_s: (times,).
+    Raises:
+        InputError: as ``floor_maps``.
+    """
+    seed = _check_maps(result)
+    scenario, robots = result.scenario, result.scenario.swarm.robots
+    of_run = pl.col("run") == run
+    samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
+    moves = None if result.moves is None else result.moves.filter(of_run)
+    observation = result.observations.filter(of_run)["observation"].to_numpy()
+    whole = timeline_of(scenario, Motion(samples, ends, None, moves))
+    estimates = whole.estimates(scenario, seed)  # of the past alone, so the same for any later end
+    taken_s, maps = samples["time_s"].to_numpy(), []
+    for now_s in time_s:
+        known = taken_s <= now_s
+        until = timeline_of(scenario, Motion(samples.filter(known), ends, None, moves))
+        if estimates.size:
+            cache = {(scenario.odometry, scenario.localisation, seed): read_only(estimates[known])}
+            until = replace(until, _estimates=cache)
+        swarm = replay_to_end(scenario, seed, until, read_only(observation[known]))
+        by_robot, pooled = _beliefs(swarm, 1, robots)
+        maps.append(np.concatenate([by_robot[0], pooled]))
+    return np.array(maps)
+
+
+def _check_maps(result: Result) -> int:
+    """Return the seed of a result whose robots keep maps."""
+    name = result.scenario.strategy.name
+    if name not in WITH_MAP:
+        raise InputError(
+            f"'{name}' keeps no map of the floor; {' and '.join(WITH_MAP)} do", field="strategy.name"
+        )
+    if result.seed is None:
+        raise InputError("was recorded; its maps cannot be computed again", field="result")
+    return result.seed
+
+
+def _beliefs(swarm: Swarm, runs: int, robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the maps by robot, (runs, robots, tiles), and pooled, (runs, tiles)."""
+    odds = swarm.arrays.odds.reshape(runs, robots, PAIRS, robots, -1)
+    weight = swarm.arrays.weight.reshape(runs, robots, 1, robots, 1)
+    credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
+    by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
+    own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
+    pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)
+    return np.clip(by_robot, 0.0, 1.0), np.clip(pooled, 0.0, 1.0)  # sums of shares round
+
+
 def _frame(
     run: int, robot: int | None, belief: NDArray[np.float64], tiles: NDArray[np.uint8]
 ) -> pl.DataFrame:
     """Return the map of one robot, or pooled."""
-    belief, (row, column) = np.clip(belief, 0.0, 1.0), np.indices(tiles.shape)  # sums of shares round
+    row, column = np.indices(tiles.shape)
     return pl.DataFrame(
         {
             "run": np.full(belief.size, run),

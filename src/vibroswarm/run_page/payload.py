@@ -15,7 +15,7 @@ from __future__ import annotations
 from base64 import b64encode
 from dataclasses import dataclass, field
 from math import radians
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -59,6 +59,15 @@ COLUMNS = {
 
 OUTCOMES = ("right", "wrong", "split", "incomplete", "truth_undefined")
 """Outcomes of the swarm; ``truth_undefined``: a consensus on a floor without a right answer."""
+
+
+class MapsOverTime(NamedTuple):
+    """What robots believe of each tile as a run goes on."""
+
+    time_s: NDArray[np.float64]
+    """(times,), evenly spaced from 0."""
+    beliefs: NDArray[np.float64]
+    """(times, maps, tiles): that the tile vibrates; by robot and pooled, or pooled alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +143,8 @@ class RunRecord:
     places: pl.DataFrame | None = None
     """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m;
     and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
+    maps: MapsOverTime | None = None
+    """The robots' maps of the floor; None: they keep none."""
     radio: MessageLog | None = None
     """The run's messages; None: all hear all, or it is not known who heard them."""
 
@@ -247,6 +258,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
         "places": None if record.places is None else _places(record, record.places),
+        "maps": None if record.maps is None else _maps(record.maps),
         "poses": _poses(record),
         "faults": [
             {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
@@ -343,6 +355,16 @@ def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
     estimates = of_samples.join(known, on=["robot", "sample"], how="left", maintain_order="left")
     return {
         name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy()) for name in names
+    }
+
+
+def _maps(maps: MapsOverTime) -> dict[str, Any]:
+    """Return the maps with beliefs in steps of 1/255, map by map of each time."""
+    beliefs = np.rint(255.0 * maps.beliefs).astype(np.uint8)
+    return {
+        "step_s": float(maps.time_s[1] - maps.time_s[0]),
+        "count": beliefs.shape[1],
+        "beliefs": packed_column(beliefs.ravel()),
     }
 
 

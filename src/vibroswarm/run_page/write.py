@@ -12,16 +12,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.floor_maps import WITH_MAP, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError, check_kind, path_of
+from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import RunRecord, fault_rows, payload
+from vibroswarm.run_page.payload import MapsOverTime, RunRecord, fault_rows, payload
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.told import fields_read
 
@@ -42,6 +45,7 @@ SCRIPTS = (
     "trails.js",
     "robots.js",
     "places.js",
+    "map_layer.js",
     "radio.js",
     "zoom.js",
     "arena.js",
@@ -164,6 +168,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         robots=result.robots.filter(of_run),
         faults=() if result.faults is None else fault_rows(result.faults.filter(of_run)),
         places=None if result.places is None else result.places.filter(of_run),
+        maps=_maps_of(result, run, summary["end_s"]),
         radio=_radio_of(result, run),
         min_observations=decision.min_observations,
         gate=decision.gate,
@@ -191,6 +196,22 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
             **{name: result.versions[name] for name in names if name in result.versions},
         },
     )
+
+
+MAP_TIMES: Final = 41
+MAX_MAPS: Final = 1_000_000
+"""Times of a run at which a page shows maps, and the most numbers of all maps; beyond, the pooled map alone."""
+
+
+def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
+    """Return the maps of a run's robots as it goes on; None if they keep none, or cannot be computed again."""
+    if result.scenario.strategy.name not in WITH_MAP or result.seed is None:
+        return None
+    if is_estimated(result.scenario) and result.moves is None:
+        return None
+    time_s = np.linspace(0.0, end_s, MAP_TIMES)
+    beliefs = maps_over_time(result, run, time_s)
+    return MapsOverTime(time_s, beliefs if beliefs.size <= MAX_MAPS else beliefs[:, -1:])
 
 
 MAX_RADIO: Final = 4_000_000

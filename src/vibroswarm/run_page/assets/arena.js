@@ -56,6 +56,7 @@ function drawArena(t, followed, speed) {
   drawPast(t);
   context.clearRect(0, 0, view.width, view.height);
   const poses = robots.map((robot) => poseAt(robot, t));
+  drawMap(context, view, t, followed);
   if (layers.paths) drawTrails(context, view, t, followed);
   if (layers.samples) drawFresh(context, view, t);
   if (layers.messages) drawRadio(context, view, poses, t, followed, flashTime(speed));
@@ -87,6 +88,7 @@ const LEGEND = [
   ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
   ["too near", (c) => legendRay(c)],
   ...(run.places ? [["believes it is here", (c) => legendGhost(c)]] : []),
+  ...(run.maps ? [["believed of a tile; larger: surer", (c) => drawMapMark(c, 11, 9, 6, 1)]] : []),
   ...(run.faults.length ? [["has a fault", (c) => drawFault(c, 11, 9, 5)]] : []),
   ...(radio ? [["heard", (c) => drawLink(c, 2, 9, 20, 9, false)], ["lost", (c) => drawLink(c, 2, 9, 22, 9, true)]] : []),
 ];

@@ -27,7 +27,7 @@ function robotNote({ robot, pose }, t) {
   const mind = mindAt(robot, t);
   return [`Robot ${robot.name}, ${doingWords(robot, pose, t)}`, [
     ["decision", DECISION_WORDS[mind.decision]], ["p", probability(mind.belief)],
-    ["\u03b1, \u03b2", `${mind.alpha}, ${mind.beta}`], ["own samples", String(mind.samples)],
+    ...(hasPosterior ? [["\u03b1, \u03b2", `${mind.alpha}, ${mind.beta}`]] : []), ["own samples", String(mind.samples)],
     ...placeNote(robot, t),
     ["at", `${pose.x.toFixed(3)} m, ${pose.y.toFixed(3)} m`],
   ]];
@@ -45,7 +45,7 @@ function sampleNote(row) {
   return [isMisread(row) ? `${heading}: misread` : heading, rows];
 }
 
-function tileNote(tile, t) {
+function tileNote(tile, t, followed) {
   if (tile < 0) return ["No tile here", []];
   let taken = 0, shaking = 0;
   for (let i = lastAtMost(sampleTimes, t, 0, sampleTimes.length); i >= 0; i--) {
@@ -57,23 +57,24 @@ function tileNote(tile, t) {
   const column = tile % run.floor.columns, row = (tile - column) / run.floor.columns;
   const rows = [["samples so far", String(taken)]];
   if (taken) rows.push(["read as vibrating", `${shaking} (${percent(shaking / taken)})`]);
+  rows.push(...mapNote(tile, t, followed));
   return [`${tileIsVibrating(tile) ? "Vibrating" : "Still"} tile, row ${row + 1}, column ${column + 1}`, rows];
 }
 
-function arenaNote(place, t) {
+function arenaNote(place, t, followed) {
   const near = robotNear(place, t, Math.max(bodyRadius(arena.view) * 1.3, 12));
   if (near) return robotNote(near, t);
   const row = sampleNear(place, t, 7);
   if (row >= 0) return sampleNote(row);
   const { view } = arena;
-  return tileNote(tileAt(view.toX(place.x), view.toY(place.y)), t);
+  return tileNote(tileAt(view.toX(place.x), view.toY(place.y)), t, followed);
 }
 
-function watchArena(timeNow, onChoose) {
+function watchArena(timeNow, whoIsFollowed, onChoose) {
   const canvas = byId("actors");
   canvas.addEventListener("pointermove", (event) => {
     const place = placeIn(canvas, event);
-    liveTooltip(event, () => arenaNote(place, timeNow()));
+    liveTooltip(event, () => arenaNote(place, timeNow(), whoIsFollowed()));
     canvas.style.cursor = robotNear(place, timeNow(), 16) ? "pointer" : "default";
   });
   canvas.addEventListener("pointerleave", hideTooltip);
@@ -81,6 +82,6 @@ function watchArena(timeNow, onChoose) {
     if (zoom.dragged) return;
     const place = placeIn(canvas, event), near = robotNear(place, timeNow(), 16);
     if (near) onChoose(near.robot);
-    else liveTooltip(event, () => arenaNote(place, timeNow()));
+    else liveTooltip(event, () => arenaNote(place, timeNow(), whoIsFollowed()));
   });
 }

@@ -60,5 +60,6 @@ function readRun() {
     Object.entries(data.radio).map(([name, packed]) => [name, decodeColumn(packed)]));
   const places = data.places && Object.fromEntries(
     Object.entries(data.places).map(([name, packed]) => [name, decodeColumn(packed)]));
-  return { ...data, samples, tracks, radio, places };
+  const maps = data.maps && { ...data.maps, beliefs: decodeColumn(data.maps.beliefs) };
+  return { ...data, samples, tracks, radio, places, maps };
 }

@@ -6,6 +6,7 @@ const isCrowd = robots.length > CROWD;
 const LAYERS = [
   ["paths", "paths"], ["samples", "samples"], ["rays", "rays"], ["messages", "messages"],
   ...(run.places ? [["places", "believed places"]] : []),
+  ...(run.maps ? [["map", "believed map"]] : []),
   ...(isCrowd ? [["lines", "line of each robot"]] : []),
 ];
 const OFF_AT_FIRST = ["lines"];

@@ -162,6 +162,7 @@ function expose() {
     faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
     gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
     place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
+    mapBelief: (tile, t, id) => tileBelief(tile, t, robots.find((robot) => robot.id === id)),
     smoothed: (id, t) => smoothedAt(robots.find((robot) => robot.id === id), t),
     flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
       { robots: group.map(({ id }) => id), place, radius })),
@@ -194,7 +195,7 @@ function open() {
   });
   buildExport(() => state.t, play, pause);
   watchKeys(actions);
-  watchArena(() => state.t, follow);
+  watchArena(() => state.t, () => state.followed, follow);
   watchBelief();
   watchSurroundings();
   const address = readAddress();

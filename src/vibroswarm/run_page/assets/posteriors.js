@@ -5,6 +5,8 @@ const cards = [];
 const axes = new Map(); // pictures of the axis, by width and window
 
 function buildCards(onChoose) {
+  byId("posterior-title").parentElement.hidden = !hasPosterior;
+  if (!hasPosterior) return;
   for (const robot of robots) {
     const canvas = make("canvas", "");
     canvas.setAttribute("aria-hidden", "true");
@@ -30,6 +32,7 @@ function cardColumns() {
 
 function layOutCards() {
   axes.clear();
+  if (!cards.length) return;
   byId("cards").style.gridTemplateColumns = `repeat(${cardColumns()}, minmax(0, 1fr))`;
   for (const card of cards) {
     card.canvas.style.width = "100%";
@@ -43,6 +46,7 @@ function layOutCards() {
 }
 
 function drawCards(t, followed) {
+  if (!cards.length) return;
   const minds = robots.map((robot) => mindAt(robot, t));
   const frame = shapeWindow(minds);
   cards.forEach((card, i) => {

@@ -44,8 +44,8 @@ function rosterRow(robot, onChoose) {
     cell("decision", verdictOf(final), "first words"),
     cell("decision_time_s", final.decision_time_s === null ? "\u2013" : exactSeconds(final.decision_time_s)),
     cell("belief_at_decision", final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision)),
-    cell("alpha", String(final.alpha), "first"));
-  for (const name of ["beta", "samples", "sent", "messages_received"]) row.append(cell(name, String(final[name])));
+    cell("alpha", String(final.alpha ?? "\u2013"), "first"));
+  for (const name of ["beta", "samples", "sent", "messages_received"]) row.append(cell(name, String(final[name] ?? "\u2013")));
   rosterRows.push({ robot, row, choose, state, belief, lost });
   return row;
 }

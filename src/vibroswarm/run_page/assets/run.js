@@ -37,6 +37,9 @@ function latestSample(robot, t) {
   return row < robot.first ? -1 : row;
 }
 
+// Whether robots count readings in a Beta posterior; those of some strategies keep something else.
+const hasPosterior = run.samples.alpha.every((alpha) => !Number.isNaN(alpha));
+
 const PRIOR = {
   alpha: run.rule.prior_alpha, beta: run.rule.prior_beta, belief: run.rule.prior_belief,
   decision: -1, samples: 0, received: 0,
