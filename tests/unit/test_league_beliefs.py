@@ -62,7 +62,7 @@ def test_shares_are_those_of_plain_loops(monkeypatch: pytest.MonkeyPatch) -> Non
                     1.0,
                 ])  # fmt: skip
         row = found[AS_PLAYED, prior]
-        assert row["believed"] == pytest.approx(sums[1] / sums[0])
+        assert row["confidence"] == pytest.approx(sums[1] / sums[0])
         assert row["right"] == pytest.approx(sums[2] / sums[0])
         assert row["decided"] == pytest.approx(sums[0] / sums[3])
 
@@ -97,9 +97,9 @@ def test_robots_that_think_their_sensors_too_good_are_found_too_sure() -> None:
         for row in table.iter_rows(named=True)
         if (row["settings"], row["prior"]) == (AT_95, OWN)
     }
-    assert rows["fair"]["right_high"] > rows["fair"]["believed_low"]
-    assert abs(rows["fair"]["right"] - rows["fair"]["believed"]) < 0.03
-    assert rows["fooled"]["right_high"] < rows["fooled"]["believed_low"] - 0.05
+    assert rows["fair"]["right_high"] > rows["fair"]["confidence_low"]
+    assert abs(rows["fair"]["right"] - rows["fair"]["confidence"]) < 0.03
+    assert rows["fooled"]["right_high"] < rows["fooled"]["confidence_low"] - 0.05
 
 
 def test_intervals_of_ratios() -> None:

@@ -55,7 +55,7 @@ def add_parser(commands: Any) -> None:
     figures = tasks.add_parser(
         "figures",
         help="how robots drive, avoid, spread and read, side by side with a simulation",
-        description="Figures of one or more results (each run is a session) with 95 %% intervals over sessions.",
+        description="Figures of one or more results (each run is a session) with 95 % intervals over sessions.",
     )
     figures.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="folders of recordings or simulations"

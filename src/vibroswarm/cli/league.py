@@ -84,7 +84,7 @@ def add_parser(commands: Any) -> None:
         "--faults",
         metavar="KIND,...",
         type=list_of(),
-        help="kinds of faulty robots that each strategy has to bear (default: stuck_at_1,opposite,radio_dead,stopped)",
+        help="kinds of faults that each strategy is tested with (default: stuck_at_1,opposite,radio_dead,stopped)",
     )
     group.add_argument(
         "--fault-runs",
@@ -325,19 +325,19 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
 
 
 def print_beliefs(beliefs: pl.DataFrame) -> None:
-    """Print what robots believed when they decided, and how often they were right."""
+    """Print the confidence of robots when they decided, and how often they were right."""
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
     print_line()
-    print_paragraph("Robots that decided: what they believed, and how often they were right")
+    print_paragraph("Robots that decided: their confidence, and how often they were right")
     print_table(
-        ["strategy", "settings", "floors", "believed, %", "right, %", "decided, %"],
+        ["strategy", "settings", "floors", "confidence, %", "right, %", "decided, %"],
         [
             [
                 row["name"],
                 row["settings"],
                 row["prior"],
-                values_text(row, "believed", 100, ".1f"),
+                values_text(row, "confidence", 100, ".1f"),
                 values_text(row, "right", 100, ".1f"),
                 f"{100 * row['decided']:.0f}",
             ]
@@ -368,7 +368,7 @@ def print_fronts(fronts: pl.DataFrame) -> None:
 
 
 def print_faults(curves: pl.DataFrame) -> None:
-    """Print the forced error of each entry without faulty robots and with the most, and how many it bears."""
+    """Print the forced error of each entry without faulty robots and with the most, and how many it tolerates."""
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.league.fault_curves import MARGIN, borne
 
@@ -380,7 +380,7 @@ def print_faults(curves: pl.DataFrame) -> None:
     count = {(row["name"], row["kind"]): row["borne"] for row in borne(curves).iter_rows(named=True)}
     print_line()
     print_paragraph(
-        "Faulty robots that a strategy bears, and the forced error (%) of the others with 0, 1, ... of them"
+        "Faulty robots that a strategy tolerates, and the forced error (%) of the others with 0, 1, ... of them"
     )
     rows = []
     for name in curves["name"].unique(maintain_order=True):

@@ -187,7 +187,8 @@ def add_scenario_options(
     base.add_argument(
         "--preset",
         metavar="NAME",
-        help="paper (default), paper-empirical, text, calibrated, optimised-cost or optimised-error",
+        help="paper (default), paper-empirical, text, calibrated; found by searches: optimised-cost, optimised-error, "
+        "optimised-error-patterns, optimised-places",
     )
     base.add_argument(
         "--scenario", metavar="FILE", type=Path, help="scenario in TOML, such as the one in a result"

@@ -12,7 +12,7 @@ of runs serves all priors.
 | column | what it is |
 |---|---|
 | settings | "as it plays", or "95 %, no gate": p_c = 0.95 and O_c = 0 |
-| believed | mean belief of the robots that decided in their decisions |
+| confidence | mean confidence, at their decisions, of the robots that decided |
 | right | share of their decisions that are right |
 | decided | share of robots that decided |
 
@@ -54,7 +54,7 @@ COUNTS: Final = tuple(k for k in range(TILES + 1) if k != HALF and (abs(k - HALF
 """Numbers of vibrating tiles. On exactly one half no decision is right."""
 ALL: Final = np.array([k for k in range(TILES + 1) if k != HALF])
 SURE: Final[dict[str, Any]] = {"decision.credible_threshold": 0.95, "decision.min_observations": 0}
-COLUMNS: Final = ("name", "strategy", "settings", "prior", "believed", "right", "decided")
+COLUMNS: Final = ("name", "strategy", "settings", "prior", "confidence", "right", "decided")
 Array = NDArray[np.float64]
 
 
@@ -97,7 +97,7 @@ def belief_calibration(
         sums = _sums(table.collect(), mine[0].number, (len(COUNTS), runs))
         for prior in (OWN, COMMON):
             weights = prior_weights(prior, entry, league)
-            found = {"believed": (1, 0), "right": (2, 0), "decided": (0, 3)}
+            found = {"confidence": (1, 0), "right": (2, 0), "decided": (0, 3)}
             row: dict[str, Any] = {
                 "name": entry.label.removesuffix(f", {kinds[place]}"),
                 "strategy": entry.strategy,
@@ -144,7 +144,7 @@ def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Arra
     place = place * shape[1] + table["run"].to_numpy()
     decision, below = numbers(table["decision"]), numbers(table["belief_below"])
     decided = decision >= 0
-    believed = np.where(decision == 0, below, 1.0 - below)
+    confidence = np.where(decision == 0, below, 1.0 - below)
     right = decision == numbers(table["truth"])
 
     def by_run(values: Array) -> Array:
@@ -152,7 +152,7 @@ def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Arra
 
     return (
         by_run(decided.astype(float)),
-        by_run(np.where(decided, believed, 0.0)),
+        by_run(np.where(decided, confidence, 0.0)),
         by_run((decided & right).astype(float)),
         by_run(np.ones(place.size)),
     )

@@ -13,20 +13,20 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.report.html import Column, ReportTable, Section, picture_of
 
 PERCENT: Final = Column(percent=True)
-COLUMNS: Final = {"name": Column("entry"), **dict.fromkeys(("believed", "right", "decided"), PERCENT)}
+COLUMNS: Final = {"name": Column("entry"), **dict.fromkeys(("confidence", "right", "decided"), PERCENT)}
 
 
 def belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
-    """Say which strategies are right less often than they believe, at a 95 % threshold without a gate."""
+    """Say whose robots are right less often than their confidence says, at a 95 % threshold without a gate."""
     if beliefs is None or not beliefs.height:
         return []
-    rows = beliefs.drop_nulls(["right_high", "believed_low"])
-    too_sure = pl.col("right_high") < pl.col("believed_low")
+    rows = beliefs.drop_nulls(["right_high", "confidence_low"])
+    too_sure = pl.col("right_high") < pl.col("confidence_low")
     found = []
     for prior, words in ((OWN, "on floors from their own prior"), (COMMON, "on floors of independent tiles")):
         names = rows.filter((pl.col("prior") == prior) & (pl.col("settings") == AS_PLAYED) & too_sure)["name"]
         found.append(f"{words}: {', '.join(names) or 'none shown'}")
-    return [f"Robots that are right less often than they believe, {'; '.join(found)}."]
+    return [f"Strategies whose robots are right less often than their confidence says, {'; '.join(found)}."]
 
 
 def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
@@ -35,7 +35,7 @@ def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
         return ()
     text = (
         "Forced error of the working robots of the smallest swarm when others are faulty, on random floors on both "
-        "sides of 1/2; runs are paired. A strategy bears a fault if the 95 % interval of the rise lies below "
+        "sides of 1/2; runs are paired. A strategy tolerates a fault if the 95 % interval of the rise lies below "
         f"{100 * MARGIN:.0f} points, for that number of faulty robots and all smaller ones."
     )
     parts: list[Any] = []
@@ -52,7 +52,7 @@ def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
             marks, label="forced error of the others", percent=True, title=words.capitalize(), style="page"
         )
         parts.append(picture_of(picture, f"faults-{kind}"))
-    table = borne(curves).rename({"borne": "robots borne", "open": "more: not shown either way"})
+    table = borne(curves).rename({"borne": "faulty robots tolerated", "open": "more: inconclusive"})
     return (
         Section(
             "Faulty robots",
@@ -84,7 +84,7 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
         {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
         | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
         for row in beliefs.iter_rows(named=True)
-        for name in ("believed", "right")
+        for name in ("confidence", "right")
     ]
     picture = draw_error_bars(
         pl.DataFrame(marks, infer_schema_length=None),
@@ -93,7 +93,7 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
         percent=True,
         style="page",
     )
-    columns = ("name", "settings", "prior", "believed", "right", "decided")
+    columns = ("name", "settings", "prior", "confidence", "right", "decided")
     table = pl.DataFrame(
         [
             {

@@ -1,0 +1,58 @@
+"""Symbols of the documents become formulas; words, numbers and names of files do not."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytest.importorskip("sphinx", reason="Sphinx is not installed: pip install 'vibroswarm[docs]'")
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def symbols() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("symbols", DOCS / "symbols.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("text", "formulas"),
+    [
+        ("at theta_E 1.55, tau and T_end.", [r"\theta_{E}", r"\tau", r"T_\mathrm{end}"]),
+        ("gamma_0 (7860), H_c^max", [r"\gamma_{0}", r"H_{c}^\mathrm{max}"]),
+        ("least gap 1.8 x 10^-13 m", ["10^{-13}"]),
+        ("eps_f of p_i^k", [r"\epsilon_{f}", "p_{i}^{k}"]),
+        ("the incomplete beta function, a beta-binomial and a Gamma distribution", []),
+        ("a robot in run_page/assets or best_scenario(found), mean + sd, x", []),
+        ("alphabet, betas, tau-leaping, delta.py", []),
+    ],
+)
+def test_symbols_are_found(symbols: ModuleType, text: str, formulas: list[str]) -> None:
+    parts = symbols.typeset(text)
+    assert [part.astext() for part in parts if isinstance(part, nodes.math)] == formulas
+    for latex in formulas:
+        assert tex2mathml(latex, as_block=False).startswith("<math")
+    kept = "".join(part.astext() for part in parts if isinstance(part, nodes.Text))
+    assert kept == text or formulas
+
+
+def test_every_formula_of_the_documents_can_be_typeset() -> None:
+    import re
+
+    found = 0
+    for page in DOCS.glob("*.md"):
+        plain = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for latex in re.findall(r"(?<![\\$])\$([^$\n]+)\$", plain):
+            assert tex2mathml(latex, as_block=False).startswith("<math"), f"{page.name}: {latex}"
+            found += 1
+    assert found > 60
