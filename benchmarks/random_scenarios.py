@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, longest_step_m
 
@@ -99,14 +100,15 @@ def robot_values(choose: Choice) -> dict[str, Any]:
     fastest = slowest * choose.one([1.0, choose.between(1.0, 4.0)])
     each = choose.one([False, False, True])
     named = [choose.between(slowest, fastest) for _ in range(choose.one([1, 2, 5]))]
-    return {
+    several = choose.one([None, [choose.between(-0.95, 0.95) for _ in range(3)], [0.05, -0.08]])
+    values = {
         "body_radius_m": logarithmic(choose, 0.002, 0.1),
         "full_speed_m_s": logarithmic(choose, 1e-4, 1.0),
         "drive_track_m": logarithmic(choose, 0.004, 0.4),
         "turn_track_m": logarithmic(choose, 0.004, 0.4),
         "misalignment_min": bends[0],
         "misalignment_max": bends[1],
-        "misalignments": choose.one([None, [choose.between(-0.95, 0.95) for _ in range(3)], [0.05, -0.08]]),
+        "misalignments": several,
         "speed_factor_shape": logarithmic(choose, 0.5, 50.0),
         "speed_factor_scale": logarithmic(choose, 1e-3, 1.0),
         "speed_factor_location": choose.between(0.0, 2.0),
@@ -117,6 +119,11 @@ def robot_values(choose: Choice) -> dict[str, Any]:
         "speed_wander": choose.one([None, choose.between(0.01, 0.4)]),
         "battery_life_s": logarithmic(choose, 1.0, 1e6),
     }
+    room = 1.0 - max(abs(bend) for bend in (*bends, *(several or ())))
+    widest = min(0.99 * room / (6.0**0.5 * 3.3), 0.2)
+    for name in ("wander", "drift", "run_spread"):
+        values[f"misalignment_{name}"] = choose.one([None, None, choose.between(0.01, 1.0) * widest])
+    return values | {"misalignment_drift_samples": choose.one([None, 1, 7])}
 
 
 def rays_values(choose: Choice, counts: Sequence[int]) -> dict[str, Any]:
@@ -155,7 +162,7 @@ def sample_values(choose: Choice) -> dict[str, Any]:
     return {
         "sample_interval_ms": choose.one([0.0, logarithmic(choose, 1.0, 60_000.0)]),
         "stop_ms": choose.one([0.0, 1000.0, logarithmic(choose, 1.0, 10_000.0)]),
-        "timer": choose.one(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
+        "timer": choose.one(list(TIMERS)),
         "interrupts_avoidance": choose.one([True, False]),
     }
 

@@ -108,6 +108,14 @@ ODD = {
     "timer held in turns": {"sample.timer": "hold_in_turn", "run.t_end_s": 200.0},
     "timer frozen in avoidance": {"sample.timer": "frozen_in_avoidance", "run.t_end_s": 200.0},
     "avoidance goes before": {"sample.interrupts_avoidance": False, "sample.timer": "always", "run.t_end_s": 200.0},
+    "timer reset at avoidance": {"sample.timer": "reset_at_avoidance", "run.t_end_s": 200.0},
+    "timer reset at avoidance that goes before": {
+        "sample.timer": "reset_at_avoidance", "sample.interrupts_avoidance": False, "run.t_end_s": 200.0,
+    },
+    "veers that wander": {
+        "robot.misalignment_wander": 0.05, "robot.misalignment_drift": 0.04, "robot.misalignment_drift_samples": 7,
+        "robot.misalignment_run_spread": 0.03, "run.t_end_s": 300.0,
+    },
     "speeds that wander": {"robot.speed_redraw": "robot", "robot.speed_wander": 0.2, "run.t_end_s": 300.0},
     "rays that start beyond walls": {
         "rays.forward_m": 0.05, "rays.angle_deg": [0.0, 60.0, -60.0], "run.t_end_s": 300.0,

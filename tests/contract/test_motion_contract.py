@@ -42,6 +42,7 @@ def test_the_cases_hold_what_they_should() -> None:
         "hold_in_turn",
         "always",
         "frozen_in_avoidance",
+        "reset_at_avoidance",
     }
 
 

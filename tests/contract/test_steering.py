@@ -150,7 +150,9 @@ def test_both_engines_are_steered_the_same_way(name: str) -> None:
     side=st.floats(0.35, 1.2),
     threshold=st.floats(0.0, 120.0),
     tau=st.floats(0.0, 4000.0),
-    timer=st.sampled_from(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
+    timer=st.sampled_from(
+        ["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"]
+    ),
     interrupts=st.booleans(),
     period=st.integers(10, 50),
     seed=st.integers(0, 2**63 - 1),

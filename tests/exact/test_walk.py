@@ -25,6 +25,7 @@ from vibroswarm.robot.walk import (
     FROZEN_IN_AVOIDANCE,
     HOLD_IN_TURN,
     RESET_AFTER_TURN,
+    RESET_AT_AVOIDANCE,
     STOP,
     TIMERS,
     TURN,
@@ -59,7 +60,7 @@ WALKING = WalkState(
     next_leg_ms=math.nan,
 )
 FAR = math.inf
-MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE)
+MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE, RESET_AT_AVOIDANCE)
 
 OPEN: dict[str, Any] = {
     "arena.width_m": 1000.0,
@@ -151,12 +152,30 @@ def test_the_timer(timer: int) -> None:
         HOLD_IN_TURN: (1000, 1020, 1020, 1020),
         ALWAYS: (1020, 1020, 1020, 1020),
         FROZEN_IN_AVOIDANCE: (1000, 20, 1000, 1020),
+        RESET_AT_AVOIDANCE: (1000, 20, 1020, 1020),
     }
     assert (in_turn, turned, avoiding, avoided) == expected[timer]
 
 
+@pytest.mark.parametrize("timer", MODES)
+def test_the_timer_where_an_avoidance_begins(timer: int) -> None:
+    """A ray below the threshold: one value of the timer restarts, one does not count; the others go on."""
+    program = PROGRAM._replace(timer=timer)
+    after = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, 10.0, DICE)
+    assert after.mode == AVOID
+    assert after.timer_ms == {RESET_AT_AVOIDANCE: 20, FROZEN_IN_AVOIDANCE: 1000}.get(timer, 1020)
+    free = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, FAR, DICE)  # the control: nothing near
+    assert (free.mode, free.timer_ms) == (DRIVE, 1020)
+
+
 def test_the_timers_have_their_names() -> None:
-    assert TIMERS == ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance")
+    assert TIMERS == (
+        "reset_after_turn",
+        "hold_in_turn",
+        "always",
+        "frozen_in_avoidance",
+        "reset_at_avoidance",
+    )
     assert [TIMERS[timer] for timer in MODES] == list(TIMERS)
 
 

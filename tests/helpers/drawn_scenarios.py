@@ -130,7 +130,9 @@ draws = st.builds(
     gate=st.sampled_from(["total", "received", "own"]),
     current=st.booleans(),
     revise=st.booleans(),
-    timer=st.sampled_from(["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"]),
+    timer=st.sampled_from(
+        ["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"]
+    ),
     interrupts=st.booleans(),
     robots=st.sampled_from([1, 2, 5, 20]),
     floor=st.sampled_from(sorted(FLOORS)),

@@ -16,6 +16,7 @@ import polars as pl
 from vibroswarm.motion.pose import place_from_moves
 from vibroswarm.motion.source import Source
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.validation import widest_veer_shift
 from vibroswarm.testing.motion_cases import CASES, Case, Check, motion_of, ticks_of
 from vibroswarm.testing.motion_segments import (
     MOVE_CHECKS,
@@ -92,7 +93,7 @@ def check_speeds(source: Source) -> None:
         s, segments = case.scenario, motion_of(source, case).segments
         assert segments is not None
         full = s.robot.full_speed_m_s * s.robot.speed_factor_max * (1 + 1e-9)
-        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max)) + widest_veer_shift(s)
         limits = {
             "drive": (full, 2 * uneven * full / s.robot.drive_track_m),
             "turn": (uneven * full, 2 * full / s.robot.turn_track_m),
@@ -204,7 +205,7 @@ def check_places_from_moves(source: Source) -> None:
     far = 0.0
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
-        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max))
+        uneven = max(abs(s.robot.misalignment_min), abs(s.robot.misalignment_max)) + widest_veer_shift(s)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
                 times = np.arange(s.ticks) * s.tick_s

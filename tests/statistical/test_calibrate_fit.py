@@ -86,11 +86,29 @@ def test_bodies_that_go_by_other_numbers_are_matched(found: Dataset) -> None:
     others = {0: 3, 1: 0, 2: 4, 3: 1, 4: 2}
     renamed = pl.col("robot").replace_strict(others, return_dtype=pl.UInt16)
     swapped = pl.when(pl.col("run") == 1).then(renamed).otherwise(pl.col("robot"))
-    fields = fit_drive(replace(same, drives=same.drives.with_columns(robot=swapped)), BASE).fields(BASE)
+    renumbered = {name: getattr(same, name).with_columns(robot=swapped) for name in ("drives", "samples")}
+    fields = fit_drive(replace(same, **renumbered), BASE).fields(BASE)
     assert fields["robot.speed_factors"] == pytest.approx(speeds, rel=0.025)
     assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.004)
     # Negative control: sessions of different robots name none.
     assert "robot.speed_factors" not in fit_drive(found, BASE).fields(BASE)
+
+
+def test_veers_that_wander_are_found_and_veers_that_do_not_are_not(found: Dataset) -> None:
+    bent = [-0.05, -0.01, -0.04, -0.02, -0.08]
+    true = {"wander": 0.02, "drift": 0.012, "run_spread": 0.015}
+    speeds = [0.85, 1.0, 1.1, 1.25, 1.4]
+    values = {f"robot__misalignment_{name}": size for name, size in true.items()}
+    fields = fit_drive(
+        made(12, robot__misalignments=bent, robot__speed_factors=speeds, **values), BASE
+    ).fields(BASE)
+    assert fields["robot.misalignment_wander"] == pytest.approx(true["wander"], rel=0.15)
+    assert fields["robot.misalignment_drift"] == pytest.approx(true["drift"], rel=0.25)
+    # Five robots in twelve sessions; 5 m and more lie between two robots.
+    assert fields["robot.misalignment_run_spread"] == pytest.approx(true["run_spread"], rel=0.3)
+    assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.012)
+    # Negative control: of robots that keep their veer hardly any variation is found.
+    assert (fit_drive(found, BASE).fields(BASE)["robot.misalignment_wander"] or 0.0) < 0.005
 
 
 def test_where_robots_turn_tells_where_their_rays_are() -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
+from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, interval_accuracy
 from vibroswarm.calibrate.similarity import (
     EnergyDistance,
     RealCache,
@@ -45,6 +46,8 @@ class Comparison(NotebookView):
     """Through which the simulated positions were seen."""
     without_camera: tuple[Similarity, ...] = ()
     """The similarities of the positions as simulated; none if the camera is exact."""
+    intervals: IntervalAccuracy | None = None
+    """How well undisturbed intervals are told apart; None if not asked for, or if there are too few."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -55,6 +58,7 @@ class Comparison(NotebookView):
             "missing": list(self.missing),
             "camera": asdict(self.camera),
             "similarities_without_camera": [row.as_dict() for row in self.without_camera],
+            "intervals_told_apart": None if self.intervals is None else self.intervals.as_dict(),
         }
 
 
@@ -66,13 +70,19 @@ def camera_between(real: Result, simulated: Result) -> Camera:
 
 
 def compare(
-    real: Result, simulated: Result, known: RealCache | None = None, *, camera: Camera | None = None
+    real: Result,
+    simulated: Result,
+    known: RealCache | None = None,
+    *,
+    camera: Camera | None = None,
+    intervals: bool = False,
 ) -> Comparison:
     """Compare the samples of two results; each run is a session.
 
     Args:
         real: recordings, or what stands for them. simulated: of the same floor and settings.
         known: earlier results for the same ``real``; extended.
+        intervals: whether to tell undisturbed intervals apart too, which takes half a minute.
         camera: how the recordings saw robots; by default ``camera_between``. Simulated positions are seen through it.
     Raises:
         InputError: no energies, or fewer than two robots.
@@ -101,6 +111,7 @@ def compare(
         tuple(missing),
         camera,
         () if camera == RIGHT else _similarities(real_sessions, sessions_of(simulated)),
+        interval_accuracy(real_sessions.samples, simulated_sessions.samples) if intervals else None,
     )
 
 

@@ -50,6 +50,11 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them",
     )
+    compare.add_argument(
+        "--intervals",
+        action="store_true",
+        help="also tell undisturbed intervals apart by turn and distance, with boosted trees (half a minute)",
+    )
     add_json(compare)
     compare.set_defaults(run=run_compare)
     figures = tasks.add_parser(
@@ -116,7 +121,9 @@ def run_compare(arguments: argparse.Namespace) -> int:
     from vibroswarm.floors.io import check_suffix
 
     real, simulated = read_result(arguments.real), read_result(arguments.simulated)
-    comparison = compare(real, simulated, camera=RIGHT if arguments.no_camera else None)
+    comparison = compare(
+        real, simulated, camera=RIGHT if arguments.no_camera else None, intervals=arguments.intervals
+    )
     if arguments.picture is not None:
         check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
         write_comparison_picture(real, simulated, comparison, arguments.picture)
@@ -196,10 +203,41 @@ def print_comparison(found: Comparison) -> None:
         ["recognised", "share"],
         [[name, with_interval(share, ".3f")] for name, share in recognised.items() if share is not None],
     )
+    _print_intervals(found)
     if found.missing:
         print_paragraph(
             f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}"
         )
+
+
+def _print_intervals(found: Comparison) -> None:
+    """Print how well undisturbed intervals are told apart by turn and distance."""
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+
+    if found.intervals is None:
+        return
+    intervals = found.intervals
+    alone = " and ".join(
+        f"{share:.3f} by {name.partition('_')[0]}" for name, share in intervals.by_feature.items()
+    )
+    print_line()
+    print_paragraph("Share of undisturbed intervals that boosted trees recognise by turn and distance")
+    print_table(
+        ["recognised", "same robots", "other robots"],
+        [
+            [name, *(_mean_and_range(shares) for shares in (told.same_robots, told.other_robots))]
+            for name, told in (
+                ("real or simulated", intervals.simulated),
+                ("which real session", intervals.real),
+            )
+            if told.same_robots
+        ],
+    )
+    print_paragraph(f"Real or simulated, same robots, by one feature alone: {alone}.")
+
+
+def _mean_and_range(shares: tuple[float, ...]) -> str:
+    return f"{sum(shares) / len(shares):.3f} ({min(shares):.3f}-{max(shares):.3f})"
 
 
 def _spread(one: Any) -> str:

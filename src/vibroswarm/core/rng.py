@@ -48,6 +48,7 @@ class Purpose(IntEnum):
     FAULT = 18
     ODOMETRY = 20
     LOCALISATION = 21
+    VEER = 22
 
 
 def _number(value: int) -> int:
@@ -73,6 +74,7 @@ NETWORK: Final = _number(Purpose.NETWORK)
 FAULT: Final = _number(Purpose.FAULT)
 ODOMETRY: Final = _number(Purpose.ODOMETRY)
 LOCALISATION: Final = _number(Purpose.LOCALISATION)
+VEER: Final = _number(Purpose.VEER)
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""
@@ -84,6 +86,10 @@ OF_SITE: Final = _number(2)
 OF_WANDER: Final = _number(1)
 OF_WANDER_TOO: Final = _number(2)
 """Peers of the two numbers by which a robot's speed wanders at a sample."""
+OF_DRIFT: Final = _number(2)
+OF_DAY: Final = _number(4)
+"""Peers of the pairs of numbers of a veer's slow variation, and of its variation from run to run; those of its
+variation from sample to sample are ``ALONE`` and the next."""
 OF_EDGE: Final = _number(1)
 """Peer of a sample's second number: the side of a tile's edge on which it is sensed."""
 OF_TILE: Final = _number(1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inlined, inner, kernel
 from vibroswarm.core.rng import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
-from vibroswarm.motion.robot_params import AT_ONCE, Setup, draw_speed_factors, misalignment
+from vibroswarm.motion.robot_params import AT_ONCE, Setup, draw_speed_factors, misalignment, veer_shift
 from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,
@@ -31,7 +31,7 @@ from vibroswarm.robot.walk import (
 
 ROBOT = np.dtype(
     [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "from_x_m", "from_y_m", "from_heading_rad")]
-    + [(name, np.float64) for name in ("misalignment", "speed_factor", "battery")]
+    + [(name, np.float64) for name in ("misalignment", "own_misalignment", "speed_factor", "battery")]
     + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
     + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
@@ -345,11 +345,14 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
-    """Update what changes at a sample: the speed factor (drawn several samples at a time) and the battery."""
+    """Update what changes at a sample: the speed factor (drawn several samples at a time), veer and battery."""
     place = swarm[i].samples % AT_ONCE
     if place == 0:
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
     swarm[i].speed_factor = swarm[i].speed_factors[place]
+    if setup.misalignment_wander + setup.misalignment_drift > 0.0:
+        shift = veer_shift(setup, seed, run, i, swarm[i].samples)
+        swarm[i].misalignment = swarm[i].own_misalignment + shift
     swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
 
 

@@ -137,7 +137,7 @@ class KernelRun(ABC):
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
         begin(self.swarm, self.setup, self.speeds, seed, run)
-        give_each(self.swarm, self.scenario, seed, run)
+        give_each(self.swarm, self.scenario, self.setup, seed, run)
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:

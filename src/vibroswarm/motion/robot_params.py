@@ -3,6 +3,7 @@
 | name | symbol | unit | equation |
 |---|---|---|---|
 | misalignment | m_d | - | U(min, max), one a robot |
+| its variation | a + b + c | - | added to m_d; a: one a sample, b: linear between values, c: one a run |
 | speed factor | s_d | - | Gamma(shape, scale) + location, clipped; one a sample or one a robot |
 | battery | b_d | - | 1 - t / battery_life |
 | wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 19) |
@@ -32,8 +33,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inner, zero_rows
-from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, OF_WANDER, OF_WANDER_TOO, SPEED, uniform
+from vibroswarm.core.jit import inner, kernel, zero_rows
+from vibroswarm.core.rng import (
+    ALONE,
+    FIRST,
+    HARDWARE,
+    OF_DAY,
+    OF_DRIFT,
+    OF_WANDER,
+    OF_WANDER_TOO,
+    SPEED,
+    VEER,
+    uniform,
+)
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.faults.assignment import onset_s
 from vibroswarm.robot.walk import TIMERS, WalkProgram
@@ -44,6 +56,9 @@ from vibroswarm.scenario.validation import lattice_sites, longest_step_m, start_
 SPEED_NODES: Final = 2**14
 """Intervals of the speed factor's quantile table; linear between nodes."""
 
+DRIFT_SAMPLES: Final = 30
+"""Default of ``robot.misalignment_drift_samples``."""
+
 AT_ONCE: Final = 8
 """Number of a robot's speed factors drawn at once."""
 
@@ -52,7 +67,8 @@ Setup = Any
 no cost. Its fields are those of ``WalkProgram`` and:
 
 tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
-misalignment_min, misalignment_max; speed_redrawn (0, 1); speed_each (0, 1: ``robot.speed_factors``); speed_wander
+misalignment_min, misalignment_max; misalignment_wander, misalignment_drift (0: none), misalignment_drift_samples;
+speed_redrawn (0, 1); speed_each (0, 1: ``robot.speed_factors``); speed_wander
 (0: none), speed_factor_min, speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray, ray_side_m, ray_cos,
 ray_sin; outside_m: how far from the centre rays start, where that may be beyond a wall, else 0; look_m: rays matter up
 to the shorter of their range and theta_c; ray_reach_m: no ray sees a thing further than this from the robot's centre;
@@ -102,6 +118,9 @@ def setup_of(scenario: Scenario) -> Setup:
         "turn_track_m": robot.turn_track_m,
         "misalignment_min": robot.misalignment_min,
         "misalignment_max": robot.misalignment_max,
+        "misalignment_wander": robot.misalignment_wander or 0.0,
+        "misalignment_drift": robot.misalignment_drift or 0.0,
+        "misalignment_drift_samples": robot.misalignment_drift_samples or DRIFT_SAMPLES,
         "speed_redrawn": int(robot.speed_redraw == "sample"),
         "speed_each": int(robot.speed_factors is not None),
         "speed_wander": robot.speed_wander or 0.0,
@@ -172,6 +191,40 @@ def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
 
 
 @inner
+def triangular(seed: int, run: int, robot: int, index: int, peer: int) -> float:
+    """Return a number of a robot's veer: the sum of two uniform ones, of mean 0 and variance 1."""
+    both = uniform(seed, run, robot, VEER, index, peer) + uniform(seed, run, robot, VEER, index, peer + 1)
+    return math.sqrt(6.0) * (both - 1.0)
+
+
+@inner
+def veer_shift(setup: Setup, seed: int, run: int, robot: int, sample: int) -> float:
+    """Return what is added to a robot's own misalignment after so many samples."""
+    shift = 0.0
+    if setup.misalignment_wander > 0.0:
+        shift += setup.misalignment_wander * triangular(seed, run, robot, sample, ALONE)
+    if setup.misalignment_drift > 0.0:
+        node = sample // setup.misalignment_drift_samples
+        part = sample / setup.misalignment_drift_samples - node
+        low = triangular(seed, run, robot, node, OF_DRIFT)
+        high = triangular(seed, run, robot, node + 1, OF_DRIFT)
+        # Between nodes the variance is (1 - part)^2 + part^2, of mean 2/3.
+        shift += setup.misalignment_drift * math.sqrt(1.5) * (low + (high - low) * part)
+    return shift
+
+
+@kernel
+def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: int, run: int) -> None:
+    """Set the robots' misalignments of this run and of its first moves from those that are their own."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        row.own_misalignment = row.misalignment
+        if run_spread > 0.0:
+            row.own_misalignment += run_spread * triangular(seed, run, i, FIRST, OF_DAY)
+        row.misalignment = row.own_misalignment + veer_shift(setup, seed, run, i, 0)
+
+
+@inner
 def draw_speed_factors(
     factors: NDArray[np.float64],
     setup: Setup,
@@ -211,13 +264,13 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
     return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
 
 
-def give_each(swarm: NDArray[np.void], scenario: Scenario, seed: int, run: int) -> None:
+def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
     """Set body parameters that the scenario lists per robot, and when robots stop for good.
 
     Lists repeat beyond their ends.
 
     Args:
-        swarm: rows as ``begin`` leaves them, (robots,).
+        swarm: rows as ``begin`` leaves them, (robots,). setup: of ``setup_of``.
     """
     if scenario.motion_faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
@@ -237,6 +290,13 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario, seed: int, run: int) 
     for name, values in named:
         if values is not None:
             swarm[name] = np.resize(np.array(values, dtype=np.float64), swarm.size)
+    if veers_vary(scenario.robot):
+        begin_veer(swarm, setup, scenario.robot.misalignment_run_spread or 0.0, seed, run)
+
+
+def veers_vary(robot: Robot) -> bool:
+    """Return whether misalignments change between samples or runs."""
+    return any((robot.misalignment_wander, robot.misalignment_drift, robot.misalignment_run_spread))
 
 
 def turn_gain_deg(scenario: Scenario) -> float:

@@ -31,7 +31,8 @@ RESET_AFTER_TURN: Final = 0
 HOLD_IN_TURN: Final = 1
 ALWAYS: Final = 2
 FROZEN_IN_AVOIDANCE: Final = 3
-TIMERS: Final = ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance")
+RESET_AT_AVOIDANCE: Final = 4
+TIMERS: Final = ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance")
 
 
 class WalkProgram(NamedTuple):
@@ -181,7 +182,7 @@ def walk_step(
         if mode == TURN:
             leg_ms = leg_duration_ms(program, dice.leg) if math.isnan(next_leg_ms) else next_leg_ms
             driven_ms, legs, next_leg_ms = 0, legs + 1, math.nan
-            if program.timer == RESET_AFTER_TURN or program.timer == FROZEN_IN_AVOIDANCE:
+            if program.timer != HOLD_IN_TURN and program.timer != ALWAYS:
                 timer_ms = 0
         mode = DRIVE
 
@@ -191,6 +192,8 @@ def walk_step(
         elif nearest_mm < program.avoidance_threshold_mm:
             mode, error_deg, integral_deg_s = AVOID, turn_angle_deg(program, dice.avoid), 0.0
             avoidances += 1
+            if program.timer == RESET_AT_AVOIDANCE:
+                timer_ms = 0
 
     if mode == DRIVE:
         driven_ms += program.tick_ms

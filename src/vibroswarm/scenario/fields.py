@@ -146,6 +146,16 @@ class Robot(FrozenModel):
     """Upper end of that range."""
     misalignments: Bends | None = None
     """m_d per robot, instead of drawing it; the list repeats beyond its end. None in the paper."""
+    misalignment_wander: Annotated[float, Field(gt=0, le=0.2)] | None = None
+    """Variation of a robot's veer from sample to sample: to m_d is added a number drawn at every sample, triangular
+    with mean 0 and this standard deviation. If omitted (the paper), there is none; likewise the next two."""
+    misalignment_drift: Annotated[float, Field(gt=0, le=0.2)] | None = None
+    """Slow variation: to m_d is also added a number that changes linearly between values drawn every
+    ``misalignment_drift_samples`` samples, of this standard deviation over a run."""
+    misalignment_drift_samples: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    """Samples between these values; if omitted, 30."""
+    misalignment_run_spread: Annotated[float, Field(gt=0, le=0.2)] | None = None
+    """Variation from run to run, as between days: to each m_d is added a number drawn once per run, likewise."""
     speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
     """s_d ~ Gamma(shape, scale) + location, clipped."""
     speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
@@ -221,10 +231,13 @@ class Sample(FrozenModel):
     """How long the accelerometer is read, at the end of the stop (``observation.sensed_floor.sense_program``); if
     omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
     them."""
-    timer: Literal["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance"] = "reset_after_turn"
+    timer: Literal[
+        "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"
+    ] = "reset_after_turn"
     """The timer counts driving and avoiding. In a turn at the end of a leg it pauses and then restarts from 0
     (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text);
-    ``frozen_in_avoidance`` is like the first, but avoidance is not counted either."""
+    ``frozen_in_avoidance`` is like the first, but avoidance is not counted either; ``reset_at_avoidance`` is like the
+    first, and restarts from 0 whenever an avoidance begins too, as in older experiments."""
     interrupts_avoidance: bool = True
     """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
 

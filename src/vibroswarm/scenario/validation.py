@@ -8,6 +8,8 @@ from vibroswarm.floors.source import shadows
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
+VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
+
 
 def _check_ranges(s: Sections) -> None:
     """Refuse lower bounds above upper bounds."""
@@ -20,6 +22,13 @@ def _check_ranges(s: Sections) -> None:
         if low > high:
             unit = "_ms" if name == "walk.leg" else ""
             raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
+    bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
+    if max(abs(factor) for factor in bent) + widest_veer_shift(s) >= 1.0:
+        name = max(VARIATIONS, key=lambda name: getattr(s.robot, name) or 0.0)
+        raise InputError(
+            f"{getattr(s.robot, name):g} is too much: with the misalignments, a wheel could stand or turn backwards",
+            field=f"robot.{name}",
+        )
     if len(s.rays.side_m) != len(s.rays.angle_deg):
         raise InputError(
             f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg; give equal numbers",
@@ -85,10 +94,21 @@ def _check_places(s: Sections) -> None:
         )
 
 
+def widest_veer_shift(s: Sections) -> float:
+    """Return an upper bound on how far a robot's misalignment differs from its own."""
+    robot = s.robot
+    each = (
+        robot.misalignment_wander or 0.0,
+        1.5**0.5 * (robot.misalignment_drift or 0.0),
+        robot.misalignment_run_spread or 0.0,
+    )
+    return 6.0**0.5 * sum(each)
+
+
 def longest_step_m(s: Sections) -> float:
     """Return an upper bound on the distance a robot drives between two ticks, m."""
     bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
-    wheel = 1 + max(abs(factor) for factor in bent)
+    wheel = 1 + max(abs(factor) for factor in bent) + widest_veer_shift(s)
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 

@@ -110,6 +110,19 @@ CASES: Final = (
             "rays.disc_radius_m": 0.015,
         },
     ),
+    Case(
+        "veers that wander",
+        {
+            "run.t_end_s": 80.0,
+            "arena.width_m": 0.5,
+            "arena.height_m": 0.5,
+            "sample.timer": "reset_at_avoidance",
+            "robot.misalignment_wander": 0.05,
+            "robot.misalignment_drift": 0.04,
+            "robot.misalignment_drift_samples": 7,
+            "robot.misalignment_run_spread": 0.03,
+        },
+    ),
 )
 """Few and short; together they cover every mode, crowds, corridors, and arenas little larger than a robot."""
 SHORT_CASE: Final = CASES[2]
