@@ -152,7 +152,7 @@ def add_motion(parser: argparse._ActionsContainer) -> None:
         "--motion",
         metavar="NAME",
         default="event",
-        help="engine: event (default), fixed-step, mujoco-planar, or FILE.py:NAME",
+        help="engine: event (default), fixed-step, mujoco, mujoco-planar, or FILE.py:NAME",
     )
 
 

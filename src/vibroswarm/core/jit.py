@@ -114,7 +114,12 @@ def cache_folder() -> Path | None:
     return None
 
 
-ENGINES: Final = {"event": "engine", "fixed-step": "fixed_step", "mujoco-planar": "planar_step"}
+ENGINES: Final = {
+    "event": "engine",
+    "fixed-step": "fixed_step",
+    "mujoco-planar": "planar_step",
+    "mujoco": "wheels_step",
+}
 """Modules of the engines, by the names of their motion sources."""
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from vibroswarm.motion.physics.arena_xml import BODIES, target_xml, walls_xml
 from vibroswarm.scenario.scenario import Scenario
 
 STEP_MS: Final = 10.0
@@ -25,8 +26,6 @@ MASS_KG: Final = 0.04
 PUSH_N: Final = 0.24
 GRIP_N: Final = 0.36
 MARGIN_M: Final = 0.0004
-WALLS, BODIES, TARGETS = 1, 0, 2
-"""Groups of geoms: rays see walls and targets, which are discs of the radius that rays see of other robots."""
 
 
 def planar_xml(scenario: Scenario, step_s: float) -> str:
@@ -35,29 +34,13 @@ def planar_xml(scenario: Scenario, step_s: float) -> str:
     Args:
         step_s: duration of a step of MuJoCo.
     """
-    robot, arena = scenario.robot, scenario.arena
-    radius_m, disc_m = robot.body_radius_m, scenario.rays.disc_radius_m
+    radius_m = scenario.robot.body_radius_m
     spin = 0.5 * MASS_KG * radius_m**2
-    target = (
-        f'<geom type="cylinder" size="{disc_m!r} 0.02" group="{TARGETS}" contype="0" conaffinity="0" mass="0"/>'
-        if disc_m > 0.0
-        else ""
-    )
     body = f"""<body>
       <inertial pos="0 0 0" mass="{MASS_KG}" diaginertia="{spin!r} {spin!r} {spin!r}"/>
       <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
-      <geom type="sphere" size="{radius_m!r}" group="{BODIES}"/>{target}
+      <geom type="sphere" size="{radius_m!r}" group="{BODIES}"/>{target_xml(scenario)}
     </body>"""
-    walls = (
-        ("0 0 0", "1 0 0"),
-        (f"{arena.width_m!r} 0 0", "-1 0 0"),
-        ("0 0 0", "0 1 0"),
-        (f"0 {arena.height_m!r} 0", "0 -1 0"),
-    )
-    planes = "".join(
-        f'<geom type="plane" size="0 0 1" pos="{place}" zaxis="{inwards}" group="{WALLS}"/>'
-        for place, inwards in walls
-    )
     return f"""<mujoco model="planar robots">
   <compiler autolimits="true"/>
   <option timestep="{step_s!r}" gravity="0 0 0" integrator="Euler" cone="elliptic">
@@ -65,5 +48,5 @@ def planar_xml(scenario: Scenario, step_s: float) -> str:
   </option>
   <size memory="{max(1, scenario.swarm.robots // 8)}M"/>
   <default><geom condim="1" margin="{MARGIN_M!r}" solref="{2.0 * step_s!r} 1" solimp="0.95 0.99 0.0005"/></default>
-  <worldbody>{planes}{body * scenario.swarm.robots}</worldbody>
+  <worldbody>{walls_xml(scenario)}{body * scenario.swarm.robots}</worldbody>
 </mujoco>"""

@@ -7,6 +7,7 @@ from typing import Final
 
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics.planar_run import PlanarRun
+from vibroswarm.motion.physics.wheels_run import WheelsRun
 from vibroswarm.motion.source import Source, Tolerance, register
 
 PLANAR: Final = register(
@@ -16,6 +17,16 @@ PLANAR: Final = register(
         partial(batch_of, PlanarRun),
         "discs in MuJoCo: mass, finite forces, contact",
         tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.02),
+        is_ours=True,
+    )
+)
+WHEELS: Final = register(
+    Source(
+        "mujoco",
+        WheelsRun,
+        partial(batch_of, WheelsRun),
+        "robots on magnetic wheels in MuJoCo, with cones of rays",
+        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.08),
         is_ours=True,
     )
 )

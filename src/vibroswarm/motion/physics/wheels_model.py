@@ -1,0 +1,108 @@
+"""The study's robot in MuJoCo: a chassis on four magnetic wheels, two of them driven, with gyro and accelerometer.
+
+| name | unit | value | |
+|---|---|---|---|
+| chassis, wheel | kg | 0.032, 0.002 | a robot of 25 x 33 x 35 mm with a battery; assumed |
+| wheel base, track | m | BASE_M, TRACK_M | between the points where wheels touch; fitted |
+| friction | - | DRIVEN, PASSIVE | of driven and of passive wheels on the floor; fitted |
+| adhesion | N | 0.3 | of each magnetic wheel; assumed |
+| rotor | kg m^2 | 3e-5 | inertia of a motor behind its gears; assumed: it starts and stops within two periods |
+
+One front and one rear wheel are driven, on opposite sides, as in the study's robot; the others roll freely. Magnets are
+adhesion actuators. Wheels are balls to the floor, which touch it in one point. Chassis and walls touch at the height
+of the axles, without friction.
+
+A motor is a servo of velocity. It has the inertia of its gears, as explicit steps of a stiff servo are stable only so.
+Each distance sensor is a cone of CONE_DEG (the study's robots: 27 degrees) of CONE_RAYS rays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from vibroswarm.motion.physics.arena_xml import BODIES, target_xml, walls_xml
+from vibroswarm.scenario.scenario import Scenario
+
+STEP_MS: Final = 5.0
+WHEEL_M: Final = 0.006
+ROLLING_M: Final = 0.00593
+"""Radius on which wheels roll: the magnets press them a little into the soft floor. Fitted to the speed."""
+BASE_M: Final = 0.018
+TRACK_M: Final = 0.036
+DRIVEN: Final = 0.8
+PASSIVE: Final = 0.05
+IMPRATIO: Final = 1.0
+ADHESION_N: Final = 0.3
+ROTOR_KG_M2: Final = 3e-5
+SERVO_N_M_S: Final = 3e-3
+TORQUE_N_M: Final = 0.01
+MARGIN_M: Final = 0.0004
+SENSOR_HEIGHT_M: Final = 0.012
+SUNK_M: Final = 0.00015
+"""How deep wheels stand in the floor at rest."""
+CONE_DEG: Final = 27.0
+CONE_RAYS: Final = 5
+CONE_RAD: Final = tuple(math.radians(a) for a in np.linspace(-CONE_DEG / 2, CONE_DEG / 2, CONE_RAYS).tolist())
+
+WHEELS: Final = (("front_left", 1, 1, True), ("rear_right", -1, -1, True), ("front_right", 1, -1, False),
+                 ("rear_left", -1, 1, False))  # fmt: skip
+"""Name, signs of x and y, whether driven; the left of the driven ones first."""
+
+
+def wheels_xml(scenario: Scenario, step_s: float) -> str:
+    """Return the model of a scenario as MJCF.
+
+    Args:
+        step_s: duration of a step of MuJoCo.
+    """
+    robots = scenario.swarm.robots
+    actuators, sensors = [], []
+    for i in range(robots):
+        actuators += [
+            f'<velocity joint="{name}{i}" kv="{SERVO_N_M_S}" forcerange="-{TORQUE_N_M} {TORQUE_N_M}"/>'
+            for name, _, _, driven in WHEELS
+            if driven
+        ]
+        actuators += [
+            f'<adhesion body="{name}{i}" ctrlrange="0 1" gain="{ADHESION_N}"/>' for name, *_ in WHEELS
+        ]
+        sensors += [f'<gyro site="imu{i}"/><accelerometer site="imu{i}"/>']
+    return f"""<mujoco model="robots on magnetic wheels">
+  <compiler autolimits="true"/>
+  <option timestep="{step_s!r}" integrator="Euler" cone="elliptic" impratio="{IMPRATIO}">
+    <flag autoreset="disable" eulerdamp="disable"/>
+  </option>
+  <size memory="{max(2, robots)}M"/>
+  <default>
+    <geom condim="1" margin="{MARGIN_M}" solref="{2.0 * step_s!r} 1" solimp="0.95 0.99 0.0005"/>
+    <default class="wheel">
+      <geom type="sphere" size="{WHEEL_M}" mass="0.002" condim="3" margin="0" contype="4" conaffinity="0" priority="1"/>
+    </default>
+  </default>
+  <worldbody>
+    <geom type="plane" size="0 0 1" condim="3" margin="0" contype="0" conaffinity="4" group="{BODIES}"/>
+    {walls_xml(scenario)}{"".join(_robot(scenario, i) for i in range(robots))}
+  </worldbody>
+  <actuator>{"".join(actuators)}</actuator>
+  <sensor>{"".join(sensors)}</sensor>
+</mujoco>"""
+
+
+def _robot(scenario: Scenario, i: int) -> str:
+    """Return one robot."""
+    radius_m = scenario.robot.body_radius_m
+    wheels = "".join(
+        f"""<body pos="{x * BASE_M / 2} {y * TRACK_M / 2} {WHEEL_M}" name="{name}{i}">
+          <joint name="{name}{i}" type="hinge" axis="0 1 0" armature="{ROTOR_KG_M2 if driven else 1e-7}"/>
+          <geom class="wheel" friction="{DRIVEN if driven else PASSIVE} 0 0" group="{BODIES}"/></body>"""
+        for name, x, y, driven in WHEELS
+    )
+    spin = 0.5 * 0.032 * 0.015**2
+    return f"""<body><freejoint/>
+      <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>
+      <site name="imu{i}" pos="0 0 {SENSOR_HEIGHT_M}"/>
+      <geom type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>{target_xml(scenario)}{wheels}
+    </body>"""
