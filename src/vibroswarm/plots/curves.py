@@ -133,7 +133,11 @@ def _curve(
     axes: Any, style: Style, part: pl.DataFrame, looks: Look, index: int, series: int, end: float
 ) -> None:
     """Draw the curves of right (upwards) and wrong decisions (downwards) of one series."""
+    from matplotlib.patheffects import withStroke
+
     times = [*part["time_s"], end]
+    # Bands of several series lie on each other: they are pale then, and each line has an edge of the ground's colour.
+    edge = [withStroke(linewidth=style.line_pt + 1.4, foreground=PAPER)] if series > 1 else []
     for kind, sign in (("right", 1.0), ("wrong", -1.0)):
         colour = looks.colour if series > 1 else OUTCOMES[kind]
         ends = [sign * value for value in [*part[kind], part[kind][-1]]]
@@ -142,9 +146,11 @@ def _curve(
             low, high = (
                 [sign * value for value in [*bounds[name], bounds[name][-1]]] for name in bounds.columns
             )
-            axes.fill_between(times, low, high, step="post", color=colour, alpha=0.22, linewidth=0)
+            axes.fill_between(
+                times, low, high, step="post", color=colour, alpha=0.22 if series < 3 else 0.13, linewidth=0
+            )
         axes.step(
-            times, ends, where="post", color=colour, zorder=3,
+            times, ends, where="post", color=colour, zorder=3, path_effects=edge,
             linestyle=looks.line if series > 1 else ("-" if sign > 0 else (0, (4, 1.5))),
         )  # fmt: skip
         if series > 1:  # three marks per curve, to distinguish them in grey print
@@ -234,7 +240,7 @@ def draw_belief(
     few_ticks(panels[-1].xaxis, sizes)
     bands = " and ".join(f"{_percent(low)} to {_percent(high)}" for low, high in pairs)
     caption = (
-        f"{label} over time{': ' + of_runs([runs], unit) if runs else ''}. Line: median"
+        f"{label} over time{': ' + of_runs([runs], 'run') if runs else ''}. Line: median"
         + (f"; bands: {bands} of the {unit}s" if bands else "")
         + (f"; dashed: {' and '.join(number(level) for level in thresholds)}" if thresholds else "")
         + (f"; dotted: {number(boundary)}" if boundary is not None else "")
