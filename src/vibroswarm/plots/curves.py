@@ -133,11 +133,7 @@ def _curve(
     axes: Any, style: Style, part: pl.DataFrame, looks: Look, index: int, series: int, end: float
 ) -> None:
     """Draw the curves of right (upwards) and wrong decisions (downwards) of one series."""
-    from matplotlib.patheffects import withStroke
-
     times = [*part["time_s"], end]
-    # Bands of several series lie on each other: they are pale then, and each line has an edge of the ground's colour.
-    edge = [withStroke(linewidth=style.line_pt + 1.4, foreground=PAPER)] if series > 1 else []
     for kind, sign in (("right", 1.0), ("wrong", -1.0)):
         colour = looks.colour if series > 1 else OUTCOMES[kind]
         ends = [sign * value for value in [*part[kind], part[kind][-1]]]
@@ -149,8 +145,12 @@ def _curve(
             axes.fill_between(
                 times, low, high, step="post", color=colour, alpha=0.22 if series < 3 else 0.13, linewidth=0
             )
+        if series > 1:  # bands of several series lie on each other: a strip of the ground below each line
+            axes.step(
+                times, ends, where="post", color=PAPER, alpha=0.8, linewidth=style.line_pt * 2.2, zorder=2.5
+            )
         axes.step(
-            times, ends, where="post", color=colour, zorder=3, path_effects=edge,
+            times, ends, where="post", color=colour, zorder=3,
             linestyle=looks.line if series > 1 else ("-" if sign > 0 else (0, (4, 1.5))),
         )  # fmt: skip
         if series > 1:  # three marks per curve, to distinguish them in grey print
