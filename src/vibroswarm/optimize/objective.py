@@ -103,9 +103,8 @@ class Objective(NotebookView):
     @property
     def words(self) -> str:
         """A short description."""
-        if self.name in AIMS:
-            return self.name.replace("_", " ")
-        return f"{self.name}, {self.statistic}"
+        name = self.name.replace("_", " ")
+        return name if self.name in AIMS else f"{name}, {self.statistic.replace('+', ' + ')}"
 
     @property
     def limits(self) -> dict[str, float]:

@@ -142,7 +142,13 @@ def _curve(
             low, high = (
                 [sign * value for value in [*bounds[name], bounds[name][-1]]] for name in bounds.columns
             )
-            axes.fill_between(times, low, high, step="post", color=colour, alpha=0.22, linewidth=0)
+            axes.fill_between(
+                times, low, high, step="post", color=colour, alpha=0.22 if series < 3 else 0.13, linewidth=0
+            )
+        if series > 1:  # bands of several series lie on each other: a strip of the ground below each line
+            axes.step(
+                times, ends, where="post", color=PAPER, alpha=0.8, linewidth=style.line_pt * 2.2, zorder=2.5
+            )
         axes.step(
             times, ends, where="post", color=colour, zorder=3,
             linestyle=looks.line if series > 1 else ("-" if sign > 0 else (0, (4, 1.5))),
@@ -234,7 +240,7 @@ def draw_belief(
     few_ticks(panels[-1].xaxis, sizes)
     bands = " and ".join(f"{_percent(low)} to {_percent(high)}" for low, high in pairs)
     caption = (
-        f"{label} over time{': ' + of_runs([runs], unit) if runs else ''}. Line: median"
+        f"{label} over time{': ' + of_runs([runs], 'run') if runs else ''}. Line: median"
         + (f"; bands: {bands} of the {unit}s" if bands else "")
         + (f"; dashed: {' and '.join(number(level) for level in thresholds)}" if thresholds else "")
         + (f"; dotted: {number(boundary)}" if boundary is not None else "")

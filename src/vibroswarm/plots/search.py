@@ -9,7 +9,7 @@ from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import check_once, tidy, with_series
 from vibroswarm.plots.layout import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import LINE, SERIES, look, style_named
+from vibroswarm.plots.style import FAINT, SERIES, look, style_named
 
 
 @drawn
@@ -50,7 +50,12 @@ def draw_search(
         own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
         for _, part in own.sort("iteration").group_by("particle", maintain_order=True):
             lines = axes.plot(
-                part["iteration"], part["score"], color=LINE, linewidth=sizes.line_pt * 0.6, zorder=2
+                part["iteration"],
+                part["score"],
+                color=FAINT,
+                alpha=0.5,
+                linewidth=sizes.line_pt * 0.5,
+                zorder=2,
             )
         handles = [lines[0]]
     best, mean = look(0), look(1)
