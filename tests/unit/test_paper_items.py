@@ -10,11 +10,13 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import walk_figures
+from vibroswarm.networks.loss_by_size import share_lost
 from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summarise
 from vibroswarm.paper.claims import all_claims, decide
-from vibroswarm.paper.columns import COLUMNS, published
+from vibroswarm.paper.columns import COLUMNS, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiment_times, search, search_repeats
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 RUNS = 4
@@ -142,6 +144,18 @@ def test_cells_of_all_items_are_few_enough_and_share_motion() -> None:
     largest = max(groups, key=lambda group: len(group.cells))
     assert len(largest.cells) > 80
     assert {cell.column for cell in first.values()} == set(COLUMNS)
+
+
+def test_larger_swarms_of_calibrated_robots_lose_messages_by_size() -> None:
+    five, ten = (scenario_of("calibrated", {"swarm.robots": robots}) for robots in (5, 10))
+    assert (five.network.name, ten.network.name) == ("loss", "loss_by_size")
+    assert ten == preset("calibrated-swarm")
+    own = scenario_of("calibrated", {"swarm.robots": 10, "network.name": "loss", "network.loss.share": 0.5})
+    assert own.network.name == "loss"
+    assert scenario_of("paper", {"swarm.robots": 10}).network.name == preset("paper").network.name
+    # The preset's share is that of the messages addressed to a robot which were lost, as plotted.
+    for robots in range(6, 11):
+        assert share_lost(robots) == pytest.approx(experiment_times.loss_of(robots), abs=0.0045)
 
 
 OF_SHORT_SEARCHES = ("search-settles", "search-score-holds", "search-bests-meet", "search-mean-falls")

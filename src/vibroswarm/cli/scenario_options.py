@@ -117,12 +117,17 @@ def forget() -> None:
 def warn_of(scenarios: Iterable[Scenario]) -> None:
     """Print the first new warning about these scenarios, and how many others there are."""
     from vibroswarm.motion.robot_params import scenario_warnings
+    from vibroswarm.scenario.edge_extrapolation import edge_warnings
     from vibroswarm.scenario.fault_fields import fault_warnings
 
     texts = dict.fromkeys(
         text
         for scenario in scenarios
-        for text in (*scenario_warnings(scenario), *fault_warnings(scenario.faults, scenario.swarm.robots))
+        for text in (
+            *scenario_warnings(scenario),
+            *fault_warnings(scenario.faults, scenario.swarm.robots),
+            *edge_warnings(scenario),
+        )
     )
     new = [text for text in texts if text not in _printed]
     _printed.update(new)

@@ -12,6 +12,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.networks.loss_by_size import MOST
 from vibroswarm.scenario.scenario import Scenario, preset
 
 FIELDS: Final = {
@@ -66,6 +67,9 @@ CONTROLS: Final = {
 }
 """Negative controls: changes of every scenario that must change the verdicts."""
 
+RECORDED_ROBOTS: Final = 5
+"""In the recordings to which `calibrated` is fitted, its share of lost messages included."""
+
 FALSE: Final = (0.24, 0.045)
 """Rates of false positives and false negatives under the control of that name; both are 14 % in the simulations."""
 SLOWER: Final = 0.05
@@ -84,10 +88,14 @@ def scenario_of(
     """Return the scenario of a column.
 
     Args:
-        column: one of ``COLUMNS``. values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
+        column: one of ``COLUMNS``; `calibrated` with more robots than were recorded loses messages by swarm size.
+        values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
     """
     base = preset(column)
     changes: dict[str, Any] = {}
+    robots = (values or {}).get("swarm.robots", base.swarm.robots)
+    if column == "calibrated" and RECORDED_ROBOTS < robots <= MOST and "network.name" not in (values or {}):
+        changes["network.name"] = "loss_by_size"
     if parameter_set == EMPIRICAL:
         changes |= parameters("P0")
         # Robots turn at a distance that differs from the commanded one by the same factor for P0 as for P*.

@@ -17,6 +17,7 @@ from vibroswarm.motion.pose import pose
 from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN
 from vibroswarm.result import Result
+from vibroswarm.scenario.edge_extrapolation import edge_warnings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,7 +132,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     )  # not a formula; parse_math=False is ignored with wrap
     axes.set_title(
         f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}, "
-        f"{feedback}, {origin}: {outcome}",
+        f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,
         wrap=True,
     )

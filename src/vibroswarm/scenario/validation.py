@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from vibroswarm import networks, strategies
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
@@ -99,10 +101,10 @@ def widest_veer_shift(s: Sections) -> float:
     robot = s.robot
     each = (
         robot.misalignment_wander or 0.0,
-        1.5**0.5 * (robot.misalignment_drift or 0.0),
+        math.sqrt(1.5) * (robot.misalignment_drift or 0.0),
         robot.misalignment_run_spread or 0.0,
     )
-    return 6.0**0.5 * sum(each)
+    return math.sqrt(6.0) * sum(each)
 
 
 def longest_step_m(s: Sections) -> float:

@@ -1,0 +1,237 @@
+"""Make preset `calibrated` and the tables of calibration.md again, from the study's recordings.
+
+    python docs/make_calibration.py DIR --work out/calibration [--item out/paper]
+
+DIR is the folder of the recordings. The parts (fit, held-out sessions, comparison, classifiers) take minutes each and
+are kept in the work folder; a part that is there is not repeated. Then the fitted values are written into the preset,
+and the tables between `<!-- made: NAME -->` and `<!-- end -->` into calibration.md. With --item, the same item of
+`vibroswarm reproduce` is made too, into that folder. Fits take 100 s of CPU each, of which there are four.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import vibroswarm.scenario.presets
+from vibroswarm.calibrate.camera import Camera, seen_through
+from vibroswarm.calibrate.cross_validation import folds, on_floor
+from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.fit import fit
+from vibroswarm.calibrate.interval_classifier import other_robots, same_robots
+from vibroswarm.calibrate.real_vs_simulated import compare
+from vibroswarm.calibrate.undisturbed import undisturbed
+from vibroswarm.paper.columns import EMPIRICAL, scenario_of
+from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floor
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import simulate
+
+PAGE: Final = Path(__file__).with_name("calibration.md")
+PRESET: Final = Path(vibroswarm.scenario.presets.__file__).parent / "calibrated.toml"
+BASE: Final = "paper-empirical"
+SEEDS: Final = (150, 151, 152, 153)
+"""Of sets of three simulated sessions."""
+TOLD: Final = 6
+"""Simulated sessions that each held-out one is told from."""
+Values = Any
+
+
+def kept(work: Path, name: str, make: Callable[[], Values]) -> Values:
+    """Return the values of a part: from its file or, if there is none, made and written there."""
+    path = work / f"{name}.json"
+    if not path.exists():
+        print(f"{name} ...", flush=True)
+        path.write_text(json.dumps(make(), indent=1) + "\n", encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def fitted_on_all(folder: Path) -> Values:
+    """The fit to all sessions."""
+    return fit(dataset_of([read_recordings(folder, REAL)]), preset(BASE)).as_dict()
+
+
+def held_out(folder: Path) -> Values:
+    """Leave-one-session-out, beside the authors' simulator."""
+    real, authors = (dataset_of([read_recordings(folder, names)]) for names in (REAL, AUTHORS))
+    return [fold.as_dict() for fold in folds(real, preset(BASE), authors)]
+
+
+def compared(folder: Path, fields: dict[str, Any]) -> Values:
+    """The preset, through the camera, and the authors' simulator, against the recordings."""
+    real, authors = (read_recordings(folder, names) for names in (REAL, AUTHORS))
+    scenario = scenario_of("calibrated", real_floor(), parameter_set=EMPIRICAL).with_values(fields)
+    return {
+        "authors": [compare(real, authors, intervals=True).as_dict()],
+        "calibrated": [compare(real, simulate(scenario, seed, 3)).as_dict() for seed in SEEDS],
+    }
+
+
+def told(folder: Path, of_folds: Values) -> Values:
+    """Undisturbed intervals of each held-out session, told from simulated ones and from the other sessions."""
+    real = read_recordings(folder, REAL)
+    sessions = [undisturbed(samples) for samples in sessions_of(real).samples]
+    rows = []
+    for fold in of_folds:
+        held = sessions[fold["session"]]
+        scenario = on_floor(preset(BASE).with_values(fold["fields"]), real.floor(0))
+        result = seen_through(simulate(scenario, SEEDS[0] + fold["session"], TOLD), Camera.of(scenario))
+        simulated = [undisturbed(samples) for samples in sessions_of(result).samples]
+        others = [session for k, session in enumerate(sessions) if k != fold["session"]]
+        rows.append(
+            {
+                "session": fold["session"] + 1,
+                "simulated, same robots": [same_robots(held, other) for other in simulated],
+                "simulated, same robots, by turn": [
+                    same_robots(held, other, ("turn_rad",)) for other in simulated
+                ],
+                "simulated, same robots, by distance": [
+                    same_robots(held, other, ("distance_m",)) for other in simulated
+                ],
+                "real, same robots": [same_robots(held, other) for other in others],
+                "simulated, other robots": [other_robots(held, other) for other in simulated],
+                "real, other robots": [other_robots(held, other) for other in others],
+            }
+        )
+    return rows
+
+
+def write_preset(fields: dict[str, Any]) -> None:
+    """Write fitted values into the preset's file; its comments and its order stay.
+
+    Raises:
+        SystemExit: a fitted field is not in the file.
+    """
+    lines, section, left = PRESET.read_text(encoding="utf-8").splitlines(), "", dict(fields)
+    for k, line in enumerate(lines):
+        if named := re.match(r"\[(.+?)\]", line):
+            section = named[1]
+        if value := re.match(r"(\w+) = ([^#]*?)( *#.*)?$", line):
+            name = f"{section}.{value[1]}"
+            if name in left:
+                new = left.pop(name)
+                lines[k] = f"{value[1]} = {json.dumps(new)}{value[3] or ''}"
+    if missing := [name for name in left if left[name] is not None]:
+        raise SystemExit(f"{PRESET.name} lacks {', '.join(missing)}; add lines for them")
+    PRESET.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def folds_table(of_folds: Values) -> str:
+    """Similarities and energy distances of held-out sessions: means over the folds."""
+    names = ("fitted", "other_simulator", "other_sessions")
+    rows = []
+    for place, feature in enumerate(FEATURES):
+        scores = [fold["scores"][place] for fold in of_folds]
+        alike = {name: float(np.mean([score[name] for score in scores])) for name in names}
+        apart = {
+            name: float(np.mean([score[f"distance_{name.removeprefix('other_')}"] for score in scores]))
+            for name in names
+        }
+        level = alike["fitted"] >= alike["other_simulator"]
+        rows.append(
+            [WORDS[feature], *(f"{alike[name]:.3f}" for name in names[:2]),
+             "yes" if level else f"{alike['other_simulator'] - alike['fitted']:.3f} short",
+             f"{alike['other_sessions']:.3f}", *(f"{apart[name]:.4f}" for name in names)]
+        )  # fmt: skip
+    head = ["feature", "fitted", "authors'", "at least that", "other two real", "energy distance, fitted",
+            "authors'", "real"]  # fmt: skip
+    return table(head, rows)
+
+
+def compared_table(found: Values) -> str:
+    """Similarities of the preset with and without the camera: means over sets of three sessions, with their range."""
+    rows = []
+    for place, feature in enumerate(FEATURES):
+        through, without = (
+            [one[name][place]["at_equal_counts"] for one in found["calibrated"]]
+            for name in ("similarities", "similarities_without_camera")
+        )
+        authors = found["authors"][0]["similarities"][place]["at_equal_counts"]
+        ranges = [f"{np.mean(s):.3f} ({min(s):.3f}-{max(s):.3f})" for s in (through, without)]
+        rows.append([WORDS[feature], *ranges, f"{authors:.3f}"])
+    return table(["feature", "calibrated, camera applied", "without camera", "authors'"], rows)
+
+
+def told_table(rows: Values) -> str:
+    """Shares of undisturbed intervals that are told, by held-out session."""
+    kinds = [name for name in rows[0] if name != "session"]
+    return table(
+        ["undisturbed intervals told from", *(f"session {row['session']}" for row in rows)],
+        [[kind, *(f"{np.mean(row[kind]):.2f}" for row in rows)] for kind in kinds],
+    )
+
+
+def fields_table(found: Values) -> str:
+    """The fitted fields that changed most often with the model of motion, with their intervals."""
+    rows = [
+        [f"`{figure['name']}`", f"{figure['value']:.4g} [{figure['low']:.3g}, {figure['high']:.3g}]"]
+        for figure in found["figures"]
+    ]
+    return table(["figure of the fit", "value"], rows)
+
+
+def pieces(found: dict[str, Values]) -> Iterator[tuple[str, str]]:
+    """The tables of the page by name."""
+    yield "figures", fields_table(found["fit"])
+    yield "folds", folds_table(found["folds"])
+    yield "compared", compared_table(found["compared"])
+    yield "told", told_table(found["told"])
+
+
+def write_page(found: dict[str, Values]) -> None:
+    """Put the tables between their marks."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, piece in pieces(found):
+        begin = f"<!-- made: {name} -->\n"
+        first = text.index(begin) + len(begin)
+        text = f"{text[:first]}\n{piece}\n\n{text[text.index('<!-- end -->', first) :]}"
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Make all parts, then write preset and page."""
+    options = argparse.ArgumentParser(description="Make the calibration again.")
+    options.add_argument("recordings", type=Path)
+    options.add_argument("--work", type=Path, required=True)
+    options.add_argument("--item", type=Path, default=None)
+    given = options.parse_args()
+    given.work.mkdir(parents=True, exist_ok=True)
+    folder = given.recordings
+    found = {"fit": kept(given.work, "fit", lambda: fitted_on_all(folder))}
+    fields = found["fit"]["fields"]
+    Scenario.from_base({"preset": BASE}).with_values(fields)
+    found["folds"] = kept(given.work, "folds", lambda: held_out(folder))
+    found["compared"] = kept(given.work, "compared", lambda: compared(folder, fields))
+    found["told"] = kept(given.work, "told", lambda: told(folder, found["folds"]))
+    write_preset(fields)
+    write_page(found)
+    print(f"wrote {PRESET} and {PAGE}")
+    if given.item is not None:
+        command = [
+            "reproduce",
+            "--only",
+            "calibration",
+            "--recordings",
+            str(folder),
+            "--out",
+            str(given.item),
+        ]
+        subprocess.run([sys.executable, "-m", "vibroswarm", *command], check=True)
+
+
+if __name__ == "__main__":
+    main()
