@@ -28,7 +28,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.localisation.locate import PLACES
-from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS
+from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
@@ -64,6 +64,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "runs": RUNS,
     "floors": FLOORS,
     "faults": FAULT_COLUMNS,
+    "failures": FAILURES,
 }
 
 NULLABLE: Final[dict[str, frozenset[str]]] = {
@@ -81,11 +82,13 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
     "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
     "floors": frozenset(),
     "faults": frozenset(),
+    "failures": frozenset(),
 }  # fmt: skip
 """Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
-OPTIONAL: Final = ("segments", "moves", "faults", "places")
-"""Tables that a result may lack; it has faults if its scenario lets robots fail, and places if robots estimate them."""
+OPTIONAL: Final = ("segments", "moves", "faults", "places", "failures")
+"""Tables that a result may lack; it has faults if its scenario lets robots fail, places if robots estimate them, and
+failures if a simulator of physics gave up a run."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
@@ -99,6 +102,7 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "runs": ("run",),
     "floors": ("run",),
     "faults": ("run", "robot", "fault"),
+    "failures": ("run",),
 }
 SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, columns in TABLES.items()}
 
@@ -125,7 +129,7 @@ class Result(NotebookView):
         motion, ends: one row per sample, one row per robot. segments: the arcs of the paths, moves: drives, turns
             and stops, where they were kept. places: where robots believed they sampled, if they estimate it.
         observations, inference: one row per sample. robots: one row per robot. runs, floors: one row per run.
-        faults: one row per fault of a robot, where robots may fail.
+        faults: one row per fault of a robot, where robots may fail. failures: one row per failed run, if any failed.
         versions: of the software that made it.
     """
 
@@ -145,6 +149,7 @@ class Result(NotebookView):
     moves: pl.DataFrame | None = None
     faults: pl.DataFrame | None = None
     places: pl.DataFrame | None = None
+    failures: pl.DataFrame | None = None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):
@@ -165,6 +170,7 @@ class Result(NotebookView):
             f"floor {shown(scenario.floor.source)}",
             "recorded" if self.seed is None else f"seed {self.seed}",
             *(f"{count} {outcome}" for outcome, count in sorted(outcomes)),
+            *([] if self.failures is None else [f"{self.failures.height} failed"]),
         ]
         return f"{type(self).__name__}({', '.join(parts)})"
 

@@ -83,6 +83,14 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
                     f"column '{column}' is not that of {runs.len()} runs of {robots} robots, in order",
                     field=_file(folder, name),
                 )
+    failed = tables.get("failures")
+    strange_runs = (
+        [] if failed is None else failed.filter(~pl.col("run").is_in(runs.implode()))["run"].to_list()
+    )
+    if strange_runs:
+        raise InputError(
+            f"column 'run' names run {strange_runs[0]}, which is not in runs", field=_file(folder, "failures")
+        )
     for name in ("motion", "segments", "faults"):
         table = tables.get(name, tables["ends"])
         most: Any = table["robot"].max()

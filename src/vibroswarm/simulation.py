@@ -124,7 +124,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
         )
     runs, motion = (
         result.runs["run"].to_list(),
-        Motion(result.motion, result.ends, result.segments, result.moves),
+        Motion(result.motion, result.ends, result.segments, result.moves, result.failures),
     )
     observations = result.observations
     floors = {run: result.floor(run) for run in runs}
@@ -252,6 +252,7 @@ def result_of(
         ends=motion.ends,
         segments=motion.segments,
         moves=motion.moves,
+        failures=motion.failures,
         places=places,
         observations=observations,
         inference=inference,

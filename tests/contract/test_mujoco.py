@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.cli.verdict_text import failure_lines
 from vibroswarm.errors import InputError
 from vibroswarm.motion.fixed_step import FIXED_STEP
+from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics import library
+from vibroswarm.motion.physics.planar_run import PlanarRun
 from vibroswarm.motion.physics.sources import PLANAR, WHEELS
-from vibroswarm.motion.source import Source
+from vibroswarm.motion.source import Source, forget, join, register
+from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import replay, simulate
 from vibroswarm.testing import motion_segments, motion_tables
 from vibroswarm.testing.motion import check_motion
-from vibroswarm.testing.motion_cases import SHORT_CASE, Case, Check, motion_of
+from vibroswarm.testing.motion_cases import SHORT_CASE, Case, Check, motion_of, same
 from vibroswarm.testing.motion_segments import check_bodies, check_ends, check_segments_join
 from vibroswarm.testing.motion_tables import check_copies
 
@@ -107,3 +114,54 @@ def test_wheels_drive_veer_and_turn_as_they_were_fitted() -> None:
     assert 1.3 < veer < 1.6
     turn = most(stepped, "turn", "turn_rate_rad_s") / most(rolled, "turn", "turn_rate_rad_s")
     assert 1.0 < turn < 1.1
+
+
+@pytest.mark.parametrize("source", [PLANAR, WHEELS], ids=lambda source: source.name)
+def test_a_warning_marks_the_run_failed(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its robots stand from then on, in whatever pieces, and in copies; nothing is written to the working directory."""
+    monkeypatch.chdir(tmp_path)
+    whole, pieces = (source.init(BRIEF.scenario, 3, 4, segments=True) for _ in range(2))
+    for state in (whole, pieces):
+        state.advance(5.0)
+        state.data.qvel[0] = 1e20  # type: ignore[attr-defined]
+    branch = pieces.copy()
+    in_pieces = join([pieces.advance(until_s) for until_s in (5.1, 9.0, 20.0)])
+    at_once = whole.advance(20.0)
+    same(in_pieces, at_once)
+    assert in_pieces.failures is not None
+    assert in_pieces.failures.rows() == at_once.failures.rows()  # type: ignore[union-attr]
+    assert [row[:2] for row in in_pieces.failures.rows()] == [(4, 5.0)]
+    assert "not finite" in in_pieces.failures["reason"][0]
+    assert not list(tmp_path.iterdir())
+    assert at_once.samples.filter(pl.col("time_s") > 6.01).is_empty()
+    assert at_once.ends["x_m"].is_finite().all()
+    assert branch.advance(20.0).failures is not None
+    assert source.init(BRIEF.scenario, 3, 4).advance(20.0).failures is None
+
+
+def test_a_failed_run_is_shown_and_kept(tmp_path: Path) -> None:
+    """A result says which of its runs failed, and keeps it on disk."""
+    scenario = Scenario().with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
+
+    class Failing(PlanarRun):
+        def start(self, seed: int, run: int) -> None:
+            super().start(seed, run)
+            if run == 1:
+                self.data.qvel[0] = 1e20
+
+    name = "failing for a test"
+    register(Source(name, Failing, partial(batch_of, Failing), is_ours=True))
+    try:
+        result = simulate(scenario, 1, 3, motion=name)
+    finally:
+        forget(name)
+    assert result.failures is not None
+    assert result.failures["run"].to_list() == [1]
+    assert "1 failed" in repr(result)
+    assert result.runs["consensus"].to_list() == ["incomplete"] * 3
+    result.write(tmp_path / "kept")
+    assert Result.read(tmp_path / "kept").failures.equals(result.failures)  # type: ignore[union-attr]
+    assert "RUN FAILED at 0.02 s: MuJoCo warned of" in failure_lines(result)[0]
+    assert replay(result, scenario.with_values({"strategy.name": "soft"})).failures.equals(result.failures)  # type: ignore[union-attr]

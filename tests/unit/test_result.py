@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate, versions
@@ -26,7 +27,9 @@ SHORT: dict[str, Any] = {
 def result() -> Result:
     """Two runs out of order, with everything."""
     scenario = Scenario().with_values({**SHORT, "faults.stuck_at_1": [2], "localisation.method": "mixture"})
-    return simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
+    simulated = simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
+    assert simulated.failures is None  # only simulators of physics fail
+    return replace(simulated, failures=pl.DataFrame([(4, 59.0, "for a test")], schema=FAILURES, orient="row"))
 
 
 @pytest.fixture

@@ -147,6 +147,7 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
                 "out": None if arguments.out is None else str(arguments.out),
                 "verdict": summary.as_dict(),
                 **({} if result.faults is None else {"faults": result.faults.drop("run").to_dicts()}),
+                **({} if result.failures is None else {"failures": result.failures.drop("run").to_dicts()}),
                 "warnings": warnings,
                 "versions": dict(result.versions),
             }

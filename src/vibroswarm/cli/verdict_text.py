@@ -29,6 +29,16 @@ def fault_lines(result: Result) -> list[str]:
     return [f"Faults: {failed} of {robots} robots failed: {'; '.join(each)}."]
 
 
+def failure_lines(result: Result) -> list[str]:
+    """Return that the run failed, and why, in a sentence; none if it did not."""
+    if result.failures is None:
+        return []
+    return [
+        f"RUN FAILED at {row['time_s']:.4g} s: {row['reason']}. Its robots stand since then; what follows is no result."
+        for row in result.failures.to_dicts()
+    ]
+
+
 def verdict_text(result: Result, found: Verdict) -> str:
     """Return the whole verdict in plain text, the outcome first."""
     scenario, floor = result.scenario, result.floor()
@@ -36,6 +46,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
     origin = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
     lines = [
+        *failure_lines(result),
         headline(found),
         confidence(found),
         "",

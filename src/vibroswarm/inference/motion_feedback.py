@@ -154,6 +154,7 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
         joined(segments) if segments else None,
         state.ends(),
         in_start_order(joined(moves)) if moves else None,
+        state.failure,
     )
 
 

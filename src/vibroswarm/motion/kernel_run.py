@@ -22,6 +22,7 @@ from vibroswarm.motion.control_step import NEVER_FAILS, Swarm, begin, load, stor
 from vibroswarm.motion.event.trajectory import Planners, ticks_to_sample
 from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
 from vibroswarm.motion.recorder import (
+    Failure,
     Rows,
     SampleColumns,
     clear,
@@ -114,6 +115,8 @@ class KernelRun(ABC):
     """State in, state out. A kind of engine gives its rows' fields and the two methods at the end."""
 
     fields: ClassVar[np.dtype[np.void]]
+    failure: Failure | None = None
+    """Why the run failed, if it has."""
 
     def __init__(
         self, scenario: Scenario, seed: int, run: int, segments: bool = False, moves: bool = False
@@ -193,6 +196,7 @@ class KernelRun(ABC):
             in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
             self.ends(),
             joined(moves) if moves else None,
+            self.failure,
         )
 
     def go_on(self, until_s: float, take: Take, take_moves: Take | None = None) -> list[NDArray[np.void]]:

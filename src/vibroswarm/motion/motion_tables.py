@@ -52,6 +52,8 @@ ENDS: Final[dict[str, Any]] = {
     "heading_rad": pl.Float64,
     "stop_start_s": pl.Float64,
 }
+FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
+"""Runs that failed: since when their robots stand, and why."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class Motion(NotebookView):
     ends: pl.DataFrame
     segments: pl.DataFrame | None = None
     moves: pl.DataFrame | None = None
+    failures: pl.DataFrame | None = None
+    """``FAILURES``; None if no run failed."""
 
     def __repr__(self) -> str:
         more = [name for name in ("segments", "moves") if getattr(self, name) is not None]
@@ -71,6 +75,7 @@ class Motion(NotebookView):
             f"{robots} robot{'s' * (robots != 1)}",
             f"{self.samples.height:,} samples",
             *([f"with {' and '.join(more)}"] if more else []),
+            *([f"{self.failures.height} failed"] if self.failures is not None else []),
         ]
         return f"Motion({', '.join(parts)})"
 
@@ -84,11 +89,13 @@ def join(pieces: Sequence[Motion]) -> Motion:
     ends = pl.concat([piece.ends for piece in pieces])
     ends = ends.group_by("run", "robot", maintain_order=True).last()
     segments = [piece.segments for piece in pieces if piece.segments is not None]
+    failures = [piece.failures for piece in pieces if piece.failures is not None]
     return Motion(
         pl.concat([piece.samples for piece in pieces]),
         ends.select(list(ENDS)),
         pl.concat(segments) if segments else None,
         _join_moves([piece.moves for piece in pieces if piece.moves is not None]),
+        pl.concat(failures).unique("run", keep="first", maintain_order=True) if failures else None,
     )
 
 

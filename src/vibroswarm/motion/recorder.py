@@ -17,7 +17,7 @@ from vibroswarm.core.jit import inner, kernel, zero_rows
 from vibroswarm.motion.control_step import Swarm, clear_account
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.moves import MOVE_ROW, MOVES_AT_ONCE, UNDER_WAY, MoveColumns
-from vibroswarm.motion.source import ENDS, MOTION, SEGMENTS, Motion
+from vibroswarm.motion.source import ENDS, FAILURES, MOTION, SEGMENTS, Motion
 from vibroswarm.robot.walk import KINDS, STOP
 
 SAMPLE_ROW = np.dtype(
@@ -41,6 +41,14 @@ END_ROW = np.dtype(
 DTYPES = {pl.UInt16: np.uint16, pl.UInt32: np.uint32, pl.Float32: np.float32, pl.Float64: np.float64}
 
 
+class Failure(NamedTuple):
+    """Why a run failed, and at which tick."""
+
+    run: int
+    tick: int
+    reason: str
+
+
 class Rows(NamedTuple):
     """What one run has written: ``SAMPLE_ROW``, ``SEGMENT_ROW`` (or None), ``END_ROW``, ``MOVE_ROW`` (or None)."""
 
@@ -48,6 +56,7 @@ class Rows(NamedTuple):
     segments: NDArray[np.void] | None
     ends: NDArray[np.void]
     moves: NDArray[np.void] | None = None
+    failure: Failure | None = None
 
 
 class Record(NamedTuple):
@@ -312,7 +321,16 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
         ends=end_frame(joined([piece.ends for piece in pieces]), tick_ms),
         segments=segment_frame(joined(segments), tick_ms) if segments else None,
         moves=move_frame(moves, tick_ms) if moves else None,
+        failures=failure_frame([piece.failure for piece in pieces if piece.failure is not None], tick_ms),
     )
+
+
+def failure_frame(failures: Sequence[Failure], tick_ms: int) -> pl.DataFrame | None:
+    """Return the table of failed runs, or None if there is none."""
+    if not failures:
+        return None
+    rows = [(failure.run, failure.tick * tick_ms / 1000.0, failure.reason) for failure in failures]
+    return pl.DataFrame(rows, schema=FAILURES, orient="row")
 
 
 def move_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:

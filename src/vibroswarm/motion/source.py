@@ -20,6 +20,9 @@ A source of Motion (an engine, a recording, a camera track) gives these tables:
     row's pose to that of the next exactly; ``place_from_moves`` gives its accuracy in between.
   - ``ray_m``: the shortest ray when an avoidance begins; null for all other moves, and where an avoidance goes on.
 
+* ``failures``, of a source whose runs may fail: since when the robots of a failed run stand, and why. What is known
+  of that run ends there; its robots sample no more, and count as undecided.
+
 Bodies never overlap and never leave the arena at the ticks of the control period, except as far as the source's
 ``tolerance`` says: a simulator of soft contact states how exact its tables are. Motion never depends on
 the floor, the sensor, the messages or the decisions, unless a strategy steers.
@@ -52,6 +55,7 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
 from vibroswarm.motion.motion_tables import (
     ENDS,
+    FAILURES,
     MOTION,
     MOVES,
     SEGMENTS,
@@ -232,6 +236,7 @@ plugins.KINDS["motion"] = plugins.Kind(Source, register, known, "vibroswarm.moti
 
 __all__ = [
     "ENDS",
+    "FAILURES",
     "MOTION",
     "MOVES",
     "SEGMENTS",

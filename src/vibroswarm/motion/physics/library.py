@@ -55,6 +55,8 @@ def mujoco() -> Any:
             f"needs MuJoCo {MAJOR}, and {found} is installed: pip install 'vibroswarm[physics]'",
             field="motion",
         )
+    if module.get_mju_user_warning() is None:  # else MuJoCo writes a file into the working directory
+        module.set_mju_user_warning(lambda message: None)
     return module
 
 

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
-from vibroswarm.errors import RunError
+from vibroswarm.errors import warn_once
 from vibroswarm.motion.control_step import ROBOT
 from vibroswarm.motion.kernel_run import KernelRun, no_sample_before_steps
 from vibroswarm.motion.physics.arcs import OPEN_SEGMENT
 from vibroswarm.motion.physics.arena_xml import TARGETS, WALLS
 from vibroswarm.motion.physics.library import calls, mujoco
 from vibroswarm.motion.physics.sensing import World
-from vibroswarm.motion.recorder import end_rows
+from vibroswarm.motion.recorder import Failure, end_rows
+
+WARNINGS: Final = {
+    0: "a singular inertia",
+    1: "too many contacts",
+    2: "too many constraints",
+    3: "positions that are not finite",
+    4: "velocities that are not finite",
+    5: "accelerations that are not finite",
+    6: "controls that are not finite",
+}
+"""Kinds of MuJoCo's warnings (``mjtWarning``)."""
 
 
 class MujocoRun(KernelRun):
@@ -47,6 +58,7 @@ class MujocoRun(KernelRun):
         self.world = World(
             calls=calls(), model=self.model._address, data=data._address, qpos=data.qpos, qvel=data.qvel,
             force=data.qfrc_applied, control=data.ctrl, sensors=data.sensordata, warnings=data.warning.number,
+            frozen=np.zeros(1, dtype=np.int64),
             groups=groups, point=np.array([0.0, 0.0, self.ray_height_m()]), direction=np.zeros(3),
             cone_rad=np.array(self.cone_rad), bodies=self.bodies, steps=self.steps, step_s=self.step_s,
         )  # fmt: skip
@@ -55,6 +67,7 @@ class MujocoRun(KernelRun):
         """Set time 0 of a run, whatever the state was before."""
         super().start(seed, run)
         mujoco().mj_resetData(self.model, self.data)
+        self.failure, self.world.frozen[0] = None, 0
         self.place()
         for name in ("x_m", "y_m", "heading_rad"):
             self.opened[name] = self.swarm[name]
@@ -70,15 +83,23 @@ class MujocoRun(KernelRun):
         module.mj_getState(self.model, self.data, state, every)
         branch.opened = self.opened.copy()
         branch.connect()
+        branch.world.frozen[:] = self.world.frozen
         module.mj_setState(self.model, branch.data, state, every)
         return branch
 
     def move_on(self, until: int) -> int:
         """Simulate up to the tick ``until``, or for as long as the buffers suffice; return the tick reached."""
         reached = self.step_to(until)
-        if self.data.warning.number.any():
-            raise RunError(f"MuJoCo warned in run {self.run}")
+        if self.world.frozen[0] and self.failure is None:
+            self.failure = Failure(self.run, reached - 1, self._reason())
+            at_s = self.failure.tick * self.scenario.tick_s
+            warn_once(f"run {self.run} of seed {self.seed} failed at {at_s:g} s: {self.failure.reason}")
         return reached
+
+    def _reason(self) -> str:
+        """Return what MuJoCo has warned of, in words."""
+        kinds = np.flatnonzero(self.data.warning.number)
+        return "MuJoCo warned of " + " and ".join(WARNINGS.get(int(kind), f"kind {kind}") for kind in kinds)
 
     def no_sample_before(self) -> int:
         """Return a tick, ``tick`` or later, before which no robot samples."""

@@ -16,7 +16,7 @@ from vibroswarm.core.jit import inner, kernel
 from vibroswarm.motion.control_step import Swarm, account, control
 from vibroswarm.motion.fixed_step import sample
 from vibroswarm.motion.physics.arcs import fit_period, note_arcs
-from vibroswarm.motion.physics.sensing import World, has_warned, sense
+from vibroswarm.motion.physics.sensing import World, freeze, has_warned, sense, stand
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import STOP
@@ -88,17 +88,23 @@ def planar_steps(
 ) -> int:
     """Simulate from ``tick`` to ``until``, or while the buffers surely suffice; return the tick reached.
 
-    It stops after a period in which MuJoCo warns.
+    It stops after a period in which MuJoCo warns. From that period on the robots stand.
     """
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)
         sampling = control(swarm, setup, seed, run, now)
-        move_planar(world, body, swarm, setup)
+        if world.frozen[0]:
+            stand(swarm)
+        else:
+            move_planar(world, body, swarm, setup)
+            if has_warned(world):
+                freeze(world, swarm, now)
+                until = now + 1
         note_arcs(record, opened, swarm, setup, run, now)
         if sampling > 0:
             sample(swarm, setup, speeds, record, seed, run, now)
         account(swarm)
-        if has_warned(world):
-            return now + 1
+        if now + 1 >= until:
+            break
     return max(tick, until)

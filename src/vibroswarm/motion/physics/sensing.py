@@ -33,6 +33,8 @@ class World(NamedTuple):
     """Views of MuJoCo's memory: positions, velocities, generalised forces, controls of actuators, sensors."""
     warnings: NDArray[np.int32]
     """How often MuJoCo has warned since its data were reset, by kind."""
+    frozen: NDArray[np.int64]
+    """Whether the run has failed, (1,): MuJoCo is not stepped any more."""
     groups: NDArray[np.uint8]
     """Groups of geoms that rays see."""
     point: NDArray[np.float64]
@@ -54,6 +56,26 @@ def has_warned(world: World) -> bool:
     for kind in range(world.warnings.size):
         count += world.warnings[kind]
     return count > 0
+
+
+@inner
+def stand(swarm: Swarm) -> None:
+    """Leave all robots where they are for one control period."""
+    for i in range(swarm.size):
+        row = swarm[i]
+        row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
+        row.speed_m_s = row.rate_rad_s = row.gyro_deg = 0.0
+
+
+@inner
+def freeze(world: World, swarm: Swarm, tick: int) -> None:
+    """Undo the period in which MuJoCo warned, as its numbers are wrong, and let all robots stand from then on."""
+    world.frozen[0] = 1
+    for i in range(swarm.size):
+        row = swarm[i]
+        row.x_m, row.y_m, row.heading_rad = row.from_x_m, row.from_y_m, row.from_heading_rad
+        row.fails_tick, row.silent_tick = min(row.fails_tick, tick), min(row.silent_tick, tick)
+    stand(swarm)
 
 
 @inner
