@@ -190,14 +190,14 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
     if (size > TILE_LIMIT).any():
         raise InputError(f"columns 'rows' and 'columns' give more than {TILE_LIMIT} tiles", field=name)
     if (floors["tiles"].str.len_bytes() != size).any():
-        raise InputError("column 'tiles' has not rows x columns tiles", field=name)
+        raise InputError("column 'tiles' does not have rows x columns tiles", field=name)
     if not floors["tiles"].str.contains("^[01]+$").all():
-        raise InputError("column 'tiles' holds something else than 0 and 1", field=name)
+        raise InputError("column 'tiles' holds values other than 0 and 1", field=name)
     most = floors.select("run", most=size - 1)
     sampled = tables["observations"].select("run", "tile").join(most, on="run", how="left")
     if (sampled["tile"] > sampled["most"]).any():
         raise InputError(
-            "column 'tile' names a tile that its floor has not", field=_file(folder, "observations")
+            "column 'tile' names a tile that its floor does not have", field=_file(folder, "observations")
         )
 
 
@@ -207,7 +207,7 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
     if (decided & ~timed).any() or (~decided & timed).any():
         raise InputError(
-            "column 'decision_time_s' is there for those who decided, and for no one else",
+            "column 'decision_time_s' must be given for robots that decided, and for no others",
             field=_file(folder, "robots"),
         )
     for name, column in (("robots", "decision_time_s"), ("runs", "consensus_time_s"), ("runs", "end_s")):
@@ -229,6 +229,6 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     ]
     if not counts.equals(some) and scenario.strategy.code is None:
         raise InputError(
-            "columns 'alpha', 'beta', 'messages_received' are there together or not at all",
+            "columns 'alpha', 'beta', 'messages_received' must be given together or not at all",
             field=_file(folder, "robots"),
         )

@@ -144,3 +144,14 @@ def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
 
 def test_settings_are_of_strategies_that_exist() -> None:
     assert set(front_settings()) <= set(known())
+
+
+def test_names_with_commas_are_listed_between_semicolons() -> None:
+    from vibroswarm.study.answers import _joined
+
+    assert _joined(["none"], "or") == "none"
+    assert _joined(["none", "positive", "soft"], "or") == "none, positive or soft"
+    assert (
+        _joined(["random:0.48, none", "random:0.52, none"], "and")
+        == "random:0.48, none; and random:0.52, none"
+    )

@@ -46,6 +46,17 @@ def test_series_of_one_strategy_share_its_colour_and_differ_in_their_marks() -> 
     assert looks_of(["5 robots", "10 robots"]) == [look(0), look(1)]
 
 
+def test_a_source_of_the_reproduction_looks_the_same_beside_any_others() -> None:
+    names = ["real robots", "authors' simulator", "paper", "text", "calibrated"]
+    by_name = dict(zip(names, looks_of(names), strict=True))
+    assert len(set(by_name.values())) == len(names)
+    for some in (names[1:], ["paper", "calibrated"], ["calibrated", "text", "paper"]):
+        assert looks_of(some) == [by_name[name] for name in some]
+    assert looks_of(["published", "paper"])[1] == by_name["paper"]
+    assert looks_of(["published", "real robots"]) == [look(0), look(1)]  # they would be alike
+    assert looks_of(["paper", "600 s"]) == [look(0), look(1)]
+
+
 @given(st.lists(st.floats(0, 300), min_size=1, max_size=12))
 def test_labels_are_spread_apart_in_order(places: list[float]) -> None:
     moved = spread(places, 10.0)

@@ -103,7 +103,9 @@ def pooled_counting(
     t_end_s = result.scenario.run.t_end_s
     table = run_figures(result.robots, result.runs, t_end_s).filter(pl.col("truth").is_not_null())
     if table.height < 4:
-        raise InputError("half to tune and half to judge: give at least 4 runs with a truth", field="result")
+        raise InputError(
+            "at least 4 runs with a truth are needed: half to tune, half to test", field="result"
+        )
     if result.runs["stopped_early"].any():
         raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
     passages = first_passages(result, table["run"].to_list(), rule)

@@ -65,7 +65,7 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
 
     if sensor.model != "gamma":
         raise InputError(
-            "drawn from measured ones they have no density; leave energies out", field="energies"
+            "energies drawn from measured ones have no density; leave energies out", field="energies"
         )
     if energy.null_count():
         raise InputError(

@@ -173,8 +173,8 @@ def _print_cells(outcome: Outcome) -> None:
     print_table(
         [
             "cell",
-            "right, %",
-            "wrong, %",
+            "swarms right, %",
+            "swarms wrong, %",
             "split, %",
             "incomplete, %",
             "robots undecided, %",

@@ -182,7 +182,7 @@ def check(params: Any, robots: int) -> None:
     for i, parent in enumerate(parents):
         if not BASE <= parent < robots:
             raise InputError(
-                f"{parent} (of robot {i}) is no node; a robot from 0 to {robots - 1}, or -1 for the base",
+                f"{parent} (of robot {i}) is not a node; give a robot from 0 to {robots - 1}, or -1 for the base",
                 field=field,
             )
     for i in range(robots):
@@ -192,7 +192,8 @@ def check(params: Any, robots: int) -> None:
             if way[-1] == i:
                 circle = " -> ".join(map(str, way))
                 raise InputError(
-                    f"robots {circle} go round in a circle; one of them needs the base, -1", field=field
+                    f"robots {circle} form a circle; one of them needs the base as its parent, -1",
+                    field=field,
                 )
             if len(way) > robots:
                 break  # it leads into a circle that another robot is part of

@@ -41,7 +41,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
     except csv.Error as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     if head is None:
-        raise InputError("is empty; a line 'kind,energy' and then one line a sample", field=name)
+        raise InputError("is empty; give a line 'kind,energy', then one line per sample", field=name)
     for vibrating, word in ((True, "vibrating"), (False, "still")):
         if not energies[vibrating]:
             raise InputError(f"holds no energy of a {word} tile", field=name)

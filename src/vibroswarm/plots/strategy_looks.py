@@ -1,8 +1,8 @@
 """One colour and marker for each strategy in all pictures, whichever others are drawn beside it.
 
 A series belongs to a strategy if a part of its name is the strategy's: ``soft``, ``random:0.48, soft``,
-``soft (gate own)``. Strategies of users get one of the free pairs by a hash of their name. Other series are drawn in
-order.
+``soft (gate own)``. Strategies of users get one of the free pairs by a hash of their name. Sources of a reproduction
+have looks of their own; other series are drawn in order.
 """
 
 from __future__ import annotations
@@ -36,6 +36,16 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
 }
 """Places in ``SERIES`` and ``MARKERS``. Never change them: readers compare pictures of different days."""
 
+SOURCES: Final = {
+    "published": 0,
+    "real robots": 0,
+    "paper": 1,
+    "calibrated": 2,
+    "text": 3,
+    "authors' simulator": 5,
+}
+"""Looks of what the reproduction compares: recordings, published numbers and presets. Never change them."""
+
 WORDS: Final = {"no feedback": "none", "positive feedback": "positive", "soft feedback": "soft"}
 """Other names of strategies in pictures."""
 
@@ -61,7 +71,9 @@ def looks_of(names: Sequence[str]) -> list[Look]:
     """
     of = [strategy_in(name) for name in names]
     if not any(of):
-        return [look(index) for index in range(len(names))]
+        places = [SOURCES[name] for name in names if name in SOURCES]
+        fixed = len(set(places)) == len(names)
+        return [look(place) for place in (places if fixed else range(len(names)))]
     used = {_place(strategy)[0] for strategy in of if strategy}
     free = [k for k in range(len(SERIES)) if k not in used] or list(range(len(SERIES)))
     found: list[Look] = []

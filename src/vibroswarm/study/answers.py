@@ -244,22 +244,27 @@ def _confirmed(shown: Sequence[Effect]) -> str:
     if not missing:
         return "confirmed on other seeds"
     confirmed = [EFFECTS[effect.figure][0] for effect in shown if effect.confirmed]
-    kept = f"{_and(confirmed)} confirmed on other seeds, " if confirmed else ""
-    return f"{kept}{_and(missing)} not confirmed" + ("" if confirmed else " on other seeds")
+    kept = f"{_joined(confirmed, 'and')} confirmed on other seeds, " if confirmed else ""
+    return f"{kept}{_joined(missing, 'and')} not confirmed" + ("" if confirmed else " on other seeds")
 
 
 def _listed(effects: Sequence[Effect]) -> str:
     return ", ".join(f"{EFFECTS[effect.figure][0]} {effect.number}" for effect in effects)
 
 
-def _and(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _joined(names: Sequence[str], word: str) -> str:
+    """List names; between semicolons where they have commas of their own."""
+    if len(names) == 1:
+        return names[0]
+    comma = "; " if any(", " in name for name in names) else ", "
+    last = f"{comma.rstrip()} {word} " if comma == "; " else f" {word} "
+    return f"{comma.join(names[:-1])}{last}{names[-1]}"
 
 
 def title(result: StudyResult) -> str:
     """Return the study's name, or those of its cells."""
     names = [result.study.cells[number].name for number in result.selected]
-    return result.study.name or (_and(names) if len(names) <= MOST_NAMES else f"{len(names)} cells")
+    return result.study.name or (_joined(names, "and") if len(names) <= MOST_NAMES else f"{len(names)} cells")
 
 
 def question(result: StudyResult, compared: Sequence[Compared]) -> str:
@@ -273,9 +278,7 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
     floor = "" if "floor.source" in varied else f"floor {first.floor.source}"
     where = ", ".join(words for words in (robots, floor, f"up to {first.run.t_end_s:g} s") if words)
     names = [cell.name for cell in cells]
-    listed = (
-        " or ".join((", ".join(names[:-1]), names[-1])) if 1 < len(names) <= MOST_NAMES else title(result)
-    )
+    listed = _joined(names, "or") if 1 < len(names) <= MOST_NAMES else title(result)
     runs = sorted({result.runs_of(cell.number) for cell in cells})
     count = f"{runs[0]:,}" if len(runs) == 1 else f"{runs[0]:,} to {runs[-1]:,}"
     if not compared:

@@ -362,7 +362,7 @@ def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
     timed = frame["decision_time_s"].is_not_null()
     if (frame["decision"].is_in([0, 1]) != timed).any():
         raise InputError(
-            "column 'decision_time_s' is there for those who decided, and for no one else", field=name
+            "column 'decision_time_s' must be given for robots that decided, and for no others", field=name
         )
     for column in ("right", "wrong", "undecided"):
         most: Any = frame[column].max()

@@ -92,7 +92,12 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     ):
         title = label.partition(" (")[0].capitalize()
         low, high = (f"{name}_change{end}" for end in ("_low", "_high"))
-        frame = part.select(comparison="reading", difference=f"{name}_change", low=low, high=high)
+        frame = part.select(
+            comparison=pl.col("reading").str.replace("theta_E", "θ_E", literal=True),
+            difference=f"{name}_change",
+            low=low,
+            high=high,
+        )
         draw = partial(draw_forest, frame, label=label, interval="95 % interval over runs, paired")
         yield Picture(f"readings-{name.replace('_', '-')}", title, draw)
 
