@@ -22,6 +22,7 @@ from helpers.exported_robots import (
     run_program,
 )
 from vibroswarm import preset, simulate
+from vibroswarm.scenario.scenario import Scenario
 
 SEED = 4
 NO_ERRORS = {
@@ -49,8 +50,14 @@ def inspection() -> Any:
 
 @pytest.fixture(scope="module")
 def swarm(inspection: Any) -> Swarm:
+    return driven(SCENARIO, inspection)
+
+
+def driven(scenario: Scenario, inspection: Any) -> Swarm:
+    """Exported Python robots that measured what the simulation's did."""
     readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
-    made = Swarm(SCENARIO, SEED, measured_at_each_tick(SCENARIO, SEED, 59_999), readings)
+    ticks = round(scenario.run.t_end_s / scenario.tick_s) - 1
+    made = Swarm(scenario, SEED, measured_at_each_tick(scenario, SEED, ticks), readings)
     starts = inspection.moves.group_by("robot", maintain_order=True).first().sort("robot")
     made.told(starts.select("x_m", "y_m", "heading_rad").rows())
     made.run()
@@ -64,15 +71,20 @@ def events(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
 
 
 def test_exported_python_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
+    check_inspection(inspection, swarm, least=150)
     for i, robot in enumerate(swarm.robots):
+        assert robot.decided_s == inspection.robots["decision_time_s"][i]
+
+
+def check_inspection(inspection: Any, swarm: Swarm, least: int) -> None:
+    for i in range(len(swarm.robots)):
         found, expected = events(swarm.did[i], swarm), inspection.inference.filter(robot=i)
         places = inspection.places.filter(robot=i).select("x_m", "y_m", "heading_rad", "spread_m").to_numpy()
-        assert found.shape[0] == expected.height > 150
+        assert found.shape[0] == expected.height > least
         np.testing.assert_allclose(found[:, :4], places, rtol=0, atol=1e-6)
         np.testing.assert_allclose(found[:, 13], expected["belief_below"], rtol=0, atol=1e-6)
         np.testing.assert_array_equal(found[:, 12], expected["decision"])
         np.testing.assert_array_equal(found[:, 14], expected["messages_received"])
-        assert robot.decided_s == inspection.robots["decision_time_s"][i]
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -82,6 +94,21 @@ def test_c_in_double_precision_is_the_exported_python_bit_by_bit(swarm: Swarm, t
         assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
     for fed, walked in zip(swarm.whole, swarm.walked, strict=True):
         assert np.array(run_program(program, fed)).tobytes() == np.array(walked).tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_robots_of_field_do_the_same_in_python_and_c(tmp_path: Path) -> None:
+    """Kriging of the arena, 80 s of it: a covariance matrix makes it the slowest strategy in plain Python."""
+    scenario = SCENARIO.with_values({"strategy.name": "field", "run.t_end_s": 80.0})
+    inspection = simulate(scenario, SEED, [0])
+    swarm = driven(scenario, inspection)
+    check_inspection(inspection, swarm, least=8)
+    program = built(scenario, tmp_path / "double", precision=3)
+    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
+    for fed, did in zip(swarm.short, swarm.did, strict=True):
+        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
+        check_events(run_program(mixed, fed), did, swarm)
 
 
 def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
