@@ -83,6 +83,13 @@ class Truth(NotebookView):
     against: tuple[Interval, ...]
     """Score of the winner minus that of each other, paired by run."""
 
+    def __repr__(self) -> str:
+        score = self.winner.score
+        return (
+            f"Truth(believed score {self.believed:.4g}, true {score.estimate:.4g} "
+            f"[{score.low:.4g}, {score.high:.4g}], {score.n:,} fresh runs)"
+        )
+
     @property
     def difference(self) -> float:
         """(true - believed) / abs(true); above 0 the search underestimated the cost."""
