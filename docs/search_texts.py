@@ -7,6 +7,7 @@ browsers refuse from disk. ``_static/search_texts.js`` has the texts; ``search_s
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,28 @@ LONGEST = 6000
 """Characters of a section that are searched."""
 
 
+def as_words(latex: str) -> str:
+    """Return a formula as the sources write symbols: ``theta_E``, ``T_end``, ``alpha / (alpha + beta)``."""
+    text = re.sub(r"\\(?:mathrm|hat)\{([^}]*)\}", r"\1", latex)
+    text = re.sub(r"\\[,;! ]", "", text)
+    return " ".join(re.sub(r"\\([a-zA-Z]+)", r"\1", text).split())
+
+
+def text_of(node: nodes.Node) -> str:
+    """Return the text of a part of a section, its formulas as words."""
+    copy = node.deepcopy()
+    for formula in list(copy.findall(nodes.math)):
+        formula.parent.replace(formula, nodes.Text(as_words(formula.astext())))
+    return " ".join(copy.astext().split())
+
+
 def sections(doctree: nodes.document) -> list[tuple[str, str, str]]:
     """Return anchor, title and text of each section, without the sections in it."""
     found = []
     for section in doctree.findall(nodes.section):
         title = section.next_node(nodes.title)
         own = [child for child in section.children if not isinstance(child, nodes.section | nodes.title)]
-        text = " ".join(" ".join(child.astext().split()) for child in own if not isinstance(child, nodes.raw))
+        text = " ".join(text_of(child) for child in own if not isinstance(child, nodes.raw))
         found.append((section["ids"][0], title.astext() if title else "", text[:LONGEST]))
     return found
 

@@ -15,14 +15,25 @@ from docutils.utils.math.latex2mathml import tex2mathml
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.fixture(scope="module")
-def symbols() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("symbols", DOCS / "symbols.py")
+def loaded(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def symbols() -> ModuleType:
+    return loaded("symbols")
+
+
+def test_the_search_has_formulas_as_words() -> None:
+    as_words = loaded("search_texts").as_words
+    assert as_words(r"1 - t / (7 \, T_\mathrm{end})") == "1 - t / (7 T_end)"
+    assert as_words(r"\hat{E} > \theta_E") == "E > theta_E"
+    assert as_words(r"\alpha / (\alpha + \beta)") == "alpha / (alpha + beta)"
 
 
 @pytest.mark.parametrize(

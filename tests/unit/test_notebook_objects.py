@@ -168,6 +168,10 @@ def truth(found: Found) -> Truth:
 def test_a_search_shows_its_winner_and_how_scores_fell(found: Found, truth: Truth) -> None:
     view = shown(found, f"{found.believed:.4g}", f"{found.runs:,} runs", *found.values)
     assert "img" in view.tags
+    assert repr(found).startswith(
+        f"Found(pso, {len(found.archive)} candidates in {found.runs} runs; believed score "
+    )
+    assert f"true {truth.winner.score.estimate:.4g}" in repr(truth)
     shown(truth, truth.words, f"{truth.winner.score.estimate:.4g}")
     assert isinstance(truth.winner, Scored)
     shown(truth.winner, truth.winner.name)
@@ -183,6 +187,7 @@ def test_standings_show_one_row_per_entry() -> None:
     standings = league.play()
     view = shown(standings, *(f"{100 * share:.1f}" for share in standings.table["forced_error"]))
     assert view.tags.count("tr") == 3
+    assert "smallest forced error: '" in repr(standings)
     shown(league, "2 entries", "8 runs")
 
 
@@ -206,6 +211,7 @@ def test_a_reproduction_shows_a_verdict_for_each_claim() -> None:
     assert one.verdict in ("reproduced", "not reproduced")
     view = shown(reproduction, f"1 {one.verdict}", claim.statement, "10 runs", HOSTILE)
     assert view.tags.count("tr") == 2
+    assert repr(reproduction) == f"Reproduction(2 items, 10 runs of each cell; 1 {one.verdict})"
     shown(one, claim.statement, one.verdict)
     shown(claim, claim.statement)
     shown(made[0])

@@ -77,6 +77,18 @@ def test_a_result_shows_verdict_picture_and_player(result: Result) -> None:
     assert "segments=True" in without.text
 
 
+def test_under_feedback_a_posterior_is_called_an_opinion(result: Result) -> None:
+    """The control is the same swarm without feedback."""
+    from vibroswarm.analysis.opinion import OPINION_NOTE
+
+    soft = Markup(simulate(SHORT.with_values({"strategy.name": "soft"}), 3, 1)._repr_html_()).text
+    none = Markup(result._repr_html_()).text
+    assert "opinion (95 %)" in soft
+    assert OPINION_NOTE in soft
+    assert "share of ones (95 %)" in none
+    assert "opinion" not in none
+
+
 def test_nothing_of_a_scenario_or_file_becomes_markup(result: Result) -> None:
     """The control: the same parser sees the tags of a name that is not escaped."""
     with pytest.raises(AssertionError):

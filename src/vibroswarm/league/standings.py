@@ -35,7 +35,7 @@ from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.outcomes import capped_time_s, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
@@ -112,6 +112,13 @@ class Standings(NotebookView):
     league: League
     values: Mapping[str, Array]
     study: StudyResult
+
+    def __repr__(self) -> str:
+        league = self.league
+        return (
+            f"Standings({len(league.entries)} entries, {len(league.floors)} floors, {league.runs:,} runs of each; "
+            f"smallest forced error: {shown(self.table['name'][0])})"
+        )
 
     def interval(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Interval:
         """Return the mean of a figure over floors (by default all) and its 95 % interval."""

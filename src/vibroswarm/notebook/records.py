@@ -14,6 +14,8 @@ from vibroswarm.notebook.elements import card, paragraph, rows, table
 MOST_ROWS: Final = 20
 """Robots, runs, cells and other rows that are listed."""
 MOST_COLUMNS: Final = 12
+MOST_LETTERS: Final = 80
+"""Of a text in a table."""
 
 
 def record(value: object) -> str:
@@ -30,7 +32,9 @@ def record(value: object) -> str:
 def _first_line(value: object) -> str:
     """Return what the class says of itself; a dataclass without a docstring has its signature there."""
     text = (type(value).__doc__ or "").strip()
-    return "" if text.startswith(f"{type(value).__name__}(") else text.split("\n\n")[0].replace("``", "")
+    if text.startswith(f"{type(value).__name__}("):
+        return ""
+    return text.split("\n\n")[0].replace("``", "").replace(", see the head of this module", "")
 
 
 def _is_table(content: object) -> bool:
@@ -49,7 +53,7 @@ def _frame_of(content: Any) -> pl.DataFrame:
         return content
     listed = content[:MOST_ROWS]
     return pl.DataFrame(
-        [{name: short_value(part) for name, part in public_values(one).items()} for one in listed],
+        [{name: _cell(part) for name, part in public_values(one).items()} for one in listed],
         infer_schema_length=None,
     )
 
@@ -78,4 +82,4 @@ def frame(content: pl.DataFrame, names: Mapping[str, str] | None = None) -> str:
 def _cell(value: Any) -> str:
     if value is None:
         return "-"
-    return value if isinstance(value, str) else short_value(value)
+    return value[:MOST_LETTERS] if isinstance(value, str) else short_value(value)

@@ -7,6 +7,7 @@ from functools import singledispatch
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
+from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
 from vibroswarm.analysis.verdict import RobotVerdict, Verdict, verdict
 from vibroswarm.analysis.verdict_words import confidence, headline, robot_row
 from vibroswarm.errors import shown
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 PLAYER_PX: Final = 760
 REPORT_PX: Final = 900
-ROBOT_HEADS: Final = ("robot", "decision", "at, s", "belief, %", "share of ones (95 %)", "own", "heard")
 
 
 VIEWS: Final = {
@@ -117,13 +117,19 @@ def _robot(value: RobotVerdict) -> str:
 
 @view_of.register
 def _verdict(value: Verdict) -> str:
-    return card("Verdict", *_verdict_parts(value))
+    return card("Verdict", *_verdict_parts(value, "posterior mean"))
 
 
-def _verdict_parts(found: Verdict) -> list[str]:
+def _verdict_parts(found: Verdict, posterior: str) -> list[str]:
+    """Return the headline and the table of robots.
+
+    Args:
+        posterior: what the posterior's mean is: without the scenario it is not known whether it is an opinion.
+    """
+    heads = ("robot", "decision", "at, s", "confidence, %", f"{posterior} (95 %)", "own", "heard")
     parts = [paragraph(headline(found)), paragraph(confidence(found))]
     body = [robot_row(robot, found.answers) for robot in found.robots[:MOST_ROWS]]
-    parts.append(table(ROBOT_HEADS, body, texts=2))
+    parts.append(table(heads, body, texts=2))
     if len(found.robots) > MOST_ROWS:
         parts.append(paragraph(f"The first {MOST_ROWS} of {len(found.robots)} robots."))
     return parts
@@ -138,7 +144,9 @@ def _result(value: Result) -> str:
     parts = [paragraph(repr(value))]
     if value.runs.height > 1:
         parts += [_runs_table(value), paragraph(f"Below: run {run}.")]
-    parts += _verdict_parts(verdict(value, run))
+    opinions = holds_opinions(value.scenario)
+    parts += _verdict_parts(verdict(value, run), "opinion" if opinions else "share of ones")
+    parts += [paragraph(OPINION_NOTE)] if opinions else []
     with MATPLOTLIB_LOCK:
         picture = _png(run_figure(value, run))
     parts.append(image(picture, "png", f"Floor, paths and samples of run {run}", 520))

@@ -86,6 +86,13 @@ class Found(NotebookView):
     front: tuple[int, ...] = ()
     """With several objectives, the candidates on the Pareto front."""
 
+    def __repr__(self) -> str:
+        objective = self.search.objectives[0]
+        return (
+            f"Found({self.search.settings.method}, {len(self.archive):,} candidates in {self.runs:,} runs; "
+            f"believed score {f'{self.believed:.4g} {objective.unit}'.rstrip()}, {objective.words})"
+        )
+
     @property
     def values(self) -> Values:
         """The winner's values."""

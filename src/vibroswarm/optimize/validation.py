@@ -87,6 +87,13 @@ class Truth(NotebookView):
     too_short: bool = False
     """Whether the search had fewer than ``LEAST_ITERATIONS``, so that its winner says nothing about searches."""
 
+    def __repr__(self) -> str:
+        score = self.winner.score
+        return (
+            f"Truth(believed score {self.believed:.4g}, true {score.estimate:.4g} "
+            f"[{score.low:.4g}, {score.high:.4g}], {score.n:,} fresh runs)"
+        )
+
     @property
     def difference(self) -> float:
         """(true - believed) / abs(true); above 0 the search underestimated the cost."""

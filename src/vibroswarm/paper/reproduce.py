@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -147,6 +148,11 @@ class Reproduction(NotebookView):
     """Cells of the items that were not skipped, by key."""
     results: CellResults | None
     """Results of the cells, if any item had to be computed."""
+
+    def __repr__(self) -> str:
+        counts = Counter(one.verdict for one in self.decided)
+        words = ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())
+        return f"Reproduction({len(self.made)} items, {self.settings.runs:,} runs of each cell; {words or 'no claims'})"
 
     @property
     def decided(self) -> list[Decided]:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
-VIBRATING: Final = "#1d3a5f"
-STILL: Final = "#ece7db"
+VIBRATING: Final = RUN["vibrating"]
+STILL: Final = RUN["tile-still"]
 
 _LINES_UP_TO: Final = 60  # tiles per side; with more, lines between tiles would hide them
 _VECTORS_UP_TO: Final = 10_000  # tiles; more are drawn as an image in SVG and PDF
