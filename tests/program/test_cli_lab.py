@@ -150,6 +150,25 @@ def test_compare(kept, tmp_path, capsys):
     assert "ceiling" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_compare_several(kept, tmp_path, capsys):
+    """Each column is the comparison with that simulation alone."""
+    other = tmp_path / "other"
+    assert main(["run", "--set", "run.t_end_s=250", *FLOOR, "--out", str(other)]) == 0
+    capsys.readouterr()
+    assert main(["calibrate", "compare", str(kept), str(kept), str(other), "--json"]) == 0
+    both = told(capsys)
+    for folder in (kept, other):
+        assert main(["calibrate", "compare", str(kept), str(folder), "--json"]) == 0
+        assert told(capsys) == both[str(folder)]
+    assert main(["calibrate", "compare", str(kept), str(kept), str(other)]) == 0
+    out = capsys.readouterr().out
+    assert f"real - {kept.name}" in out
+    assert "real - other" in out
+    assert main(["calibrate", "compare", str(kept), str(kept), str(kept)]) == 2
+    assert main(["calibrate", "compare", str(kept), str(kept), str(other), "--picture", "x.png"]) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -91,6 +91,7 @@ def parser() -> argparse.ArgumentParser:
         sweep,
         tradeoff,
         tune,
+        view,
     )
     from vibroswarm.cli.options import add_loudness, add_printing
 
@@ -107,7 +108,7 @@ def parser() -> argparse.ArgumentParser:
         "compare and search": (league, tune, detect, tradeoff, optimize),
         "the paper": (reproduce,),
         "real robots": (lab, calibrate),
-        "results": (show,),
+        "results": (show, view),
         "scenarios, floors, code of your own, robots": (scenario, floors, check, export),
         "this program": (completion,),
     }

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 example:
   vibroswarm calibrate compare lab simulated --json
+  vibroswarm calibrate compare lab by-event-engine by-mujoco   # which simplification matters
 """
 
 
@@ -37,7 +38,11 @@ def add_parser(commands: Any) -> None:
     )
     compare.add_argument("real", metavar="REAL", type=Path, help="folder of a recording")
     compare.add_argument(
-        "simulated", metavar="SIM", type=Path, help="folder of a simulation, or of its imported log"
+        "simulated",
+        metavar="SIM",
+        type=Path,
+        nargs="+",
+        help="folder of a simulation, or of its imported log; several are shown side by side",
     )
     compare.add_argument(
         "--picture", metavar="FILE", type=Path, help="draw both side by side (.png, .svg, .pdf)"
@@ -120,7 +125,9 @@ def run_compare(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_json
     from vibroswarm.floors.io import check_suffix
 
-    real, simulated = read_result(arguments.real), read_result(arguments.simulated)
+    if len(arguments.simulated) > 1:
+        return _compare_several(arguments)
+    real, simulated = read_result(arguments.real), read_result(arguments.simulated[0])
     comparison = compare(
         real, simulated, camera=RIGHT if arguments.no_camera else None, intervals=arguments.intervals
     )
@@ -136,6 +143,63 @@ def run_compare(arguments: argparse.Namespace) -> int:
     else:
         print_comparison(comparison)
     return 0
+
+
+def _compare_several(arguments: argparse.Namespace) -> int:
+    """Compare several simulations with the same recordings, side by side."""
+    from vibroswarm.calibrate.real_vs_simulated import compare
+    from vibroswarm.calibrate.similarity import RealCache
+    from vibroswarm.cli.output import print_json
+
+    for option in ("picture", "pictures"):
+        if getattr(arguments, option) is not None:
+            raise InputError("draws one simulation; give one SIM", field=f"--{option}")
+    if arguments.intervals:
+        raise InputError("is for one simulation; give one SIM", field="--intervals")
+    if len({str(folder) for folder in arguments.simulated}) < len(arguments.simulated):
+        raise InputError("names a folder twice", field="SIM")
+    real, known = read_result(arguments.real), RealCache()
+    camera = RIGHT if arguments.no_camera else None
+    found = {
+        str(folder): compare(real, read_result(folder), known, camera=camera)
+        for folder in arguments.simulated
+    }
+    if arguments.json:
+        print_json({folder: comparison.as_dict() for folder, comparison in found.items()})
+    else:
+        print_comparisons(found)
+    return 0
+
+
+def print_comparisons(found: dict[str, Comparison]) -> None:
+    """Print energy distances and what a classifier recognises, a column for each simulation."""
+    from vibroswarm.calibrate.features import FEATURES, WORDS
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
+
+    names = [Path(folder).name for folder in found]
+    names = list(found) if len(set(names)) < len(names) else names
+    by_folder = [{row.feature: row for row in comparison.distances} for comparison in found.values()]
+    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
+    rows = []
+    for feature in FEATURES:
+        each = [rows_of.get(feature) for rows_of in by_folder]
+        real = next((row.real for row in each if row is not None), None)
+        cells = ["-" if row is None else with_interval(row.effect, ".4f") for row in each]
+        rows.append([WORDS[feature], with_interval(real, ".4f"), *cells])
+    print_table(["feature", "real - real", *(f"real - {name}" for name in names)], rows)
+    print_line()
+    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
+    shares = [comparison.classifier for comparison in found.values()]
+    print_table(
+        ["recognised", *names],
+        [
+            [words, *("-" if share is None else with_interval(share, ".3f") for share in each)]
+            for words, each in (
+                ("real or simulated, robots and sessions not trained on", [one.simulated for one in shares]),
+                ("real or simulated, robots not trained on", [one.simulated_by_robot for one in shares]),
+            )
+        ],
+    )
 
 
 def print_comparison(found: Comparison) -> None:

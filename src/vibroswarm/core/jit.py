@@ -50,6 +50,7 @@ LAYERS_ABOVE: Final = (
     "plots",
     "report",
     "run_page",
+    "view",
     "study",
     "optimize",
     "league",

@@ -1,0 +1,1 @@
+"""An inspection in three dimensions, in a browser (viser)."""

@@ -1,0 +1,163 @@
+"""Show a run in a browser: a server for this machine alone, or one file that plays the run back.
+
+The server listens on the loopback address only. The file is viser's own: orbit, pause and scrub without a server.
+"""
+
+from __future__ import annotations
+
+import io
+import socket
+import time
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.errors import InputError
+from vibroswarm.result import Result
+from vibroswarm.view.playback import Playback
+from vibroswarm.view.scene import Scene
+
+HOST: Final = "127.0.0.1"
+"""Loopback: nobody on another machine can reach it."""
+FRAME_S: Final = 0.05
+MOST_FRAMES: Final = 6000
+"""Frames of a file; a longer run has coarser ones."""
+
+
+def viser() -> Any:
+    """Return the module ``viser``.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import viser as module
+    except ImportError:
+        raise InputError(
+            "needs viser, which is not installed: pip install 'vibroswarm[view]'", field="view"
+        ) from None
+    return module
+
+
+def free_port(port: int) -> int:
+    """Return the port, or a free one for 0.
+
+    Raises:
+        InputError: another program uses it.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except (OSError, OverflowError):
+            raise InputError(
+                f"{port} is not free on {HOST}; choose another, or 0 for any that is free", field="--port"
+            ) from None
+        return int(probe.getsockname()[1])
+
+
+class Server:
+    """A server that shows one run, with play, time and speed to set."""
+
+    def __init__(self, result: Result, run: int, port: int = 0, speed: float = 20.0) -> None:
+        module, self.playback = viser(), Playback(result, run)
+        self.server: Any = _started(module, port)
+        _aim(self.server, result)
+        self.scene = Scene(self.server.scene, self.playback)
+        gui, end_s = self.server.gui, self.playback.end_s
+        self.playing = gui.add_checkbox("Play", initial_value=True)
+        self.time = gui.add_slider("Time, s", min=0.0, max=end_s, step=0.02, initial_value=0.0)
+        self.speed = gui.add_slider("Speed", min=1.0, max=200.0, step=1.0, initial_value=speed)
+        if not self.playback.is_exact:
+            gui.add_markdown("Poses are known at samples only; in between robots go straight.")
+        gui.add_markdown(
+            "Over each robot: its belief p that less than the boundary vibrates (blue: less, red: more). Points: "
+            "samples read as still (blue) or vibrating (red). Dark tiles vibrate."
+        )
+        self.scene.set_time(0.0)
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self.server.get_port()}"
+
+    def step(self, elapsed_s: float) -> None:
+        """Show the state after so much real time, s; a run that is over begins again."""
+        now_s = float(self.time.value)
+        if self.playing.value:
+            now_s += elapsed_s * float(self.speed.value)
+            if now_s > self.playback.end_s:
+                now_s = 0.0
+            self.time.value = now_s
+        with self.server.atomic():
+            self.scene.set_time(now_s)
+
+    def serve(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Serve until ``until`` is true."""
+        before = time.monotonic()
+        while not until():
+            time.sleep(FRAME_S)
+            now = time.monotonic()
+            self.step(now - before)
+            before = now
+
+    def stop(self) -> None:
+        """End the server."""
+        _stop(self.server)
+
+
+def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_s: float = 0.25) -> int:
+    """Write one file that plays a run back; return the number of frames.
+
+    Args:
+        speed: simulated seconds a second. frame_s: simulated seconds a frame, more if the run is long.
+    Raises:
+        InputError: viser is missing, or there is no such run.
+        RunError: the disk is full or failed.
+    """
+    playback = Playback(result, run)
+    server = _started(viser(), 0)
+    try:
+        _aim(server, result)
+        scene = Scene(server.scene, playback)
+        scene.set_time(0.0)
+        serializer = server.get_scene_serializer()
+        frame_s = max(frame_s, playback.end_s / MOST_FRAMES)
+        times = np.arange(frame_s, playback.end_s + frame_s / 2, frame_s)
+        for time_s in times.tolist():
+            serializer.insert_sleep(frame_s / speed)
+            scene.set_time(min(time_s, playback.end_s))
+        text = serializer.as_html()
+    finally:
+        _stop(server)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return times.size + 1
+
+
+def _started(module: Any, port: int) -> Any:
+    """Return a server, which prints nothing."""
+    with redirect_stdout(io.StringIO()):
+        return module.ViserServer(HOST, free_port(port), verbose=False)
+
+
+def _stop(server: Any) -> None:
+    """End a server, which prints nothing."""
+    with redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def _aim(server: Any, result: Result) -> None:
+    """Look at the middle of the arena from above."""
+    arena = result.scenario.arena
+    across_m = max(arena.width_m, arena.height_m)
+    server.initial_camera.position = (
+        arena.width_m / 2,
+        arena.height_m / 2 - 0.55 * across_m,
+        0.95 * across_m,
+    )
+    server.initial_camera.look_at = (arena.width_m / 2, arena.height_m / 2, 0.0)

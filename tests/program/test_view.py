@@ -1,0 +1,229 @@
+"""``vibroswarm view`` shows what the tables say; its page works in a browser, and is for this machine only."""
+
+from __future__ import annotations
+
+import io
+import math
+import socket
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from PIL import Image
+
+from helpers.browser import BROWSERS
+from vibroswarm import preset, simulate
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.motion.pose import pose
+from vibroswarm.result import Result
+from vibroswarm.view.playback import Playback
+from vibroswarm.view.scene import LESS, MORE, STILL, UNSURE, VIBRATING, colour_of, floor_picture, words_of
+from vibroswarm.view.server import HOST, Server, write_html
+
+QUICK = {
+    "run.t_end_s": 40.0,
+    "decision.min_observations": 3,
+    "decision.credible_threshold": 0.6,
+    "floor.source": "diagonal:0.46",
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    """A run in which robots decide."""
+    return simulate(preset("paper").with_values(QUICK), 3, [2], segments=True)
+
+
+@pytest.fixture(scope="module")
+def folder(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view") / "run"
+    result.write(path)
+    return path
+
+
+def test_it_shows_what_the_tables_say(result: Result) -> None:
+    """Poses, beliefs, decisions and samples at random times, by plain loops over rows."""
+    playback = Playback(result, 2)
+    rows = result.motion.join(result.inference, on=["run", "robot", "sample"]).to_dicts()
+    decided = 0
+    for time_s in np.random.default_rng(5).uniform(0.0, 40.0, 60).tolist():
+        past = [row for row in rows if row["time_s"] <= time_s]
+        assert playback.samples_by(time_s) == len(past)
+        for robot in range(5):
+            assert np.array_equal(playback.poses(robot, time_s)[0], pose(result.segments, 2, robot, time_s))  # type: ignore[arg-type]
+            own = [row for row in past if row["robot"] == robot]
+            expected = (own[-1]["belief_below"], own[-1]["decision"]) if own else (0.5, -1)
+            assert playback.belief(robot, time_s) == expected
+            decided += expected[1] >= 0
+    assert decided > 20
+
+
+def test_without_segments_robots_go_straight_between_samples(result: Result) -> None:
+    playback = Playback(Result(**{**vars(result), "segments": None}), 2)
+    assert not playback.is_exact
+    own = result.motion.filter(pl.col("robot") == 1)
+    times = own["time_s"].to_numpy()
+    assert np.allclose(playback.poses(1, times)[:, :2], own.select("x_m", "y_m").to_numpy())
+    middle = playback.poses(1, (times[0] + times[1]) / 2)[0]
+    assert middle[0] == pytest.approx((own["x_m"][0] + own["x_m"][1]) / 2)
+    assert (
+        math.cos(middle[2]) * (own["x_m"][1] - own["x_m"][0])
+        + math.sin(middle[2]) * (own["y_m"][1] - own["y_m"][0])
+        > 0
+    )
+
+
+def test_the_picture_of_the_floor_lies_as_the_floor(result: Result) -> None:
+    """Each sample's tile, by the table, has the colour of its kind at the sample's place."""
+    playback = Playback(result, 2)
+    picture, tiles = floor_picture(playback), playback.floor.tiles
+    joined = result.motion.join(result.observations, on=["run", "robot", "sample"]).filter(
+        pl.col("tile") >= 0
+    )
+    kinds = set()
+    for x_m, y_m, tile in joined.select("x_m", "y_m", "tile").rows():
+        pixel = picture[int((1.0 - y_m) * picture.shape[0]), int(x_m * picture.shape[1])]
+        kind = int(tiles.flat[tile])
+        assert tuple(pixel) == (VIBRATING if kind else STILL)
+        kinds.add(kind)
+    assert kinds == {0, 1}
+
+
+def test_colours_and_words_of_beliefs() -> None:
+    assert [colour_of(belief) for belief in (0.0, 0.5, 1.0)] == [MORE, UNSURE, LESS]
+    assert words_of(0.634, -1) == "p 0.63"
+    assert words_of(0.99, 0) == "p 0.99 decided less"
+    assert words_of(0.01, 1) == "p 0.01 decided more"
+
+
+def test_the_server_is_for_this_machine_only_and_prints_nothing(
+    result: Result, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server = Server(result, 2)
+    try:
+        port = server.server.get_port()
+        assert server.url == f"http://127.0.0.1:{port}"
+        for step in (0.5, 1.0):
+            server.step(step)
+        assert server.time.value == pytest.approx(30.0)
+        assert sum(server.scene.shown.values()) == server.playback.samples_by(30.0)
+        server.playing.value, server.time.value = False, 10.0  # scrubbed back
+        server.step(1.0)
+        assert sum(server.scene.shown.values()) == server.playback.samples_by(10.0)
+        addresses = {
+            str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
+        }
+        for address in addresses - {HOST}:
+            if not address.startswith("127."):
+                with socket.socket() as other:
+                    other.settimeout(2.0)
+                    assert other.connect_ex((address, port)) != 0
+        with pytest.raises(InputError, match=f"--port: {port} is not free"):
+            Server(result, 2, port)
+    finally:
+        server.stop()
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "is not a vibroswarm result"),
+        (["DIR", "--run", "7"], "there is no run 7"),
+        (["DIR", "--speed", "0"], "--speed: 0 is not from 1 to 200"),
+        (["DIR", "--html", "page.txt"], "does not end in .html"),
+        (["DIR", "--port", "70000"], "--port: 70000 is not free"),
+    ],
+)
+def test_bad_input(
+    arguments: list[str], words: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", *(str(folder) if word == "DIR" else word for word in arguments)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_missing_viser_is_named_with_its_extra(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert main(["view", str(folder)]) == 2
+    assert "needs viser, which is not installed: pip install 'vibroswarm[view]'" in capsys.readouterr().err
+
+
+def test_the_file_is_whole_or_not_there(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "run.html"
+    assert main(["view", str(folder), "--html", str(page), "--speed", "10"]) == 0
+    assert "Saved:" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["run.html"]
+    assert main(["view", str(folder), "--html", str(page)]) == 2
+    assert "add --force to replace it" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def webgl() -> Any:
+    """Chromium with WebGL in software."""
+    import shutil
+
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
+    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
+    quiet = "--no-first-run --disable-background-networking --disable-component-update --disable-sync --disable-quic"
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=[*options.split(), *quiet.split()])
+        yield chromium
+        chromium.close()
+
+
+def coloured(page: Any) -> int:
+    """How many pixels have the grey of vibrating tiles, about."""
+    pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+    near: Any = (np.abs(pixels - np.array(VIBRATING)) < 12).all(axis=2)
+    return int(near.sum())
+
+
+def wait_for(condition: Any, seconds: float = 90.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.5)
+    return False
+
+
+@pytest.mark.slow
+def test_the_file_plays_in_a_browser_without_network(result: Result, webgl: Any, tmp_path: Path) -> None:
+    path, asked = tmp_path / "run.html", []
+    assert write_html(result, 2, path, speed=10.0) == 161
+    page = webgl.new_page(viewport={"width": 700, "height": 500})
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(path.as_uri())
+    assert wait_for(lambda: coloured(page) > 5000)
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    page.close()
+
+
+@pytest.mark.slow
+def test_the_server_shows_the_scene_in_a_browser(result: Result, webgl: Any) -> None:
+    server, over = Server(result, 2), threading.Event()
+    thread = threading.Thread(target=lambda: server.serve(over.is_set))
+    thread.start()
+    try:
+        page = webgl.new_page(viewport={"width": 700, "height": 500})
+        page.goto(server.url)
+        assert wait_for(lambda: coloured(page) > 5000)
+        assert wait_for(lambda: "samples read as still" in page.inner_text("body"))
+        page.close()
+    finally:
+        over.set()
+        thread.join()
+        server.stop()
