@@ -147,6 +147,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
 
 def _compare_several(arguments: argparse.Namespace) -> int:
     """Compare several simulations with the same recordings, side by side."""
+    from vibroswarm.calibrate.camera import RIGHT
     from vibroswarm.calibrate.real_vs_simulated import compare
     from vibroswarm.calibrate.similarity import RealCache
     from vibroswarm.cli.output import print_json
