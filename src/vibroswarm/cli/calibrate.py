@@ -175,7 +175,7 @@ def _compare_several(arguments: argparse.Namespace) -> int:
 def print_comparisons(found: dict[str, Comparison]) -> None:
     """Print energy distances and what a classifier recognises, a column for each simulation."""
     from vibroswarm.calibrate.features import FEATURES, WORDS
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
     names = [Path(folder).name for folder in found]
     names = list(found) if len(set(names)) < len(names) else names
@@ -185,8 +185,8 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
     for feature in FEATURES:
         each = [rows_of.get(feature) for rows_of in by_folder]
         real = next((row.real for row in each if row is not None), None)
-        cells = ["-" if row is None else with_interval(row.effect, ".4f") for row in each]
-        rows.append([WORDS[feature], with_interval(real, ".4f"), *cells])
+        cells = ["-" if row is None else _estimate(row.effect, ".4f") for row in each]
+        rows.append([WORDS[feature], _estimate(real, ".4f"), *cells])
     print_table(["feature", "real - real", *(f"real - {name}" for name in names)], rows)
     print_line()
     print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
@@ -194,13 +194,20 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
     print_table(
         ["recognised", *names],
         [
-            [words, *("-" if share is None else with_interval(share, ".3f") for share in each)]
+            [words, *("-" if share is None else _estimate(share, ".3f") for share in each)]
             for words, each in (
                 ("real or simulated, robots and sessions not trained on", [one.simulated for one in shares]),
                 ("real or simulated, robots not trained on", [one.simulated_by_robot for one in shares]),
             )
         ],
     )
+
+
+def _estimate(one: Interval | None, form: str) -> str:
+    """Format an estimate with its interval, which one session has not."""
+    from vibroswarm.cli.output import with_interval
+
+    return f"{one.estimate:{form}}" if one is not None and one.n < 2 else with_interval(one, form)
 
 
 def print_comparison(found: Comparison) -> None:
