@@ -218,10 +218,9 @@ def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: i
     """Set the robots' misalignments of this run and of its first moves from those that are their own."""
     for i in range(swarm.size):
         row = swarm[i]
-        row.own_misalignment = row.misalignment
         if run_spread > 0.0:
-            row.own_misalignment += run_spread * triangular(seed, run, i, FIRST, OF_DAY)
-        row.misalignment = row.own_misalignment + veer_shift(setup, seed, run, i, 0)
+            row.misalignment += run_spread * triangular(seed, run, i, FIRST, OF_DAY)
+        row.misalignment += veer_shift(setup, seed, run, i, 0)
 
 
 @inner

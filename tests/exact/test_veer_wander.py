@@ -1,0 +1,73 @@
+"""A robot's veer that varies from sample to sample, slowly, and from run to run; off in the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vibroswarm.core.jit import kernel
+from vibroswarm.errors import InputError
+from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.robot_params import setup_of, veer_shift
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.validation import widest_veer_shift
+
+
+@kernel
+def fill(setup, seed, robot, out):
+    for sample in range(out.size):
+        out[sample] = veer_shift(setup, seed, 0, robot, sample)
+
+
+def shifts(values: dict[str, float], robot: int = 0, count: int = 6000) -> np.ndarray:
+    out = np.empty(count)
+    fill(setup_of(Scenario().with_values(values)), 5, robot, out)
+    return out
+
+
+def lagged(values: np.ndarray, lag: int) -> float:
+    return float(np.corrcoef(values[lag:], values[:-lag])[0, 1])
+
+
+def test_it_is_new_at_every_sample() -> None:
+    found = shifts({"robot.misalignment_wander": 0.03})
+    assert found.std() == pytest.approx(0.03, rel=0.04)
+    assert abs(found.mean()) < 0.0015
+    assert abs(lagged(found, 1)) < 0.05
+    assert not np.array_equal(found, shifts({"robot.misalignment_wander": 0.03}, robot=1))
+
+
+def test_it_changes_slowly_and_has_its_spread_over_a_run() -> None:
+    values = {"robot.misalignment_drift": 0.03, "robot.misalignment_drift_samples": 20}
+    found = np.concatenate([shifts(values, robot) for robot in range(5)])
+    assert found.std() == pytest.approx(0.03, rel=0.1)
+    assert np.abs(np.diff(found[:6000])).max() < 2 * widest(values) / 20 + 1e-12
+    assert lagged(found, 2) > 0.95
+    assert abs(lagged(found, 60)) < 0.12
+
+
+def widest(values: dict[str, float]) -> float:
+    return widest_veer_shift(Scenario().with_values(values))
+
+
+def test_it_stays_within_the_bound_that_motion_counts_on() -> None:
+    values = {"robot.misalignment_wander": 0.05, "robot.misalignment_drift": 0.04}
+    found = np.abs(shifts(values, count=20_000)).max()
+    assert 0.6 * widest(values) < found <= widest(values)
+
+
+def test_a_run_has_another_veer_and_a_robot_of_the_paper_has_one() -> None:
+    own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
+    days = Scenario().with_values(own | {"robot.misalignment_run_spread": 0.02})
+    runs = np.array([EventRun(days, 3, run).swarm["misalignment"].tolist() for run in range(300)])
+    assert runs.std(axis=0) == pytest.approx([0.02, 0.02], rel=0.15)
+    assert runs.mean(axis=0) == pytest.approx([0.01, -0.02], abs=0.005)
+    assert abs(np.corrcoef(runs.T)[0, 1]) < 0.2
+    kept = [EventRun(Scenario().with_values(own), 3, run).swarm["misalignment"].tolist() for run in (0, 1)]
+    assert kept == [[0.01, -0.02]] * 2
+    assert widest_veer_shift(preset("paper")) == 0.0
+
+
+def test_wheels_that_could_stand_are_refused() -> None:
+    with pytest.raises(InputError, match=r"robot.misalignment_drift"):
+        Scenario().with_values({"robot.misalignment_drift": 0.2, "robot.misalignments": [0.5]})
