@@ -54,6 +54,7 @@ LAYERS_ABOVE: Final = (
     "optimize",
     "league",
     "recordings",
+    "tracking",
     "calibrate",
     "paper",
     "export",
