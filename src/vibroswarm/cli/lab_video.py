@@ -21,7 +21,7 @@ def add_parser(tasks: Any) -> None:
     parser = tasks.add_parser(
         "video",
         help="render a result as the video of an overhead camera, to rehearse tracking",
-        description="Render a run as an overhead camera would see it, with the robots' log, the markers, and the truth.",
+        description="Render a run as an overhead camera would see it, with the robots' log, markers, and truth.",
         epilog=EPILOG,
     )
     parser.add_argument("folder", metavar="RESULT", type=Path, help="folder of a result or recording")

@@ -42,11 +42,13 @@ class Fisheye:
         flat = np.hypot(ahead[..., 0], ahead[..., 1])
         theta = np.arctan2(flat, ahead[..., 2])
         scale = self.focal_px * self._distorted(theta) / np.maximum(flat, 1e-12)
-        return ahead[..., :2] * scale[..., None] + np.array(self.centre_px)
+        seen: Floats = ahead[..., :2] * scale[..., None] + np.array(self.centre_px)
+        return seen
 
     def _distorted(self, theta: Floats) -> Floats:
         square = theta * theta
-        return theta * (1.0 + square * (self.k[0] + square * self.k[1]))
+        bent: Floats = theta * (1.0 + square * (self.k[0] + square * self.k[1]))
+        return bent
 
     def tangents(self) -> NDArray[np.float32]:
         """Return x / z and y / z of the ray of each pixel in camera axes, (height, width, 2)."""

@@ -1,4 +1,4 @@
-"""Write what a session with a camera would leave: the video, the robots' log, the markers, and beside them the truth."""
+"""Write what a session with a camera would leave: video, robots' log and markers, and beside them the truth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TRUTH: Final = {
     "frame": pl.UInt32, "time_s": pl.Float64, "robot": pl.UInt16, "marker": pl.UInt16, "x_m": pl.Float64,
     "y_m": pl.Float64, "heading_rad": pl.Float64, "hidden": pl.Boolean,
 }  # fmt: skip
-"""Columns of the truth: where each robot's centre is in each frame (time in the video), and whether a hand covers it."""
+"""Columns of the truth: each robot's centre in each frame (time in the video), and whether a hand covers it."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ Gray = NDArray[np.uint8]
 TABLE, PLAIN, STILL, VIBRATING, PAPER, BODY, HAND = 116.0, 196.0, 204.0, 172.0, 236.0, 64.0, 150.0
 """Grey levels."""
 BLACK: Final = 18.0
+PLATE: Final = 0.75
+"""Radius of the white plate that carries a marker, as a share of its edge: its corners need a white rim."""
 SAMPLES: Final = 4
 """Rays per pixel and axis for what moves and for markers."""
 MODULE_PX: Final = 8
@@ -122,7 +124,7 @@ class Scene:
     def _draw_robot(self, image: Gray, marker: int, instants: list[Floats]) -> None:
         """Draw a robot's body and its top with the marker, averaged over the instants of the exposure."""
         radius, top = self.body_radius_m, self.markers.height_m
-        plate = max(radius, 0.56 * self.markers.size_m)
+        plate = max(radius, PLATE * self.markers.size_m)
         around = np.concatenate(
             [corners_at(x, y, 0.0, 2.2 * plate, z)[:, :3] for x, y, _ in instants for z in (0.0, top)]
         )
@@ -165,7 +167,8 @@ class Scene:
             )
         size = (fine.shape[1] // SAMPLES, fine.shape[0] // SAMPLES)
         pixels = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-        return np.clip(np.rint(pixels), 0, 255).astype(np.uint8)
+        rounded: Gray = np.clip(np.rint(pixels), 0, 255).astype(np.uint8)
+        return rounded
 
     def box_around(self, points_m: Floats, pad_px: int = 6) -> tuple[slice, slice] | None:
         """Return the rows and columns of the image around points of the world; None if there are none."""
