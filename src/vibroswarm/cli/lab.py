@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli import lab_export, lab_replay, lab_threshold
+from vibroswarm.cli import lab_export, lab_replay, lab_threshold, lab_track, lab_video
 from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
 from vibroswarm.cli.saved import add_open
 from vibroswarm.errors import InputError
@@ -35,6 +35,8 @@ def add_parser(commands: Any) -> None:
     lab_export.add_parser(tasks)
     lab_replay.add_parser(tasks)
     lab_threshold.add_parser(tasks)
+    lab_track.add_parser(tasks)
+    lab_video.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
 
 

@@ -55,6 +55,7 @@ LAYERS_ABOVE: Final = (
     "optimize",
     "league",
     "recordings",
+    "tracking",
     "calibrate",
     "paper",
     "export",

@@ -49,6 +49,7 @@ class Purpose(IntEnum):
     ODOMETRY = 20
     LOCALISATION = 21
     VEER = 22
+    VIDEO = 30
 
 
 def _number(value: int) -> int:

@@ -1,0 +1,189 @@
+"""``vibroswarm lab track``: from the video of an overhead camera to positions, and with a log to a recording."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import add_json, add_scenario_options, between, real
+from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    from vibroswarm.tracking.track import TrackedLog, Tracking
+
+EPILOG = """\
+examples:
+  vibroswarm lab track day1.mp4 --markers markers.toml --out tracked
+  vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
+      --floor world.txt --tiles 5x5 --out tracked
+"""
+
+
+def add_parser(tasks: Any) -> None:
+    """Add the task."""
+    parser = tasks.add_parser(
+        "track",
+        help="track robots with ArUco markers in the video of an overhead camera",
+        description="Find where the robots were in a video; with their log, make a recording.",
+        epilog=EPILOG,
+    )
+    parser.add_argument("video", metavar="VIDEO", type=Path, help="video of one session")
+    parser.add_argument(
+        "--markers",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="which markers are where (TOML, docs/camera.md)",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="save positions and recording here"
+    )
+    parser.add_argument("--force", action="store_true", help="replace DIR if it holds something else")
+    parser.add_argument("--log", metavar="LOG", type=Path, help="robots' log (CSV: robot,time_s,energy,...)")
+    parser.add_argument("--partial", action="store_true", help="use a video that ends too early")
+    parser.add_argument("--any-floor", action="store_true", help="continue if the floor does not fit the log")
+    camera = parser.add_argument_group("camera")
+    camera.add_argument("--lens", metavar="VIDEO", type=Path, help="of a chessboard, by the same camera")
+    camera.add_argument(
+        "--board", metavar="WxH", type=_board, default=(9, 6), help="its inner corners (default 9x6)"
+    )
+    camera.add_argument(
+        "--camera-height",
+        metavar="M",
+        type=between(real, 0.1, 100),
+        help="of the lens above the floor, if measured, m",
+    )
+    add_json(parser)
+    add_scenario_options(parser)
+    parser.set_defaults(run=run)
+
+
+def _board(text: str) -> tuple[int, int]:
+    across, _, down = text.lower().partition("x")
+    if not (across.isdigit() and down.isdigit() and 3 <= int(across) <= 50 and 3 <= int(down) <= 50):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number of inner corners such as 9x6")
+    return int(across), int(down)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Track, save and print what was found."""
+    from vibroswarm.cli.out_folder import claim, refuse_other
+    from vibroswarm.cli.printed import deliver, hash_of
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.recordings.recording import recording_of
+    from vibroswarm.scenario.scenario import parse_setting
+    from vibroswarm.tracking.camera import lens_from_chessboard
+    from vibroswarm.tracking.markers import read_markers
+    from vibroswarm.tracking.opencv import opencv
+    from vibroswarm.tracking.track import read_robot_log, track, with_positions
+
+    opencv()
+    markers = read_markers(arguments.markers)
+    scenario = scenario_from(arguments)
+    samples = None if arguments.log is None else read_robot_log(arguments.log)
+    if samples is not None and arguments.floor is None and arguments.scenario is None:
+        raise InputError("is required with --log: on which floor were the robots?", field="--floor")
+    if samples is not None and scenario.floor.drawn_by_run:
+        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    lens, lens_size = None, None
+    if arguments.lens is not None:
+        lens, lens_size = lens_from_chessboard(arguments.lens, arguments.board)
+    stated = [parse_setting(text)[0] for text in arguments.settings]
+    work = hash_of(
+        scenario.hash, stated, markers.to_toml(), str(arguments.video.resolve()), str(arguments.lens),
+        arguments.camera_height, None if samples is None else samples.to_dicts(),
+    )  # fmt: skip
+    claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
+    with progress_bar("tracking") as progress:
+        tracking = track(
+            arguments.video,
+            markers,
+            lens=lens,
+            lens_size_px=lens_size,
+            camera_height_m=arguments.camera_height,
+            partial=arguments.partial,
+            progress=lambda done, total: progress(done / total),
+        )
+    tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log))
+    with whole_folder(arguments.out, replace=True) as part:
+        if tracked is not None:
+            recording_of(
+                [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
+            ).write_into(part)
+        tracking.positions.write_parquet(part / "positions.parquet")
+        tracking.positions.write_csv(part / "positions.csv", float_precision=6)
+        tracking.stops.write_csv(part / "stops.csv", float_precision=6)
+        tracking.gaps().write_csv(part / "gaps.csv", float_precision=3)
+        deliver(
+            arguments,
+            part,
+            "lab track",
+            lambda: _print_tracking(tracking, tracked),
+            lambda: document(tracking, tracked),
+            work=work,
+        )
+    print_saved(arguments, "positions, stops, gaps" + ("" if tracked is None else ", recording"), None)
+    return 0
+
+
+def document(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
+    """Return what is printed as plain values."""
+    camera, gaps = tracking.camera, tracking.gaps()
+    found: dict[str, Any] = {
+        "video": str(tracking.video),
+        "frames": int(tracking.detections.time_s.size),
+        "positions": tracking.positions.height,
+        "gaps": gaps.height,
+        "jumps": tracking.jumps,
+        "stops": tracking.stops.height,
+        "camera_height_m": float(camera.position_m[2]),
+        "lens": "chessboard" if camera.calibrated else "the video itself",
+        "floor_error_px": camera.floor_error_px,
+        "warnings": tracking.warnings(),
+    }
+    if tracked is not None:
+        found |= {
+            "clock_offset_s": tracked.offset.offset_s,
+            "clock_offset_error_s": tracked.offset.error_s,
+            "matched_samples": tracked.offset.pairs,
+            "samples_outside": tracked.outside,
+            "samples_unseen": tracked.unseen,
+        }
+    return found
+
+
+def _print_tracking(tracking: Tracking, tracked: TrackedLog | None) -> None:
+    """Print where robots were seen, the camera, and what to do about it."""
+    from vibroswarm.cli.output import print_paragraph
+
+    frames, robots = tracking.detections.corners_px.shape[:2]
+    share = tracking.positions.height / (frames * robots)
+    gaps, camera = tracking.gaps(), tracking.camera
+    seconds = float(tracking.detections.time_s[-1])
+    print_paragraph(
+        f"{100 * share:.1f} % of positions found: {robots} robots in {frames} frames ({seconds:.0f} s); "
+        f"{gaps.height} gaps of more than a second; {tracking.stops.height} stops; {tracking.jumps} positions dropped "
+        "as too far from their neighbours."
+    )
+    lens = (
+        f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
+        if camera.calibrated
+        else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
+    )
+    print_paragraph(
+        f"Camera {camera.position_m[2]:.2f} m above the floor; lens {lens}; corners of the floor's markers are met to "
+        f"{camera.floor_error_px:.2f} px."
+    )
+    if tracked is not None:
+        offset = tracked.offset
+        print_paragraph(
+            f"The robots' clock is {offset.offset_s:+.3f} s ahead of the video's (standard error "
+            f"{1000 * offset.error_s:.0f} ms; {offset.pairs} of {offset.samples} matched with stops). Left out: "
+            f"{tracked.outside} samples before or after the video, {tracked.unseen} in gaps of the tracking."
+        )
+    for words in tracking.warnings():
+        print_paragraph(words)

@@ -1,0 +1,166 @@
+"""``vibroswarm lab video``: render a result as an overhead camera would see it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from vibroswarm.cli.options import add_json, add_seed, between, read_result, real, whole
+from vibroswarm.errors import InputError
+
+EPILOG = """\
+examples:
+  vibroswarm lab video first --out rehearsal.avi --for 60
+  vibroswarm lab video first --out rehearsal.avi --chessboard --clock-offset 12.5
+"""
+
+
+def add_parser(tasks: Any) -> None:
+    """Add the task."""
+    parser = tasks.add_parser(
+        "video",
+        help="render a result as the video of an overhead camera, to rehearse tracking",
+        description="Render a run as an overhead camera would see it, with the robots' log, markers, and truth.",
+        epilog=EPILOG,
+    )
+    parser.add_argument("folder", metavar="RESULT", type=Path, help="folder of a result or recording")
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="video to write: .avi or .mp4; others beside it",
+    )
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+    parser.add_argument(
+        "--session", metavar="N", type=between(whole, 1), default=1, help="run to render, from 1 (default 1)"
+    )
+    parser.add_argument("--start", metavar="S", type=between(real, 0), default=0.0, help="from this time, s")
+    parser.add_argument("--for", metavar="S", type=between(real, 0), dest="duration", help="for so long, s")
+    parser.add_argument(
+        "--chessboard", action="store_true", help="also write a video of a chessboard, to calibrate the lens"
+    )
+    parser.add_argument(
+        "--clock-offset",
+        metavar="S",
+        type=real,
+        default=0.0,
+        help="time on the robots' clock at the start of the run, s (default 0)",
+    )
+    add_seed(parser, "of noise, hand and chessboard")
+    camera = parser.add_argument_group("camera")
+    camera.add_argument(
+        "--size", metavar="WxH", type=_size, default=(1920, 1080), help="px (default 1920x1080)"
+    )
+    camera.add_argument(
+        "--frames-per-second", metavar="N", type=between(real, 1, 240), default=15.0, help="default 15"
+    )
+    camera.add_argument(
+        "--camera-height", metavar="M", type=between(real, 0.2, 100), default=1.5, help="m (default 1.5)"
+    )
+    camera.add_argument("--tilt", metavar="DEG", type=between(real, -30, 30), default=5.0, help="default 5")
+    camera.add_argument(
+        "--distortion",
+        metavar="K",
+        type=between(real, -0.25, 0.25),
+        default=-0.09,
+        help="of the lens: barrel below 0.33 (default -0.09: 6 %% at 25 degrees)",
+    )
+    camera.add_argument(
+        "--blur", metavar="PX", type=between(real, 0, 10), default=0.6, help="px (default 0.6)"
+    )
+    camera.add_argument(
+        "--noise", metavar="N", type=between(real, 0, 40), default=2.0, help="of 255 (default 2)"
+    )
+    camera.add_argument(
+        "--hands", metavar="N", type=between(real, 0, 20), default=1.0, help="hands that reach in per minute"
+    )
+    camera.add_argument("--plain", action="store_true", help="do not show which tiles vibrate")
+    camera.add_argument(
+        "--marker-size", metavar="MM", type=between(real, 2, 1000), help="of the robots (default 22)"
+    )
+    camera.add_argument("--marker-height", metavar="MM", type=between(real, 0, 1000), help="default 30")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a size such as 1920x1080") from None
+    if not all(64 <= side <= 8192 and side % 2 == 0 for side in size):
+        raise argparse.ArgumentTypeError(f"'{text}': both must be even numbers from 64 to 8192")
+    return size
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Render the video and print what was written."""
+    import json
+
+    from vibroswarm.cli.output import print_line
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.tracking.markers import usual_markers
+    from vibroswarm.tracking.opencv import opencv
+    from vibroswarm.tracking.rehearsal import write_rehearsal
+    from vibroswarm.tracking.scene import Look
+
+    opencv()
+    result = read_result(arguments.folder)
+    arena = result.scenario.arena
+    markers = usual_markers(
+        result.scenario.swarm.robots,
+        arena.width_m,
+        arena.height_m,
+        size_mm=arguments.marker_size,
+        height_mm=arguments.marker_height,
+    )
+    if arguments.camera_height <= markers.height_m + 0.1:
+        raise InputError(f"{arguments.camera_height:g} m is not above the robots", field="--camera-height")
+    look = Look(
+        size_px=arguments.size,
+        frames_per_s=arguments.frames_per_second,
+        camera_height_m=arguments.camera_height,
+        tilt_deg=arguments.tilt,
+        lens_k=(arguments.distortion, 0.02),
+        blur_px=arguments.blur,
+        noise=arguments.noise,
+        hands_per_min=arguments.hands,
+        tiles_visible=not arguments.plain,
+    )
+    with progress_bar("video") as progress:
+        written = write_rehearsal(
+            result,
+            arguments.out,
+            markers,
+            look,
+            run=arguments.session - 1,
+            seed=arguments.seed,
+            start_s=arguments.start,
+            duration_s=arguments.duration,
+            clock_offset_s=arguments.clock_offset,
+            chessboard=arguments.chessboard,
+            replace=arguments.force,
+            progress=lambda done, total: progress(done / total),
+        )
+    files = [written.video, written.markers, written.log, written.truth]
+    files += [written.chessboard] if written.chessboard is not None else []
+    if arguments.json:
+        print(
+            json.dumps(
+                {
+                    "files": [str(path) for path in files],
+                    "frames": written.frames,
+                    "marker_px": written.marker_px,
+                }
+            )
+        )
+        return 0
+    print_line(f"{written.frames} frames; a robot's marker is about {written.marker_px:.0f} px wide")
+    for path, what in zip(
+        files, ("video", "markers", "log of the robots", "where the robots were", "chessboard"), strict=False
+    ):
+        print_line(f"Saved: {path} ({what})")
+    return 0

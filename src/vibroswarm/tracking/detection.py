@@ -1,0 +1,150 @@
+"""Find markers in the frames of a video: in windows where robots should be, in whole frames where one is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.errors import InputError
+from vibroswarm.tracking.markers import Markers, dictionary_of
+from vibroswarm.tracking.opencv import opencv
+from vibroswarm.tracking.video_file import frames_of, video_info
+
+Floats = NDArray[np.float64]
+Gray = NDArray[np.uint8]
+
+WHOLE_EVERY: Final = 75
+"""Whole frames are searched this often, and until all robots have been found."""
+LOST_EVERY: Final = 5
+"""While a robot is lost, so often."""
+MARGIN: Final = 0.9
+"""Window around a marker, as a share of its edge, beside what it moved since the last frame."""
+FLOOR_FRAMES: Final = 40
+"""Whole frames whose floor corners are averaged, at most."""
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What was seen of the markers in a video."""
+
+    size_px: tuple[int, int]
+    time_s: Floats
+    """(frames,), from the first."""
+    corners_px: Floats
+    """(frames, robots, 4, 2): top left, top right, bottom right, bottom left of each marker; NaN: not seen."""
+    floor_px: dict[int, Floats]
+    """Of each floor marker that was seen, the median of its corners, (4, 2)."""
+    whole_frames: int
+
+    def edge_px(self) -> Floats:
+        """Return the median edge of each robot's marker, (robots,); NaN: never seen."""
+        edges = np.linalg.norm(np.roll(self.corners_px, -1, axis=2) - self.corners_px, axis=-1)
+        seen = [of[~np.isnan(of)] for of in np.moveaxis(edges, 1, 0)]
+        return np.array([np.median(of) if of.size else np.nan for of in seen])
+
+
+def detect(
+    path: Path,
+    markers: Markers,
+    *,
+    partial: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Detections:
+    """Find the markers of robots and floor in a video.
+
+    Raises:
+        InputError: no video, or none of the robots is seen in it.
+    """
+    cv2 = opencv()
+    info = video_info(path)
+    detector = _detector(cv2, markers)
+    numbers = list(markers.robots)
+    last: list[Floats | None] = [None] * len(numbers)
+    moved = np.zeros((len(numbers), 2))
+    times, found, whole_frames = [], [], 0
+    floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
+    for k, (time_s, frame) in enumerate(frames_of(path, partial=partial)):
+        here = np.full((len(numbers), 4, 2), np.nan)
+        lost = any(corners is None for corners in last)
+        if k % WHOLE_EVERY == 0 or (lost and k % LOST_EVERY == 0):
+            whole_frames += 1
+            seen = _markers_in(detector, frame, (0, 0))
+            for i, marker in enumerate(numbers):
+                if marker in seen:
+                    here[i] = seen[marker]
+            for marker, corners in floor.items():
+                if marker in seen and len(corners) < FLOOR_FRAMES:
+                    corners.append(seen[marker])
+        else:
+            for i, marker in enumerate(numbers):
+                box = _window(last[i], moved[i], info.size_px)
+                if box is None:
+                    continue
+                (left, top), (right, bottom) = box
+                seen = _markers_in(detector, frame[top:bottom, left:right], (left, top))
+                if marker in seen:
+                    here[i] = seen[marker]
+        for i in range(len(numbers)):
+            now = None if np.isnan(here[i]).any() else here[i]
+            before = last[i]
+            moved[i] = (now - before).mean(axis=0) if now is not None and before is not None else 0.0
+            last[i] = now
+        times.append(time_s)
+        found.append(here)
+        if progress is not None:
+            progress(k + 1, max(info.frames, k + 1))
+    corners_px = np.array(found)
+    if np.isnan(corners_px).all():
+        raise InputError(
+            f"shows none of the robots' markers {numbers} (dictionary {markers.dictionary})", field=str(path)
+        )
+    return Detections(
+        info.size_px,
+        np.array(times),
+        corners_px,
+        {marker: np.median(corners, axis=0) for marker, corners in floor.items() if corners},
+        whole_frames,
+    )
+
+
+def _detector(cv2: Any, markers: Markers) -> Any:
+    """Return OpenCV's detector, with corners refined below a pixel."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 4
+    parameters.relativeCornerRefinmentWinSize = 0.25
+    return cv2.aruco.ArucoDetector(dictionary_of(markers), parameters)
+
+
+def _markers_in(detector: Any, image: Gray, origin: tuple[int, int]) -> dict[int, Floats]:
+    """Return the corners of each marker of an image whose first pixel is ``origin``; twice seen: none of them."""
+    corners, ids, _ = detector.detectMarkers(image)
+    if ids is None:
+        return {}
+    numbers = np.asarray(ids).ravel().tolist()
+    return {
+        number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
+        for number, four in zip(numbers, corners, strict=True)
+        if numbers.count(number) == 1
+    }
+
+
+def _window(
+    corners: Floats | None, moved: Floats, size_px: tuple[int, int]
+) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """Return where a marker should be: left, top and right, bottom; None if it was not seen in the last frame."""
+    if corners is None:
+        return None
+    edge = float(np.linalg.norm(corners[1] - corners[0]))
+    margin = MARGIN * edge + float(np.abs(moved).max())
+    low = np.floor(corners.min(axis=0) + moved - margin).astype(int)
+    high = np.ceil(corners.max(axis=0) + moved + margin).astype(int) + 1
+    low, high = np.maximum(low, 0), np.minimum(high, size_px)
+    if (high - low < 8).any():
+        return None
+    return (int(low[0]), int(low[1])), (int(high[0]), int(high[1]))

@@ -1,0 +1,160 @@
+"""Write what a session with a camera would leave: video, robots' log and markers, and beside them the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.errors import InputError
+from vibroswarm.result import Result
+from vibroswarm.tracking.drawn_chessboard import write_chessboard
+from vibroswarm.tracking.markers import Markers
+from vibroswarm.tracking.scene import Look, poses_at, scene_of
+from vibroswarm.tracking.video_file import VideoWriter, check_suffix
+
+Floats = NDArray[np.float64]
+
+TRUTH: Final = {
+    "frame": pl.UInt32, "time_s": pl.Float64, "robot": pl.UInt16, "marker": pl.UInt16, "x_m": pl.Float64,
+    "y_m": pl.Float64, "heading_rad": pl.Float64, "hidden": pl.Boolean,
+}  # fmt: skip
+"""Columns of the truth: each robot's centre in each frame (time in the video), and whether a hand covers it."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """Files of a rehearsal, and what was drawn."""
+
+    video: Path
+    markers: Path
+    log: Path
+    truth: Path
+    chessboard: Path | None
+    frames: int
+    marker_px: float
+    """Edge of a robot's marker in the middle of the image."""
+
+
+def write_rehearsal(
+    result: Result,
+    out: Path,
+    markers: Markers,
+    look: Look,
+    *,
+    run: int = 0,
+    seed: int = 1,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    clock_offset_s: float = 0.0,
+    chessboard: bool = False,
+    replace: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rehearsal:
+    """Render a run of a result as a video, with the files that go with it.
+
+    Args:
+        out: the video; the others are named after it. start_s, duration_s: which part of the run.
+        clock_offset_s: time on the robots' clock when that of the run is 0.
+        chessboard: whether a video of a chessboard, seen by the same camera, is written too.
+        progress: called with the frames done and all frames.
+    Raises:
+        InputError: no paths, no such run, nothing in that time, or files that exist.
+    """
+    check_suffix(out)
+    names = {
+        kind: out.with_name(f"{out.stem}.{kind}") for kind in ("markers.toml", "log.csv", "truth.parquet")
+    }
+    board = out.with_name(f"{out.stem}.chessboard{out.suffix}") if chessboard else None
+    if result.runs.filter(pl.col("run") == run).is_empty():
+        raise InputError(f"there is no run {run + 1} in this result", field="--session")
+    end_s = float(result.ends.filter(pl.col("run") == run)["end_s"].max() or 0.0)  # type: ignore[arg-type]
+    last_s = end_s if duration_s is None else min(start_s + duration_s, end_s)
+    times = np.arange(start_s, last_s - look.exposure_s, 1.0 / look.frames_per_s)
+    if times.size < 2:
+        raise InputError(f"the run lasts {end_s:g} s; there is nothing from {start_s:g} s", field="--start")
+    scene = scene_of(result, run, markers, look, seed)
+    robots = len(markers.robots)
+    half = look.exposure_s / 2
+    before, middle, after = (
+        poses_at(result, run, robots, np.maximum(times + d, 0.0)) for d in (-half, 0.0, half)
+    )
+    hidden = np.zeros((times.size, robots), dtype=np.bool_)
+    with (
+        whole_file(out, replace=replace) as part,
+        VideoWriter(part, look.size_px, look.frames_per_s) as writer,
+    ):
+        for k, time_s in enumerate(times.tolist()):
+            frame, hidden[k] = scene.frame(time_s, before[k], after[k])
+            writer.write(frame)
+            if progress is not None:
+                progress(k + 1, times.size)
+    _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
+    with whole_file(names["markers.toml"], replace=replace) as part:
+        part.write_text(markers.to_toml(), encoding="utf-8")
+    with whole_file(names["log.csv"], replace=replace) as part:
+        robot_log(result, run, markers, clock_offset_s).write_csv(part)
+    if board is not None:
+        with whole_file(board, replace=replace) as part:
+            write_chessboard(scene, part)
+    centre = np.array(
+        [[x * scene.arena_m[0], 0.5 * scene.arena_m[1], markers.height_m] for x in (0.5, 0.501)]
+    )
+    scale = float(np.hypot(*np.diff(scene.camera.project(centre), axis=0)[0])) / (0.001 * scene.arena_m[0])
+    return Rehearsal(
+        out, names["markers.toml"], names["log.csv"], names["truth.parquet"], board, times.size,
+        scale * markers.size_m,
+    )  # fmt: skip
+
+
+def _write_truth(
+    path: Path, times: Floats, poses: Floats, hidden: NDArray[np.bool_], markers: Markers, replace: bool
+) -> None:
+    frames, robots = hidden.shape
+    columns = {
+        "frame": np.repeat(np.arange(frames), robots),
+        "time_s": np.repeat(times, robots),
+        "robot": np.tile(list(markers.robots.values()), frames),
+        "marker": np.tile(list(markers.robots), frames),
+        "x_m": poses[..., 0].ravel(),
+        "y_m": poses[..., 1].ravel(),
+        "heading_rad": poses[..., 2].ravel(),
+        "hidden": hidden.ravel(),
+    }
+    with whole_file(path, replace=replace) as part:
+        pl.DataFrame(columns).cast(TRUTH).write_parquet(part)  # type: ignore[arg-type]
+
+
+def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float) -> pl.DataFrame:
+    """Return what the robots would have logged of a run: samples by their own clock, and no positions.
+
+    Args:
+        clock_offset_s: time on the robots' clock when that of the run is 0.
+    Returns: robot (its name), time_s (rounded to ms), energy, observation, and what the run has of message, alpha,
+        beta, belief_below, decision, sent, messages_received.
+    """
+    key = ["run", "robot", "sample"]
+    table = result.motion.filter(pl.col("run") == run).select(*key, "time_s")
+    for other in (result.observations, result.inference):
+        new = [name for name in other.columns if name not in table.columns or name in key]
+        table = table.join(other.select(new), on=key, how="left", maintain_order="left")
+    names = dict(enumerate(markers.robots.values()))
+    wanted = (
+        "energy", "observation", "message", "alpha", "beta", "belief_below", "decision", "messages_received",
+    )  # fmt: skip
+    return (
+        table.with_columns(
+            robot=pl.col("robot").cast(pl.Int64).replace_strict(names),
+            time_s=(pl.col("time_s") + clock_offset_s).round(3),
+            sent=pl.col("sample"),
+        )
+        .sort("time_s", "robot")
+        .select("robot", "time_s", *wanted, "sent")
+        .select(pl.exclude([name for name in wanted if table[name].null_count() == table.height]))
+    )

@@ -1,0 +1,164 @@
+"""Geometry of the tracking of markers against OpenCV's projection and positions that are known; stops and clocks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm.errors import InputError
+from vibroswarm.tracking.camera import (
+    Camera,
+    Lens,
+    fit_camera,
+    matrix_of,
+    square_corners,
+    square_errors,
+    square_of,
+)
+from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
+from vibroswarm.tracking.stops import clock_offset, stops_of
+from vibroswarm.tracking.track import too_fast
+
+cv2 = pytest.importorskip("cv2")
+SIZE = (1280, 960)
+LENS = Lens(matrix_of(1100.0, np.array([651.0, 470.0])), np.array([-0.28, 0.09, 0.001, -0.001, 0.0]), 0.0)
+TURN, SHIFT = np.array([np.pi - 0.08, 0.03, 0.02]), np.array([-0.5, 0.48, 1.4])
+
+
+def camera() -> Camera:
+    rotation, _ = cv2.Rodrigues(TURN)
+    return Camera(LENS, rotation, -rotation.T @ SHIFT, 0.0, True)
+
+
+def seen(points_m: np.ndarray) -> np.ndarray:
+    """Pixels by OpenCV's own projection."""
+    found, _ = cv2.projectPoints(points_m.reshape(-1, 1, 3), TURN, SHIFT, LENS.matrix, LENS.distortion)
+    return found.reshape(*points_m.shape[:-1], 2)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 0.2))
+def test_a_point_at_a_height_is_where_it_was(x_m: float, y_m: float, z_m: float) -> None:
+    assert camera().at_height(seen(np.array([[x_m, y_m, z_m]])), z_m)[0] == pytest.approx(
+        [x_m, y_m], abs=1e-6
+    )
+
+
+def test_a_height_that_is_ignored_shifts_places_as_similar_triangles_say() -> None:
+    where = np.array([[0.9, 0.8, 0.03]])
+    found = camera().at_height(seen(where), 0.0)[0]
+    position = camera().position_m
+    expected = position[:2] + (where[0, :2] - position[:2]) * position[2] / (position[2] - 0.03)
+    assert found == pytest.approx(expected, abs=1e-6)
+    assert np.hypot(*(found - where[0, :2])) > 0.008  # what ignoring it costs
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3.1, 3.1), st.floats(0.01, 0.1))
+def test_squares_are_found_again(x_m: float, y_m: float, up_rad: float, size_m: float) -> None:
+    """The corners of a file's marker, in the detector's order, against centre and direction."""
+    corners = corners_at(x_m, y_m, up_rad, size_m, 0.0)[None, :, :2]
+    centre, along = square_of(corners)
+    assert centre[0] == pytest.approx([x_m, y_m], abs=1e-12)
+    assert np.angle(np.exp(1j * (along[0] + np.pi / 2 - up_rad))) == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(square_errors(corners, size_m)).max() < 1e-12
+    assert np.abs(square_corners(along, 2 * size_m)).max() > 0.9 * size_m
+
+
+def test_a_camera_is_found_from_markers_with_its_lens_and_without() -> None:
+    """Noise-free corners of four floor markers, and 60 robots' markers anywhere."""
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    chance = np.random.default_rng(4)
+    robots = np.stack(
+        [
+            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
+            for _ in range(60)
+        ]
+    )
+    test = np.column_stack([chance.uniform(0, 1, (50, 2)), np.full(50, 0.03)])
+    for lens, most_m in ((LENS, 1e-6), (None, 3e-3)):
+        found = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, lens)
+        error = np.hypot(*(found.at_height(seen(test), 0.03) - test[:, :2]).T)
+        assert error.max() < most_m
+        assert found.calibrated == (lens is not None)
+    flat = Lens(LENS.matrix, np.zeros(5), 0.0)  # a lens without distortion must fail that bar
+    wrong = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, flat)
+    assert np.hypot(*(wrong.at_height(seen(test), 0.03) - test[:, :2]).T).max() > 6e-3
+
+
+def test_places_that_do_not_fit_are_refused() -> None:
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    mirrored = floor_m * np.array([1.0, -1.0, 1.0])
+    with pytest.raises(InputError, match="do not fit the picture"):
+        fit_camera(SIZE, mirrored, seen(floor_m), np.empty((0, 4, 2)), 0.022, 0.03, LENS)
+
+
+def path_with_stops() -> tuple[np.ndarray, ...]:
+    """A robot at 15 frames/s that drives at 4 cm/s and stands from 4 to 7 s and from 11 to 13.5 s."""
+    time_s = np.arange(0.0, 18.0, 1 / 15)
+    driven_s = time_s - np.clip(time_s - 4, 0, 3) - np.clip(time_s - 11, 0, 2.5)
+    noise = np.random.default_rng(1).normal(0, 2e-4, (2, time_s.size))
+    return time_s, 0.1 + 0.04 * driven_s + noise[0], 0.5 + noise[1], np.zeros(time_s.size)
+
+
+def test_stops_are_found_and_their_ends_between_frames() -> None:
+    time_s, x_m, y_m, heading = path_with_stops()
+    found = stops_of(3, time_s, x_m, y_m, heading)
+    assert found["robot"].to_list() == [3, 3]
+    assert found["end_s"].to_list() == pytest.approx([7.0, 13.5], abs=0.02)
+    assert found["start_s"].to_list() == pytest.approx([4.0, 11.0], abs=0.15)
+    assert stops_of(3, time_s, 0.1 + 0.04 * time_s, y_m, heading).is_empty()
+    turning = stops_of(3, time_s, np.full(time_s.size, 0.5), y_m, 0.5 * time_s)
+    assert turning.is_empty()  # turns in place
+
+
+def test_clocks_are_matched_in_spite_of_missing_stops_and_other_clocks_are_refused() -> None:
+    chance = np.random.default_rng(7)
+    ends = np.cumsum(chance.uniform(4, 12, (4, 25)), axis=1)
+    stops = pl.DataFrame(
+        {"robot": np.repeat(np.arange(4), 25), "end_s": (ends + chance.normal(0, 0.02, ends.shape)).ravel()}
+    ).with_columns(start_s=pl.col("end_s") - 2, x_m=0.0, y_m=0.0)
+    log = pl.DataFrame({"robot": np.repeat(np.arange(4), 25), "time_s": ends.ravel() + 87.25})
+    found = clock_offset(stops.sample(fraction=0.8, seed=1), log)
+    assert found.offset_s == pytest.approx(87.25, abs=0.015)
+    assert abs(found.offset_s - 87.25) < 4 * found.error_s < 0.05
+    assert found.pairs >= 78
+    other = log.with_columns(time_s=pl.Series(np.sort(chance.uniform(0, 4000, 100))))
+    with pytest.raises(InputError, match="match a stop"):
+        clock_offset(stops, other)
+
+
+def test_a_position_far_from_both_neighbours_is_dropped_and_a_robot_put_elsewhere_is_not() -> None:
+    time_s = np.arange(10) / 15
+    centre = np.column_stack([0.1 + 0.04 * time_s, np.full(10, 0.5)])
+    misread = centre.copy()
+    misread[4] += 0.3
+    assert np.flatnonzero(too_fast(time_s, misread)).tolist() == [4]
+    carried = centre.copy()
+    carried[5:] += 0.3
+    assert not too_fast(time_s, carried).any()
+
+
+def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:
+    markers = usual_markers([7, 3, 9], 1.2, 0.8, size_mm=25, height_mm=31.5)
+    path = tmp_path / "my markers.toml"
+    path.write_text(markers.to_toml(), encoding="utf-8")
+    assert read_markers(path) == markers
+    for wrong, words in (
+        ("height_mm = 31.5", "does not state height_mm"),
+        ("at_mm = {", "must give the centre"),
+        ('dictionary = "4X4_50"', None),
+    ):
+        text = "\n".join(line for line in markers.to_toml().splitlines() if not line.startswith(wrong))
+        path.write_text(text, encoding="utf-8")
+        if words is None:
+            assert read_markers(path).dictionary == "4X4_50"
+            continue
+        with pytest.raises(InputError, match=words):
+            read_markers(path)

@@ -1,0 +1,150 @@
+"""``lab video`` and ``lab track``: from a result to a video and back, against where the robots were."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm import preset, simulate
+from vibroswarm.cli import main
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.result import Result
+from vibroswarm.tracking.camera import square_of
+from vibroswarm.tracking.markers import read_markers
+from vibroswarm.tracking.track import track
+
+pytest.importorskip("cv2")
+pytestmark = pytest.mark.slow
+OFFSET_S = 12.3
+CAMERA = ["--size", "720x540", "--frames-per-second", "10", "--marker-size", "50", "--hands", "0"]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a result, its video and what belongs to it: 40 s of five robots at low resolution."""
+    folder = tmp_path_factory.mktemp("a session")
+    scenario = preset("paper").with_values({"run.t_end_s": 40.0, "floor.source": "random:0.48"})
+    result = simulate(scenario, 3, 1, segments=True)
+    result.write(folder / "run")
+    rows = ["".join(map(str, row)) for row in result.floor(0).tiles.tolist()]
+    (folder / "floor.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    wanted = ["--out", str(folder / "v.avi"), "--chessboard", "--clock-offset", str(OFFSET_S)]
+    assert main(["lab", "video", str(folder / "run"), *wanted, *CAMERA]) == 0
+    return folder
+
+
+def errors_mm(session: Path, positions: pl.DataFrame) -> np.ndarray[Any, Any]:
+    """Distances of positions from the truth."""
+    frame = (pl.col("time_s") * 10).round().cast(pl.Int64)
+    truth = pl.read_parquet(session / "v.truth.parquet").select(
+        pl.col("robot").cast(pl.Int64), "x_m", "y_m", frame=frame
+    )
+    both = positions.with_columns(frame=frame).join(truth, on=["robot", "frame"], suffix="_true")
+    assert both.height == positions.height
+    return 1000 * np.hypot(both["x_m"] - both["x_m_true"], both["y_m"] - both["y_m_true"])
+
+
+def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = session / "tracked"
+    given = [
+        "lab",
+        "track",
+        str(session / "v.avi"),
+        "--markers",
+        str(session / "v.markers.toml"),
+        "--out",
+        str(out),
+    ]
+    given += ["--lens", str(session / "v.chessboard.avi"), "--log", str(session / "v.log.csv"), "--any-floor"]
+    given += ["--floor", str(session / "floor.txt"), "--tiles", "5x5"]
+    assert main([*given, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["clock_offset_s"] == pytest.approx(OFFSET_S, abs=0.04)
+    assert told["lens"] == "chessboard"
+    positions = pl.read_parquet(out / "positions.parquet")
+    assert positions.height > 0.95 * 400 * 5
+    assert np.quantile(errors_mm(session, positions), 0.95) < 2.0  # 0.75 px/mm; 1 mm at 1080p: the benchmark
+    true = Result.read(session / "run").motion
+    stops = pl.read_csv(out / "stops.csv")
+    pairs = stops.join(true.select("robot", true_s="time_s").cast({"robot": pl.Int64}), on="robot")
+    hits = pairs.filter((pl.col("end_s") - pl.col("true_s")).abs() < 0.5)
+    assert hits.height >= 0.9 * true.height
+    assert hits.height >= 0.97 * stops.height
+    recording = Recording.read(out)
+    assert recording.motion.height >= 0.9 * true.height
+    near = recording.motion.join(
+        true.with_columns(time_s=pl.col("time_s") + OFFSET_S).sort("time_s"),
+        on=["robot", "sample"],
+        how="inner",
+    )
+    apart = np.hypot(near["x_m"] - near["x_m_right"], near["y_m"] - near["y_m_right"])
+    assert np.quantile(apart, 0.9) < 0.004
+    again = [*given, "--force"]
+    assert main(again) == 0
+    assert "The robots' clock is +12." in " ".join(capsys.readouterr().out.split())
+
+
+def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path) -> None:
+    """Controls: the same video without the markers' height, and by the video's own lens."""
+    markers = read_markers(session / "v.markers.toml")
+    own = track(session / "v.avi", markers)
+    assert np.quantile(errors_mm(session, own.positions), 0.95) < 6.0
+    seen = np.isfinite(own.detections.corners_px).all(axis=(2, 3))
+    flat, _ = square_of(own.camera.at_height(own.detections.corners_px[seen], 0.0))
+    right, _ = square_of(own.camera.at_height(own.detections.corners_px[seen], markers.height_m))
+    assert np.quantile(np.hypot(*(flat - right).T), 0.95) > 0.008
+    assert replace(own, jumps=0).gaps().columns == ["robot", "start_s", "end_s"]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda whole: b"", "is empty: 0 bytes"),
+        (lambda whole: whole[: len(whole) // 2], "truncated|cannot be read|damaged"),
+        (lambda whole: b"not a video at all" * 100, "cannot be read as a video"),
+    ],
+)
+def test_damaged_videos_are_refused_in_a_sentence(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Any, words: str
+) -> None:
+    broken = tmp_path / "broken one.avi"
+    broken.write_bytes(make((session / "v.avi").read_bytes()))
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as left:
+        raise SystemExit(
+            main(
+                ["lab", "track", str(broken), "--markers", str(session / "v.markers.toml"), "--out", str(out)]
+            )
+        )
+    assert left.value.code == 2
+    assert re.search(words, " ".join(capsys.readouterr().err.split()))
+    assert not out.exists()
+
+
+def test_markers_that_are_not_there_are_named(session: Path, tmp_path: Path, capsys: Any) -> None:
+    text = (session / "v.markers.toml").read_text(encoding="utf-8")
+    other = tmp_path / "markers.toml"
+    other.write_text(text.replace("4X4_50", "6X6_50"), encoding="utf-8")
+    given = ["lab", "track", str(session / "v.avi"), "--out", str(tmp_path / "out")]
+    assert main([*given, "--markers", str(other)]) == 2
+    assert "shows none of the robots' markers" in " ".join(capsys.readouterr().err.split())
+    assert main([*given, "--markers", str(tmp_path / "missing.toml")]) == 2
+
+
+def test_the_same_video_is_drawn_again(session: Path, tmp_path: Path) -> None:
+    assert (
+        main(["lab", "video", str(session / "run"), "--out", str(tmp_path / "w.avi"), "--for", "1", *CAMERA])
+        == 0
+    )
+    assert (
+        main(["lab", "video", str(session / "run"), "--out", str(tmp_path / "x.avi"), "--for", "1", *CAMERA])
+        == 0
+    )
+    assert (tmp_path / "w.avi").read_bytes() == (tmp_path / "x.avi").read_bytes()
