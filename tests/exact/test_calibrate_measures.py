@@ -22,6 +22,7 @@ from vibroswarm.calibrate.similarity import (
     mean_distance,
     null_similarity,
 )
+from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -135,6 +136,15 @@ def test_a_simulation_is_not_told_from_itself_but_from_another(simulations: tupl
     assert different is not None
     assert abs(same.effect.estimate) < 0.003
     assert different.effect.estimate > 0.01
+
+
+def test_sessions_too_short_for_the_classifier_are_refused_in_a_sentence(
+    simulations: tuple[object, ...],
+) -> None:
+    whole, other = (sessions_of(result).samples for result in simulations[:2])  # type: ignore[arg-type]
+    short = [session.filter(pl.col("sample") < 10) for session in whole]
+    with pytest.raises(InputError, match="has fewer than 20 intervals"):
+        classifier_accuracy(short, other)
 
 
 def test_the_sample_table(simulations: tuple[object, ...]) -> None:

@@ -100,7 +100,7 @@ def columns_of(samples: pl.DataFrame) -> Floats:
                 float(shaking.mean()),
             ]
         )
-    return np.array(rows).reshape(len(rows), -1)
+    return np.array(rows).reshape(len(rows), -1) if rows else np.empty((0, 0))
 
 
 def _mean_and_spread(values: Floats) -> tuple[float, float]:
@@ -164,12 +164,19 @@ def classifier_accuracy(
     Args:
         real, simulated: sessions (``features.sessions_of``).
     Raises:
-        InputError: fewer than two robots.
+        InputError: fewer than two robots, or a session too short for one stretch of each.
     """
     a, b = [_by_robot(session) for session in real], [_by_robot(session) for session in simulated]
     robots = sorted(set.intersection(*(set(session) for session in (*a, *b))))
     if len(robots) < 2:
         raise InputError("a classifier split by robot needs at least two robots", field="robots")
+    short = [robot for session in (*a, *b) for robot in robots if not len(session[robot])]
+    if short:
+        raise InputError(
+            f"robot {short[0]} has fewer than {STRETCH} intervals between samples in a session; the classifier needs "
+            "longer sessions",
+            field="sessions",
+        )
     return ClassifierAccuracy(
         simulated=_share_interval([_held_out(a, b, i, robots) for i in range(len(a))], level),
         simulated_by_robot=_share_interval(

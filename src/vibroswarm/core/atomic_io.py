@@ -226,7 +226,10 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     if path.is_dir():
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
     if path.exists() and not replace:
-        raise InputError(f"'{path}' exists already; choose another name or add --force", field="--out")
+        raise InputError(
+            f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
+            field="--out",
+        )
     # Named before it is created, so that no interruption, not even Ctrl-C during creation, leaves a file behind.
     part = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{tag()}{path.suffix[:MAX_NAME_LENGTH]}"
     remove_leftovers_once(path.parent)
@@ -378,7 +381,10 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
         if empty and not path.is_symlink():
             return
         if not replace:
-            raise InputError(f"'{path}' exists already; choose another name or add --force", field="--out")
+            raise InputError(
+                f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
+                field="--out",
+            )
         if path.is_symlink() or not any((path / name).exists() for name in (marker, *OURS)):
             raise InputError(
                 f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",

@@ -165,7 +165,7 @@ def _refuse_faults(scenario: Scenario) -> None:
     for kind in MOTION_FAULTS:
         if getattr(scenario.faults, kind):
             raise InputError(
-                "only the sources 'event' and 'fixed-step' simulate robots that stop for good; choose one of them",
+                "this source of motion does not simulate robots that stop for good; 'event' and 'fixed-step' do",
                 field=f"faults.{kind}",
             )
 
