@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "faults.stuck_at_0": [1], "localisation.method": "mixture",
     })  # fmt: skip
     result = simulate(scenario, 7, 2, segments=True, moves=True)
+    failed = pl.DataFrame([(0, 40.0, "a warning")], schema=TABLES["failures"], orient="row")
+    result = replace(result, failures=failed)
     result.write(folder / "result")
     write_rugbot(result, folder / "log.csv")
     log = read_log(folder / "log.csv")

@@ -68,12 +68,15 @@ def _board(text: str) -> tuple[int, int]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Track, save and print what was found."""
+    from polars.selectors import float as float_columns
+
     from vibroswarm.cli.out_folder import claim, refuse_other
     from vibroswarm.cli.printed import deliver, hash_of
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.core.tables import csv_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking.camera import lens_from_chessboard
@@ -115,9 +118,9 @@ def run(arguments: argparse.Namespace) -> int:
                 [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
             ).write_into(part)
         tracking.positions.write_parquet(part / "positions.parquet")
-        tracking.positions.write_csv(part / "positions.csv", float_precision=6)
-        tracking.stops.write_csv(part / "stops.csv", float_precision=6)
-        tracking.gaps().write_csv(part / "gaps.csv", float_precision=3)
+        tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
+        for name, table in tables.items():
+            (part / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
         deliver(
             arguments,
             part,

@@ -12,6 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking.drawn_chessboard import write_chessboard
@@ -99,7 +100,7 @@ def write_rehearsal(
     with whole_file(names["markers.toml"], replace=replace) as part:
         part.write_text(markers.to_toml(), encoding="utf-8")
     with whole_file(names["log.csv"], replace=replace) as part:
-        robot_log(result, run, markers, clock_offset_s).write_csv(part)
+        part.write_bytes(csv_bytes(robot_log(result, run, markers, clock_offset_s)))
     if board is not None:
         with whole_file(board, replace=replace) as part:
             write_chessboard(scene, part)
