@@ -145,7 +145,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
         name: np.array([estimates[name] for estimates in resampled if name in estimates]) for name in values
     }
     matched = _matched(table, runs)
-    bodies = np.zeros((0, 2)) if matched is None else matched.mean(axis=0)
+    bodies = np.zeros((0, 2)) if matched is None else _mean_of_known(matched)
     between = 0.0 if matched is None else _between_sessions(matched, values, table)
     return DriveFit(values, draws_by_name, _distance_ratio(found, table, base), bodies, between)
 
@@ -182,16 +182,26 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
     return np.array(matched)
 
 
+def _mean_of_known(matched: Floats) -> Floats:
+    """Return the mean over the sessions in which it is known, (robots, 2); nan: in none."""
+    known = np.isfinite(matched)
+    total = np.where(known, matched, 0.0).sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / known.sum(axis=0))
+
+
 def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) -> float:
     """Return the standard deviation of a robot's bend between sessions beyond what variation within them explains."""
-    if len(matched) < 2 or not np.isfinite(matched).all():
+    bends = matched[:, :, 1]  # nan: too few undisturbed intervals of this robot in this session
+    often = np.isfinite(bends).sum(axis=0) > 1
+    if not often.any():
         return 0.0
     within, slow = values["bend_within_per_m"] ** 2, values["slow_share"]
     turns, samples = (float(np.nanmean(table[:, column])) for column in (TURNS, SAMPLES))
     # A median of correlated turns, and a mean of that many values of the slow variation.
     of_median = 0.5 * np.pi * 2.0 * within * (1.0 - slow) / turns
     of_drift = 1.5 * within * slow * DRIFT_SAMPLES / samples
-    variance = float(np.var(matched[:, :, 1], axis=0, ddof=1).mean()) - of_median - of_drift
+    variance = float(np.nanvar(bends[:, often], axis=0, ddof=1).mean()) - of_median - of_drift
     return float(np.sqrt(max(variance, 0.0)))
 
 
