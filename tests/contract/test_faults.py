@@ -263,7 +263,7 @@ def test_a_source_that_knows_no_faults_is_refused() -> None:
         Source("elsewhere", lambda *wanted, **tables: EventRun(*wanted, **tables), EVENT.batch)
     )
     try:
-        with pytest.raises(InputError, match="only the sources 'event' and 'fixed-step'") as caught:
+        with pytest.raises(InputError, match="'event' and 'fixed-step' do") as caught:
             simulate(faulty({"stopped": [0]}), 1, motion="elsewhere")
         assert caught.value.field == "faults.stopped"
         assert simulate(faulty({"radio_dead": [0]}), 1, motion="elsewhere").faults is not None

@@ -356,13 +356,16 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
                 raise
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
-    """Return a value that identifies the folder at ``path``; None if there is none."""
+def _identity(path: Path) -> tuple[int, int, int] | None:
+    """Return a value that identifies the folder at ``path``; None if there is none.
+
+    A folder may have the number of one that was just removed, but hardly its time of change too.
+    """
     try:
         status = path.lstat()
     except (OSError, ValueError):
         return None
-    return status.st_dev, status.st_ino
+    return status.st_dev, status.st_ino, status.st_ctime_ns
 
 
 def _check_folder(path: Path, replace: bool, marker: str) -> None:
