@@ -215,9 +215,13 @@ class TrackedLog:
     """Samples during a gap of the tracking: left out, their places are not known."""
 
 
-def with_positions(tracking: Tracking, samples: pl.DataFrame, name: str) -> TrackedLog:
+def with_positions(
+    tracking: Tracking, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
+) -> TrackedLog:
     """Give the samples of a robots' log the places where the camera saw the robots; times are the log's.
 
+    Args:
+        control_period_s: how long after a sample a robot drives on.
     Raises:
         InputError: the clocks cannot be matched, or a robot of the log has no marker.
     """
@@ -226,7 +230,7 @@ def with_positions(tracking: Tracking, samples: pl.DataFrame, name: str) -> Trac
         raise InputError(
             f"has robot {min(strangers)}, which has no marker in the file of markers", field=name
         )
-    offset = clock_offset(tracking.stops, samples)
+    offset = clock_offset(tracking.stops, samples, control_period_s)
     first_s, last_s = float(tracking.detections.time_s[0]), float(tracking.detections.time_s[-1])
     outside, unseen, parts = 0, 0, []
     for robot in tracking.markers.robots.values():
