@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.export.c_library import ASSETS
+from vibroswarm.export.c_library import ASSETS, HEADERS
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
 from vibroswarm.export.python_program import python_source
@@ -85,7 +85,8 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     (folder / "vibroswarm.h").write_text(sources.header)
     (folder / "vibroswarm.c").write_text(sources.program)
     (folder / HEADER_FILE).write_text(header_text(scenario, parts))
-    shutil.copy(ASSETS / "vibroswarm_runtime.h", folder)
+    for name in HEADERS:
+        shutil.copy(ASSETS / name, folder)
     for name in ("robot_harness.c", "microbit.ld"):
         shutil.copy(HERE / name, folder)
     fields = " ".join(f"F({field})" for field in message_fields(scenario))
