@@ -288,3 +288,30 @@ def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarr
         run.tick += 1
         found[k, :, 1] = run.swarm["nearest_mm"]
     return found
+
+
+def steered_and_measured(scenario: Scenario, seed: int) -> tuple[Any, np.ndarray[Any, Any]]:
+    """Simulate run 0 of robots that steer; return it, and what they measured as ``measured_at_each_tick`` does."""
+    from functools import partial
+
+    from vibroswarm import simulate
+    from vibroswarm.motion.fixed_step import FixedStepRun
+    from vibroswarm.motion.kernel_run import batch_of
+    from vibroswarm.motion.source import Source, forget, register
+
+    measured: list[np.ndarray[Any, Any]] = []
+
+    class Measuring(FixedStepRun):
+        def move_on(self, until: int) -> int:
+            while self.tick < until and self.record.filled[0] == 0:
+                gyro_deg = self.swarm["gyro_deg"].copy()
+                self.tick = super().move_on(self.tick + 1)
+                measured.append(np.stack([gyro_deg, self.swarm["nearest_mm"]], axis=1))
+            return self.tick
+
+    register(Source("measuring", Measuring, partial(batch_of, Measuring), is_ours=True))
+    try:
+        result = simulate(scenario, seed, [0], motion="measuring")
+    finally:
+        forget("measuring")
+    return result, np.array(measured)
