@@ -20,6 +20,7 @@ from helpers.exported_robots import (
     measured_at_each_tick,
     run_on_arm,
     run_program,
+    steered_and_measured,
 )
 from vibroswarm import preset, simulate
 from vibroswarm.scenario.scenario import Scenario
@@ -39,6 +40,7 @@ SCENARIO = preset("paper").with_values(
         **NO_ERRORS,
     }
 )
+EXPLORE = SCENARIO.with_values({"strategy.name": "explore"})
 HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
 ESTIMATES = 9
 
@@ -53,11 +55,14 @@ def swarm(inspection: Any) -> Swarm:
     return driven(SCENARIO, inspection)
 
 
-def driven(scenario: Scenario, inspection: Any) -> Swarm:
+def driven(scenario: Scenario, inspection: Any, measured: np.ndarray[Any, Any] | None = None) -> Swarm:
     """Exported Python robots that measured what the simulation's did."""
     readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
     ticks = round(scenario.run.t_end_s / scenario.tick_s) - 1
-    made = Swarm(scenario, SEED, measured_at_each_tick(scenario, SEED, ticks), readings)
+    if measured is None:
+        measured = measured_at_each_tick(scenario, SEED, ticks)
+    assert measured.shape[0] == ticks
+    made = Swarm(scenario, SEED, measured, readings)
     starts = inspection.moves.group_by("robot", maintain_order=True).first().sort("robot")
     made.told(starts.select("x_m", "y_m", "heading_rad").rows())
     made.run()
@@ -139,4 +144,40 @@ def test_arrays_of_float_make_the_same_events_and_float_alone_does_not(
 def test_a_cortex_m0_makes_the_same_events(swarm: Swarm, tmp_path: Path) -> None:
     program = built_for_arm(SCENARIO, tmp_path)
     for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):  # the others take as long
+        check_events(run_on_arm(program, fed), did, swarm)
+
+
+@pytest.fixture(scope="module")
+def exploring() -> tuple[Any, Swarm]:
+    """An inspection in which robots steer, and the exported Python robots that did the same."""
+    inspection, measured = steered_and_measured(EXPLORE, SEED)
+    return inspection, driven(EXPLORE, inspection, measured)
+
+
+def test_exported_python_steers_as_the_simulation_does(exploring: tuple[Any, Swarm], inspection: Any) -> None:
+    explored, swarm = exploring
+    check_inspection(explored, swarm, least=150)
+    assert [robot.decided_s for robot in swarm.robots] == explored.robots["decision_time_s"].to_list()
+    assert not explored.motion["x_m"].head(200).equals(inspection.motion["x_m"].head(200))  # it did steer
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_robots_that_steer_do_the_same_in_python_and_c(exploring: tuple[Any, Swarm], tmp_path: Path) -> None:
+    _, swarm = exploring
+    double = built(EXPLORE, tmp_path / "double", precision=3)
+    mixed = built(EXPLORE, tmp_path / "mixed", precision=2, optimise="-O0")
+    for fed, did in zip(swarm.short, swarm.did, strict=True):
+        assert np.array(run_program(double, fed)).tobytes() == np.array(did).tobytes()
+        check_events(run_program(mixed, fed), did, swarm)
+    for fed, walked in zip(swarm.whole, swarm.walked, strict=True):
+        assert np.array(run_program(double, fed)).tobytes() == np.array(walked).tobytes()
+
+
+@pytest.mark.skipif(not HAS_ARM, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+def test_a_cortex_m0_that_explores_makes_the_same_events(
+    exploring: tuple[Any, Swarm], tmp_path: Path
+) -> None:
+    _, swarm = exploring
+    program = built_for_arm(EXPLORE, tmp_path)
+    for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):
         check_events(run_on_arm(program, fed), did, swarm)

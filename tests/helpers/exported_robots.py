@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.export.c_library import ASSETS
+from vibroswarm.export.c_library import ASSETS, HEADERS
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
 from vibroswarm.export.python_program import python_source
@@ -85,7 +85,8 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     (folder / "vibroswarm.h").write_text(sources.header)
     (folder / "vibroswarm.c").write_text(sources.program)
     (folder / HEADER_FILE).write_text(header_text(scenario, parts))
-    shutil.copy(ASSETS / "vibroswarm_runtime.h", folder)
+    for name in HEADERS:
+        shutil.copy(ASSETS / name, folder)
     for name in ("robot_harness.c", "microbit.ld"):
         shutil.copy(HERE / name, folder)
     fields = " ".join(f"F({field})" for field in message_fields(scenario))
@@ -287,3 +288,30 @@ def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarr
         run.tick += 1
         found[k, :, 1] = run.swarm["nearest_mm"]
     return found
+
+
+def steered_and_measured(scenario: Scenario, seed: int) -> tuple[Any, np.ndarray[Any, Any]]:
+    """Simulate run 0 of robots that steer; return it, and what they measured as ``measured_at_each_tick`` does."""
+    from functools import partial
+
+    from vibroswarm import simulate
+    from vibroswarm.motion.fixed_step import FixedStepRun
+    from vibroswarm.motion.kernel_run import batch_of
+    from vibroswarm.motion.source import Source, forget, register
+
+    measured: list[np.ndarray[Any, Any]] = []
+
+    class Measuring(FixedStepRun):
+        def move_on(self, until: int) -> int:
+            while self.tick < until and self.record.filled[0] == 0:
+                gyro_deg = self.swarm["gyro_deg"].copy()
+                self.tick = super().move_on(self.tick + 1)
+                measured.append(np.stack([gyro_deg, self.swarm["nearest_mm"]], axis=1))
+            return self.tick
+
+    register(Source("measuring", Measuring, partial(batch_of, Measuring), is_ours=True))
+    try:
+        result = simulate(scenario, seed, [0], motion="measuring")
+    finally:
+        forget("measuring")
+    return result, np.array(measured)

@@ -173,6 +173,7 @@ def _print_cells(outcome: Outcome) -> None:
     print_table(
         [
             "cell",
+            *(["failed runs"] if outcome.has_failed_runs else []),
             "swarms right, %",
             "swarms wrong, %",
             "split, %",
@@ -184,6 +185,7 @@ def _print_cells(outcome: Outcome) -> None:
         [
             [
                 cell_outcome.cell.name,
+                *([cell_outcome.failed.height] if outcome.has_failed_runs else []),
                 *(
                     with_interval(share, ".1f", scale=100.0)
                     for share in (

@@ -11,6 +11,8 @@ from vibroswarm.export.parameters import HEADER_FILE, header_text
 from vibroswarm.scenario.scenario import Scenario
 
 ASSETS: Final = Path(__file__).parent / "assets"
+HEADERS: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h")
+"""Headers that are the same for every scenario."""
 MARKER: Final = "library.properties"
 """The file that marks a folder as an exported library."""
 PROPERTIES: Final = """name=vibroswarm
@@ -48,7 +50,7 @@ def library_files(scenario: Scenario) -> dict[str, str]:
     return {
         "src/vibroswarm.h": sources.header,
         "src/vibroswarm.c": sources.program,
-        "src/vibroswarm_runtime.h": (ASSETS / "vibroswarm_runtime.h").read_text(encoding="utf-8"),
+        **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in HEADERS},
         f"src/{HEADER_FILE}": header_text(scenario, parts),
         "examples/inspection/inspection.ino": (ASSETS / "inspection.ino").read_text(encoding="utf-8"),
         MARKER: PROPERTIES.format(strategy=parts.strategy.name),

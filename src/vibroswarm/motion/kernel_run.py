@@ -136,7 +136,7 @@ class KernelRun(ABC):
 
     def start(self, seed: int, run: int) -> None:
         """Set time 0 of a run, whatever the state was before."""
-        self.seed, self.run, self.tick = seed, run, 0
+        self.seed, self.run, self.tick, self.failure = seed, run, 0, None
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
         begin(self.swarm, self.setup, self.speeds, seed, run)

@@ -34,6 +34,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
 from vibroswarm.study.batch_table import ROWS, WALK, BatchRows, Columns, columns_of, walked
+from vibroswarm.study.failed_runs import FAILED_ROWS, TABLE, failed_rows
 from vibroswarm.study.plan import Group, Texts, scenario_of
 from vibroswarm.study.spec import Study
 
@@ -51,12 +52,14 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
 
 
 class BatchOutcomes(NamedTuple):
-    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them; samples only if they are saved."""
+    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them; samples only if they are saved;
+    runs that failed."""
 
     cells: Sequence[Sequence[int]]
     robots: Columns
     runs: Columns
     samples: list[pl.DataFrame]
+    failures: list[pl.DataFrame]
 
 
 class BatchRequest(NamedTuple):
@@ -112,7 +115,8 @@ def _until_all_decided(scenario: Scenario, cells: Sequence[int], request: BatchR
     robots, of_runs = columns_of(result)
     tables = (result.motion, result.observations, result.inference)
     samples = samples_of(*tables, cells) if request.samples else []
-    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, request.runs)}, samples)
+    failures = failed_rows(result.failures, [cells], scenario.run.t_end_s)
+    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, request.runs)}, samples, failures)
 
 
 class _SharedMotion:
@@ -146,7 +150,8 @@ class _SharedMotion:
             **walked(walk, runs),
         }
         samples = self._samples(scenarios, cells, read) if self.request.samples else []
-        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples)
+        failures = failed_rows(self.motion.failures, cells, seen.run.t_end_s)
+        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """Return the floor of each run, made once for all sensors."""
@@ -210,7 +215,9 @@ def beginning(motion: Motion, scenario: Scenario) -> Motion:
     standing = pl.Series("stop_start_s", np.where(np.isnan(last), since, last), nan_to_null=True)
     unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
     ends = ends.with_columns(standing, end_s=pl.lit(end_s), **unknown)
-    return Motion(samples.filter(pl.Series(before)), ends.select(list(ENDS)), None, motion.moves)
+    return Motion(
+        samples.filter(pl.Series(before)), ends.select(list(ENDS)), None, motion.moves, motion.failures
+    )
 
 
 def _place_in(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:
@@ -294,16 +301,20 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     cells = [cell for inferences in work.observed for _, same in inferences for cell in same]
     rows = BatchRows(cells, range(work.first, work.last), first.swarm.robots)
     samples: list[pl.DataFrame] = []
+    failures: list[pl.DataFrame] = []
     for low in range(work.first, work.last, step):
         some = range(low, min(low + step, work.last))
         request = BatchRequest(some, work.seed, work.motion, "samples" in work.keep, cancelled)
         for outcomes in simulate_batch(work.observed, request):
             rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
             samples += outcomes.samples
+            failures += outcomes.failures
     tables = {"robots": rows.table()}
     if "samples" in work.keep:
         order = ["cell", "run", "time_s", "robot"]
         tables["samples"] = pl.concat(samples).sort(order, maintain_order=True)
+    if failures:
+        tables[TABLE] = pl.concat(failures).sort("cell", "run")
     files = {name: _parquet(table, work) for name, table in tables.items()}
     return BatchResult(work, files, tables["robots"].height, versions())
 
@@ -331,7 +342,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         InputError: a table is missing, unexpected or wrong; it names file and column.
     """
     required = {"robots", *study.keep}
-    if set(files) != required:
+    if set(files) - {TABLE} != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -342,12 +353,14 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             f"describes {rows} rows; {len(cells)} cells, {len(runs)} runs and {robots} robots make {expected}"
         )
     for table, path in files.items():
-        schema = ROBOTS if table == "robots" else SAMPLE_ROWS
+        schema = {"robots": ROBOTS, TABLE: FAILED_ROWS}.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)
         frame = check_table(frame, schema, path.name, table)
         if table == "robots" and frame.height != expected:
             raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
         for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):
+            if column not in frame.columns:
+                continue
             strange = set(frame[column].unique().to_list()) - allowed
             if strange:
                 raise InputError(

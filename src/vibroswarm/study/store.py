@@ -249,14 +249,16 @@ class Store:
         return gaps[0][0] if gaps else 2**32
 
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
-        """Scan the rows of the first ``runs`` runs of a group, each once; None if there are none."""
+        """Scan the rows of the first ``runs`` runs of a group, each once; None if there are none, or no such table."""
         check_threads()
         frames, low = [], 0
         for shard in sorted(
             (s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)
         ):
             high = min(shard.last, runs)
-            if high > low:
+            if high > low and table not in shard.files:  # no run of it failed
+                low = high
+            elif high > low:
                 frame = pl.scan_parquet(shard.files[table], glob=False)
                 # Several writers may have run some of them.
                 if (shard.first, shard.last) != (max(low, shard.first), high):

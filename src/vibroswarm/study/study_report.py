@@ -198,8 +198,14 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
         "belief_in_truth": Column("belief in the truth", decimals=3, limits=_limits("belief_in_truth")),
     }
     order = ["decision_time_s", *_SHARES, "belief_in_truth"]
-    frame = outcome.table.select("name", "runs", *(end for name in order for end in (name, *_limits(name))))
-    return ReportTable(frame, {"name": Column("cell"), **columns}, _OUTCOME_TEXT, "outcome")
+    counts = ["runs", *(["failed_runs"] if outcome.has_failed_runs else [])]
+    frame = outcome.table.select("name", *counts, *(end for name in order for end in (name, *_limits(name))))
+    return ReportTable(
+        frame,
+        {"name": Column("cell"), "failed_runs": Column("failed runs"), **columns},
+        _OUTCOME_TEXT,
+        "outcome",
+    )
 
 
 _OUTCOME_TEXT: Final = (

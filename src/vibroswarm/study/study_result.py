@@ -35,6 +35,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
+from vibroswarm.study.failed_runs import FAILED_RUNS, TABLE
 from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
@@ -185,15 +186,19 @@ class StudyResult(NotebookView):
 
     def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
         """Scan a table of the store for these cells, or for all selected ones."""
+        if frames := self._scans(table, cells):
+            return pl.concat(frames)
+        raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
+
+    def _scans(self, table: str, cells: Sequence[int]) -> list[pl.LazyFrame]:
+        """Scan a table of the store, group by group."""
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
             frame = self.store.scan(group.number, self.runs_of(numbers[0]), table) if numbers else None
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
-        if not frames:
-            raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
-        return pl.concat(frames)
+        return frames
 
     def robots(self, *cells: int) -> pl.DataFrame:
         """Read the table of robots of ``cells`` (by default all), with ``cell`` and the varied fields."""
@@ -223,6 +228,13 @@ class StudyResult(NotebookView):
                 'saves no samples; set keep = ["samples"], or simulate them again with result()', field="keep"
             )
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
+
+    def failed_runs(self, *cells: int) -> pl.DataFrame:
+        """List the runs of ``cells`` (by default all) that the source of motion gave up, see ``study.failed_runs``."""
+        scans = self._scans(TABLE, cells)
+        return self._with_varied(
+            pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=FAILED_RUNS)
+        )
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples.

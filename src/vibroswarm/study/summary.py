@@ -23,6 +23,7 @@ from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
 from vibroswarm.study.equal_error import at_equal_error
+from vibroswarm.study.failed_runs import failed_words
 from vibroswarm.study.sequential_stopping import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -42,6 +43,8 @@ class CellOutcome(NotebookView):
     decidable: Decidability
     forced_error: Interval
     """Mean over runs of ``analysis.forced_error``: robots wrong, or undecided and leaning to the wrong side."""
+    failed: pl.DataFrame
+    """Runs that the source of motion gave up, ``failed_runs.FAILED_RUNS``; their robots count as undecided."""
     settled: Settled | None = None
     """After how many runs the cell reached the precision, and at which level its figure is reported."""
 
@@ -73,7 +76,15 @@ class Outcome(NotebookView):
         """One row per cell: its varied values, then all figures with their limits."""
         varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
         figures = pl.DataFrame([cell.as_row() for cell in self.cells], infer_schema_length=None)
+        if self.has_failed_runs:
+            counts = pl.Series("failed_runs", [cell.failed.height for cell in self.cells], dtype=pl.Int64)
+            figures = figures.insert_column(figures.columns.index("runs") + 1, counts)
         return varied.hstack(figures)
+
+    @property
+    def has_failed_runs(self) -> bool:
+        """Whether the source of motion gave up a run; only then is there a column ``failed_runs``."""
+        return any(cell.failed.height > 0 for cell in self.cells)
 
     @cached_property
     def question(self) -> str:
@@ -88,6 +99,7 @@ class Outcome(NotebookView):
         ))  # fmt: skip
         store = self.result.store
         cells = self.result.cells
+        warnings += [failed_words(c.cell, c.failed, c.summary.runs) for c in self.cells if c.failed.height]
         if store.failures:
             warnings.append(_failed_words(self.result))
         if self.replicate is not None and self.replicate.store.failures:
@@ -128,6 +140,7 @@ class Outcome(NotebookView):
                     "varied": row.cell.point,
                     "scenario_hash": row.cell.scenario.hash,
                     **row.summary.as_dict(),
+                    **({"failed_runs": row.failed.height} if self.has_failed_runs else {}),
                     "forced_error": row.forced_error.as_dict(),
                     "walk": row.walk,
                     "decidability": row.decidable.as_dict(),
@@ -173,7 +186,8 @@ def outcome_of(
         settled = result.settled(number)
         figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
         error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
-        cells.append(CellOutcome(cell, figures, _walk(runs), decidability(cell.scenario), error, settled))
+        failed, decidable = result.failed_runs(number), decidability(cell.scenario)
+        cells.append(CellOutcome(cell, figures, _walk(runs), decidable, error, failed, settled))
     compared = tuple(comparisons(result, replicate, reference)) if compare else ()
     answers = answers_of(compared, at_equal_error(result, compared, progress))
     return Outcome(result, replicate, tuple(cells), compared, without_runs, answers)

@@ -9,6 +9,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#if VS_PRECISION == 2
+#include "vibroswarm_mathematics.h"
+#endif
+
 #if VS_PRECISION >= 2
 typedef double vs_real;
 #define VS_OF(name) name
@@ -33,13 +37,20 @@ typedef int32_t vs_int;
 #define vs_exp VS_OF(exp)
 #define vs_log VS_OF(log)
 #define vs_log1p VS_OF(log1p)
+#if VS_PRECISION == 2
+#define vs_sin vs_small_sin
+#define vs_cos vs_small_cos
+#define vs_tan vs_small_tan
+#define vs_erfc vs_small_erfc
+#else
 #define vs_sin VS_OF(sin)
 #define vs_cos VS_OF(cos)
 #define vs_tan VS_OF(tan)
+#define vs_erfc VS_OF(erfc)
+#endif
 #define vs_atan VS_OF(atan)
 #define vs_atan2 VS_OF(atan2)
 #define vs_erf VS_OF(erf)
-#define vs_erfc VS_OF(erfc)
 #define vs_lgamma VS_OF(lgamma)
 #define vs_floor VS_OF(floor)
 #define vs_ceil VS_OF(ceil)

@@ -67,7 +67,7 @@ class MujocoRun(KernelRun):
         """Set time 0 of a run, whatever the state was before."""
         super().start(seed, run)
         mujoco().mj_resetData(self.model, self.data)
-        self.failure, self.world.frozen[0] = None, 0
+        self.world.frozen[0] = 0
         self.place()
         for name in ("x_m", "y_m", "heading_rad"):
             self.opened[name] = self.swarm[name]

@@ -1,0 +1,107 @@
+"""Runs that the source of motion gives up are counted and named in a study: table, report, results, JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vibroswarm import Study
+from vibroswarm.cli import main
+from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.motion.kernel_run import batch_of
+from vibroswarm.motion.recorder import Failure
+from vibroswarm.motion.source import Source, forget, register
+from vibroswarm.study.store import Store
+from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import outcome_of
+
+FAILED = (1, 4)
+AT_TICK = 500
+
+
+class FailingRun(FixedStepRun):
+    """Gives up runs 1 and 4 at 10 s, where robots stand from then on."""
+
+    def move_on(self, until: int) -> int:
+        if self.run in FAILED and until > AT_TICK:
+            if self.failure is None:
+                self.failure = Failure(self.run, AT_TICK, "the test wants it")
+            return until
+        return super().move_on(until)
+
+
+@pytest.fixture
+def failing() -> Iterator[str]:
+    name = "gives-up"
+    register(Source(name, FailingRun, partial(batch_of, FailingRun), is_ours=True))
+    yield name
+    forget(name)
+
+
+BRIEF = ["--set", "run.t_end_s=30", "--robots", "2", "--runs", "6", "--strategy", "none,soft", "--quiet"]
+
+
+def test_failed_runs_are_counted_in_table_report_and_results(
+    failing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "study"
+    assert main(["evaluate", *BRIEF, "--motion", failing, "--out", str(out)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    words = (
+        "2 of 6 runs of soft failed in the source of motion; their robots stand since then and count as undecided "
+        "(run 1 at 10 s: the test wants it)."
+    )
+    assert "failed runs" in printed
+    assert f"Warning: {words}" in printed
+    page = (out / "report.html").read_text()
+    assert "failed runs" in page
+    assert words in " ".join(page.split())
+    assert pl.read_csv(out / "summary.csv")["failed_runs"].to_list() == [2, 2]
+    result = StudyResult.open(out)
+    assert result.failed_runs().select("cell", "run", "time_s").rows() == [
+        (cell, run, 10.0) for cell in (0, 1) for run in FAILED
+    ]
+    assert result.failed_runs(1)["strategy.name"].unique().to_list() == ["soft"]
+    assert result.summary()["failed_runs"].to_list() == [2, 2]
+    assert result.runs(0)["undecided"].to_list()[1] == 2
+    assert main(["evaluate", *BRIEF, "--motion", failing, "--json"]) == 0
+    assert [cell["failed_runs"] for cell in json.loads(capsys.readouterr().out)["cells"]] == [2, 2]
+
+
+def test_a_study_whose_runs_all_end_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "study"
+    assert main(["evaluate", *BRIEF, "--motion", "fixed-step", "--out", str(out)]) == 0
+    assert "failed" not in capsys.readouterr().out
+    assert "failed" not in (out / "report.html").read_text()
+    result = StudyResult.open(out)
+    assert "failed_runs" not in result.summary().columns
+    assert result.failed_runs().is_empty()
+    assert {"cell", "strategy.name", "run", "time_s", "reason"} <= set(result.failed_runs().columns)
+
+
+def test_a_run_that_fails_after_the_end_of_a_shorter_cell_has_not_failed_there(failing: str) -> None:
+    study = Study(
+        base={"swarm": {"robots": 2}}, vary={"grid": {"run.t_end_s": [8.0, 30.0]}}, runs=6, motion=failing
+    )
+    assert [cell.failed.height for cell in outcome_of(study.run()).cells] == [0, 2]
+
+
+def test_a_failed_run_that_two_shards_hold_is_listed_once(failing: str, tmp_path: Path) -> None:
+    study = Study(base={"run": {"t_end_s": 30.0}, "swarm": {"robots": 2}}, runs=6, motion=failing)
+    result = study.run(tmp_path / "study")
+    result.store.shards *= 2
+    assert result.failed_runs()["run"].to_list() == list(FAILED)
+
+
+def test_a_damaged_list_of_failed_runs_is_reported(failing: str, tmp_path: Path) -> None:
+    study = Study(base={"run": {"t_end_s": 30.0}, "swarm": {"robots": 2}}, runs=6, motion=failing)
+    study.run(tmp_path / "study")
+    (shard,) = (tmp_path / "study" / "shards").glob("*.failures.parquet")
+    shard.write_bytes(shard.read_bytes()[:-9])
+    (words,) = Store.open(tmp_path / "study").damaged
+    assert shard.name in words
