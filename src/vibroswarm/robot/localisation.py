@@ -74,33 +74,32 @@ def add_move(f: Mixture, i: int, with_place: bool) -> None:
     """Set P to F P F', F from the scratch: rows 2 and 3 are the derivatives of x and y, row 0 that of the heading."""
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
     of_bias, of_scale = row[0, BIAS], row[0, SCALE]
+    x_heading, x_speed, x_bias, x_scale = row[2, HEADING], row[2, SPEED], row[2, BIAS], row[2, SCALE]
+    y_heading, y_speed, y_bias, y_scale = row[3, HEADING], row[3, SPEED], row[3, BIAS], row[3, SCALE]
     for j in range(STATES):
         heading, speed = covariance[i, HEADING, j], covariance[i, SPEED, j]
         bias, scale = covariance[i, BIAS, j], covariance[i, SCALE, j]
         if with_place:
-            covariance[i, X, j] += row[2, HEADING] * heading + row[2, SPEED] * speed
-            covariance[i, X, j] += row[2, BIAS] * bias + row[2, SCALE] * scale
-            covariance[i, Y, j] += row[3, HEADING] * heading + row[3, SPEED] * speed
-            covariance[i, Y, j] += row[3, BIAS] * bias + row[3, SCALE] * scale
+            covariance[i, X, j] += x_heading * heading + x_speed * speed + x_bias * bias + x_scale * scale
+            covariance[i, Y, j] += y_heading * heading + y_speed * speed + y_bias * bias + y_scale * scale
         covariance[i, HEADING, j] += of_bias * bias + of_scale * scale
-    for j in range(STATES):
+    for j in range(SPEED):
         heading, speed = covariance[i, j, HEADING], covariance[i, j, SPEED]
         bias, scale = covariance[i, j, BIAS], covariance[i, j, SCALE]
         if with_place:
-            covariance[i, j, X] += row[2, HEADING] * heading + row[2, SPEED] * speed
-            covariance[i, j, X] += row[2, BIAS] * bias + row[2, SCALE] * scale
-            covariance[i, j, Y] += row[3, HEADING] * heading + row[3, SPEED] * speed
-            covariance[i, j, Y] += row[3, BIAS] * bias + row[3, SCALE] * scale
+            covariance[i, j, X] += x_heading * heading + x_speed * speed + x_bias * bias + x_scale * scale
+            covariance[i, j, Y] += y_heading * heading + y_speed * speed + y_bias * bias + y_scale * scale
         covariance[i, j, HEADING] += of_bias * bias + of_scale * scale
+    for j in range(SPEED):  # the other columns of rows that do not change
+        for k in range(SPEED, STATES):
+            covariance[i, k, j] = covariance[i, j, k]
     for n in range(f.past.shape[1]):
         for a in range(2):
             heading, speed = cross[i, n, a, HEADING], cross[i, n, a, SPEED]
             bias, scale = cross[i, n, a, BIAS], cross[i, n, a, SCALE]
             if with_place:
-                cross[i, n, a, X] += row[2, HEADING] * heading + row[2, SPEED] * speed
-                cross[i, n, a, X] += row[2, BIAS] * bias + row[2, SCALE] * scale
-                cross[i, n, a, Y] += row[3, HEADING] * heading + row[3, SPEED] * speed
-                cross[i, n, a, Y] += row[3, BIAS] * bias + row[3, SCALE] * scale
+                cross[i, n, a, X] += x_heading * heading + x_speed * speed + x_bias * bias + x_scale * scale
+                cross[i, n, a, Y] += y_heading * heading + y_speed * speed + y_bias * bias + y_scale * scale
             cross[i, n, a, HEADING] += of_bias * bias + of_scale * scale
 
 

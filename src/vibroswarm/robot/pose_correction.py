@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from vibroswarm.core.jit import inlined, inner
+from vibroswarm.core.jit import inlined
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
@@ -37,7 +37,7 @@ ROBOT_AT_0: Final = 0.3
 """Weight of a robot if a ray begins inside of something, beside the probabilities of walls."""
 
 
-@inner
+@inlined
 def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, ...]:
     """Return the shortest distance of the rays to the walls in x, its derivatives by x and heading; the same in y."""
     mean = f.means
@@ -47,10 +47,8 @@ def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, 
     of_y, y_by_y, y_by_heading = UNSEEN_M, 0.0, 0.0
     for j in range(program.ray_side_m.size):
         side_m = program.ray_side_m[j]
-        from_x, from_y = (
-            program.ray_forward_m * cosine - side_m * sine,
-            program.ray_forward_m * sine + side_m * cosine,
-        )
+        from_x = program.ray_forward_m * cosine - side_m * sine
+        from_y = program.ray_forward_m * sine + side_m * cosine
         dx = cosine * program.ray_cos[j] - sine * program.ray_sin[j]
         dy = sine * program.ray_cos[j] + cosine * program.ray_sin[j]
         if abs(dx) > SLANT:
@@ -73,7 +71,7 @@ def gain(f: Mixture, i: int, axis: int, by_place: float, by_heading: float) -> f
     return float(row[axis, axis] * by_place + row[axis, HEADING] * by_heading)
 
 
-@inner
+@inlined
 def correct(
     f: Mixture,
     i: int,
@@ -90,26 +88,26 @@ def correct(
         variance: S. shift: by which the number's mean moves. share: by which its variance shrinks, of S.
     """
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
-    step = shift / variance
+    step, shrinks = shift / variance, share / variance
     for j in range(STATES):
         f.means[i, j] += row[axis, j] * step
     for n in range(f.past.shape[1]):
         for a in range(2):
             with_number = cross[i, n, a, axis] * by_place + cross[i, n, a, HEADING] * by_heading
-            part = with_number * share / variance
+            part = with_number * shrinks
             f.past[i, n, a] += with_number * step
             f.past_variances[i, n, a] -= part * with_number
             for j in range(STATES):
                 cross[i, n, a, j] -= part * row[axis, j]
     for j in range(STATES):
-        part = row[axis, j] * share / variance
+        part = row[axis, j] * shrinks
         for k in range(j + 1):
             value = covariance[i, j, k] - part * row[axis, k]
             covariance[i, j, k] = value
             covariance[i, k, j] = value
 
 
-@inner
+@inlined
 def learn_beyond(
     f: Mixture, i: int, axis: int, by_place: float, by_heading: float, mean: float, least: float, noise: float
 ) -> float:
@@ -118,33 +116,32 @@ def learn_beyond(
     Returns: the probability that it is.
     """
     variance = gain(f, i, axis, by_place, by_heading) + noise * noise
-    spread = math.sqrt(variance)
-    cut = (least - mean) / spread
-    if cut < -3.0:
+    above = mean - least
+    if above > 0.0 and above * above > 9.0 * variance:
         return 1.0
+    spread = math.sqrt(variance)
+    cut = -above / spread
     left = 0.5 * math.erfc(cut * HALF_ROOT)
     ratio = DENSITY * math.exp(-0.5 * cut * cut) / left if cut < 5.0 else cut + 1.0 / cut
     correct(f, i, axis, by_place, by_heading, variance, spread * ratio, min(ratio * (ratio - cut), 1.0))
     return max(left, LEAST)
 
 
-@inner
+@inlined
 def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
     """Learn that the robot is inside the arena; return how probable that was."""
-    radius_m, noise_m, left = program.radius_m, program.seen_noise_m, 1.0
-    near_m = radius_m + NEAR_WALL_M
-    if f.means[i, X] < near_m:
-        left *= learn_beyond(f, i, X, 1.0, 0.0, f.means[i, X], radius_m, noise_m)
-    elif f.means[i, X] > program.width_m - near_m:
-        left *= learn_beyond(f, i, X, -1.0, 0.0, program.width_m - f.means[i, X], radius_m, noise_m)
-    if f.means[i, Y] < near_m:
-        left *= learn_beyond(f, i, Y, 1.0, 0.0, f.means[i, Y], radius_m, noise_m)
-    elif f.means[i, Y] > program.height_m - near_m:
-        left *= learn_beyond(f, i, Y, -1.0, 0.0, program.height_m - f.means[i, Y], radius_m, noise_m)
+    near_m, left = program.radius_m + NEAR_WALL_M, 1.0
+    for axis in range(2):
+        at_m, by_place = f.means[i, axis], 1.0
+        beyond_m = (program.width_m if axis == X else program.height_m) - at_m
+        if beyond_m < at_m:
+            at_m, by_place = beyond_m, -1.0
+        if at_m < near_m:
+            left *= learn_beyond(f, i, axis, by_place, 0.0, at_m, program.radius_m, program.seen_noise_m)
     return left
 
 
-@inner
+@inlined
 def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
     """Learn that no ray saw a wall; return how probable that was."""
     spread_m = math.sqrt(max(f.covariances[i, X, X], f.covariances[i, Y, Y]))
@@ -152,14 +149,26 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
     x_m, y_m = f.means[i, X], f.means[i, Y]
     if min(min(x_m, program.width_m - x_m), min(y_m, program.height_m - y_m)) > far_m:
         return 1.0
-    threshold_m, noise_m = program.avoidance_threshold_m, program.seen_noise_m
-    of_x, x_by_x, x_by_heading, _, _, _ = wall_rays(f, i, program)
-    left = learn_beyond(f, i, X, x_by_x, x_by_heading, of_x, threshold_m, noise_m)
-    _, _, _, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
-    return left * learn_beyond(f, i, Y, y_by_y, y_by_heading, of_y, threshold_m, noise_m)
+    return saw_no_wall(f, i, program)
 
 
-@inner
+@inlined
+def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
+    """Do as ``saw_nothing`` does for a component that may be near a wall."""
+    of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
+    left = 1.0
+    for axis in range(2):
+        if axis == Y:
+            if left < 1.0:
+                _, _, _, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
+            of_x, x_by_x, x_by_heading = of_y, y_by_y, y_by_heading
+        left *= learn_beyond(
+            f, i, axis, x_by_x, x_by_heading, of_x, program.avoidance_threshold_m, program.seen_noise_m
+        )
+    return left
+
+
+@inlined
 def meet(
     f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots: float, lost_share: float
 ) -> tuple[float, float]:
@@ -193,22 +202,20 @@ def meet(
         chosen = 0.0 if x_density >= max(y_density, robot_density) else x_density
         if robot_density > max(x_density, y_density):
             chosen = total
-    if chosen < x_density:
+    if chosen < x_density + y_density:
+        axis = X if chosen < x_density else Y
+        if axis == Y:
+            of_x, x_by_x, x_by_heading, x_variance, x_error = of_y, y_by_y, y_by_heading, y_variance, y_error
         if ray_m > 0.0:
-            correct(f, i, X, x_by_x, x_by_heading, x_variance, x_error, 1.0)
+            correct(f, i, axis, x_by_x, x_by_heading, x_variance, x_error, 1.0)
         else:
-            learn_beyond(f, i, X, -x_by_x, -x_by_heading, -of_x, 0.0, program.ray_noise_m)
-    elif chosen < x_density + y_density:
-        if ray_m > 0.0:
-            correct(f, i, Y, y_by_y, y_by_heading, y_variance, y_error, 1.0)
-        else:
-            learn_beyond(f, i, Y, -y_by_y, -y_by_heading, -of_y, 0.0, program.ray_noise_m)
+            learn_beyond(f, i, axis, -x_by_x, -x_by_heading, -of_x, 0.0, program.ray_noise_m)
     elif next_uniform(f) < lost_share:
         widen(f, i, program)
     return total, robot_density
 
 
-@inner
+@inlined
 def widen(f: Mixture, i: int, program: LocalisationProgram) -> None:
     """Add to the spread of a component that may be lost."""
     covariance, share = f.covariances, LOST_SHARE * LOST_SHARE
