@@ -40,6 +40,8 @@ class Detections:
     floor_px: dict[int, Floats]
     """Of each floor marker that was seen, the median of its corners, (4, 2)."""
     whole_frames: int
+    twice: tuple[tuple[int, int], ...] = ()
+    """Frame and marker wherever a marker was seen twice, so that neither counted."""
 
     def edge_px(self) -> Floats:
         """Return the median edge of each robot's marker, (robots,); NaN: never seen."""
@@ -68,12 +70,14 @@ def detect(
     moved = np.zeros((len(numbers), 2))
     times, found, whole_frames = [], [], 0
     floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
+    twice: list[tuple[int, int]] = []
     for k, (time_s, frame) in enumerate(frames_of(path, partial=partial)):
         here = np.full((len(numbers), 4, 2), np.nan)
         lost = any(corners is None for corners in last)
         if k % WHOLE_EVERY == 0 or (lost and k % LOST_EVERY == 0):
             whole_frames += 1
-            seen = _markers_in(detector, frame, (0, 0))
+            seen = _markers_in(detector, frame, (0, 0), doubled := [])
+            twice += [(k, marker) for marker in doubled]
             for i, marker in enumerate(numbers):
                 if marker in seen:
                     here[i] = seen[marker]
@@ -86,7 +90,8 @@ def detect(
                 if box is None:
                     continue
                 (left, top), (right, bottom) = box
-                seen = _markers_in(detector, frame[top:bottom, left:right], (left, top))
+                seen = _markers_in(detector, frame[top:bottom, left:right], (left, top), doubled := [])
+                twice += [(k, other) for other in doubled]
                 if marker in seen:
                     here[i] = seen[marker]
         for i in range(len(numbers)):
@@ -109,6 +114,7 @@ def detect(
         corners_px,
         {marker: np.median(corners, axis=0) for marker, corners in floor.items() if corners},
         whole_frames,
+        tuple(twice),
     )
 
 
@@ -121,12 +127,13 @@ def _detector(cv2: Any, markers: Markers) -> Any:
     return cv2.aruco.ArucoDetector(dictionary_of(markers), parameters)
 
 
-def _markers_in(detector: Any, image: Gray, origin: tuple[int, int]) -> dict[int, Floats]:
-    """Return the corners of each marker of an image whose first pixel is ``origin``; twice seen: none of them."""
+def _markers_in(detector: Any, image: Gray, origin: tuple[int, int], twice: list[int]) -> dict[int, Floats]:
+    """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice go to ``twice``."""
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return {}
     numbers = np.asarray(ids).ravel().tolist()
+    twice += sorted({number for number in numbers if numbers.count(number) > 1})
     return {
         number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
         for number, four in zip(numbers, corners, strict=True)
