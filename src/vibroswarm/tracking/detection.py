@@ -76,7 +76,8 @@ def detect(
         lost = any(corners is None for corners in last)
         if k % WHOLE_EVERY == 0 or (lost and k % LOST_EVERY == 0):
             whole_frames += 1
-            seen = _markers_in(detector, frame, (0, 0), doubled := [])
+            doubled: list[int] = []
+            seen = _markers_in(detector, frame, (0, 0), doubled)
             twice += [(k, marker) for marker in doubled]
             for i, marker in enumerate(numbers):
                 if marker in seen:
@@ -90,7 +91,8 @@ def detect(
                 if box is None:
                     continue
                 (left, top), (right, bottom) = box
-                seen = _markers_in(detector, frame[top:bottom, left:right], (left, top), doubled := [])
+                doubled = []
+                seen = _markers_in(detector, frame[top:bottom, left:right], (left, top), doubled)
                 twice += [(k, other) for other in doubled]
                 if marker in seen:
                     here[i] = seen[marker]
@@ -128,7 +130,7 @@ def _detector(cv2: Any, markers: Markers) -> Any:
 
 
 def _markers_in(detector: Any, image: Gray, origin: tuple[int, int], twice: list[int]) -> dict[int, Floats]:
-    """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice go to ``twice``."""
+    """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice go to a list."""
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return {}

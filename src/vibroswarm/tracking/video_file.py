@@ -165,7 +165,7 @@ def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gra
 
 
 def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
-    """Yield the pictures of some frames, by their number from 0 as ``frames_of`` counts them; missing ones are left out.
+    """Yield some frames: their number, from 0 as ``frames_of`` counts them, and picture; missing ones are left out.
 
     The others are skipped without converting them, and only one picture is held at a time.
     """
@@ -177,7 +177,9 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
         for number in wanted:
             while at < number and capture.grab():
                 at += 1
-            read, frame = capture.read() if at == number else (False, None)
+            if at < number:
+                return
+            read, frame = capture.read()
             if not read:
                 return
             at += 1
