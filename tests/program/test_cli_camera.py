@@ -18,6 +18,7 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.tracking.camera import square_of
 from vibroswarm.tracking.markers import read_markers
+from vibroswarm.tracking.review import write_review
 from vibroswarm.tracking.track import track
 
 pytest.importorskip("cv2")
@@ -91,6 +92,26 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     assert "The robots' clock is +12." in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (1400, "dark")])
+def test_the_review_page_answers_and_fits(
+    browser: Any, session: Path, tmp_path: Path, width: int, scheme: str
+) -> None:
+    write_review(tmp_path / "review.html", track(session / "v.avi", read_markers(session / "v.markers.toml")))
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page = context.new_page()
+    noise: list[str] = []
+    page.on("console", lambda message: noise.append(message.text))
+    page.goto((tmp_path / "review.html").as_uri())
+    assert "positions of 5 robots were found" in page.inner_text(".lead")
+    assert page.locator(".lead").bounding_box()["y"] < 400
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    broken = "[...document.images].filter((image) => image.complete && !image.naturalWidth).length"
+    assert page.evaluate(broken) == 0
+    assert page.locator("svg.drawing").count() == 3
+    assert noise == []
+    context.close()
+
+
 def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path) -> None:
     """Controls: the same video without the markers' height, and by the video's own lens."""
     markers = read_markers(session / "v.markers.toml")
@@ -114,7 +135,7 @@ def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path) -> None
 def test_damaged_videos_are_refused_in_a_sentence(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Any, words: str
 ) -> None:
-    broken = tmp_path / "broken one.avi"
+    broken = "[...document.images].filter((image) => image.complete && !image.naturalWidth).length"
     broken.write_bytes(make((session / "v.avi").read_bytes()))
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as left:

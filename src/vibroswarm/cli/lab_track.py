@@ -82,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.tracking.camera import lens_from_chessboard
     from vibroswarm.tracking.markers import read_markers
     from vibroswarm.tracking.opencv import opencv
+    from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.track import read_robot_log, track, with_positions
 
     opencv()
@@ -120,6 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
             ).write_into(part)
         tracking.positions.write_parquet(part / "positions.parquet")
         tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
+        write_review(part / REVIEW, tracking, tracked, samples)
         for name, table in tables.items():
             (part / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
         deliver(
@@ -130,7 +132,9 @@ def run(arguments: argparse.Namespace) -> int:
             lambda: document(tracking, tracked),
             work=work,
         )
-    print_saved(arguments, "positions, stops, gaps" + ("" if tracked is None else ", recording"), None)
+    print_saved(
+        arguments, "positions, stops, gaps, review page" + ("" if tracked is None else ", recording"), REVIEW
+    )
     return 0
 
 

@@ -30,6 +30,7 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.report.answer import ReportAnswer, answers_html
 from vibroswarm.report.columns import Column as Column
 from vibroswarm.report.columns import decimals_of, number_text
+from vibroswarm.report.frames import ReportFrames, frames_html
 from vibroswarm.report.svg import inline_svg
 from vibroswarm.report.text import code_html, escape
 
@@ -226,7 +227,7 @@ class Section(NotebookView):
     title: str
     text: tuple[str, ...] = ()
     """Paragraphs."""
-    parts: tuple[ReportTable | ReportPicture | ReportCode, ...] = ()
+    parts: tuple[ReportTable | ReportPicture | ReportCode | ReportFrames, ...] = ()
     sections: tuple[Section, ...] = ()
     folded: bool = False
     """Whether it is closed until it is asked for (in print it is open)."""
@@ -309,6 +310,8 @@ def _section(section: Section, key: str, level: int) -> str:
         at = f"{key}p{place}"
         if isinstance(part, ReportTable):
             body += table_html(part, at)
+        elif isinstance(part, ReportFrames):
+            body += frames_html(part, at)
         else:
             body += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
     below = "".join(

@@ -80,6 +80,17 @@ class Camera:
         found: Floats = self.position_m[:2] + steps[:, None] * rays[:, :2]
         return found.reshape(points_px.shape)
 
+    def project(self, points_m: Floats) -> Floats:
+        """Return the pixels, (points, 2), of points of the arena, (points, 3), m."""
+        cv2 = opencv()
+        turn, _ = cv2.Rodrigues(self.rotation)
+        shift = -self.rotation @ self.position_m
+        seen, _ = cv2.projectPoints(
+            np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 1, 3), turn, shift, self.lens.matrix,
+            self.lens.distortion,
+        )  # fmt: skip
+        return np.asarray(seen.reshape(-1, 2), dtype=np.float64)
+
 
 def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tuple[int, int]]:
     """Fit a lens to a video of a chessboard that is held before the camera in all directions.

@@ -45,6 +45,8 @@ class Detections:
     floor_px: dict[int, Floats]
     """Of each floor marker that was seen, the median of its corners, (4, 2)."""
     whole_frames: int
+    twice: tuple[tuple[int, int], ...] = ()
+    """Frame and marker wherever a marker was seen twice, so that neither counted."""
 
     def edge_px(self) -> Floats:
         """Return the median edge of each robot's marker, (robots,); NaN: never seen."""
@@ -73,6 +75,7 @@ def detect(
     moved = np.zeros((len(numbers), 2))
     times, found, whole_frames = [], [], 0
     floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
+    twice: list[tuple[int, int]] = []
     for k, (time_s, picture) in enumerate(pictures_of(path, partial=partial)):
         here = np.full((len(numbers), 4, 2), np.nan)
         lost = any(corners is None for corners in last)
@@ -90,6 +93,7 @@ def detect(
                 box = _window(last[i], moved[i], info.size_px)
                 if box is not None and (four := finder.in_window(picture, box, marker)) is not None:
                     here[i] = four
+        twice += [(k, marker) for marker in finder.doubled()]
         for i in range(len(numbers)):
             now = None if np.isnan(here[i]).any() else here[i]
             before = last[i]
@@ -110,6 +114,7 @@ def detect(
         corners_px,
         {marker: np.median(corners, axis=0) for marker, corners in floor.items() if corners},
         whole_frames,
+        tuple(twice),
     )
 
 
@@ -124,6 +129,12 @@ class _Finder:
         self._cv2, self._markers = cv2, markers
         self._all = self._detector()
         self._one: dict[int, Any] = {}
+        self._twice: list[int] = []
+
+    def doubled(self) -> list[int]:
+        """Return the markers that were seen twice since this was asked last."""
+        found, self._twice = self._twice, []
+        return found
 
     def _detector(self, threshold_px: int | None = None) -> Any:
         parameters = self._cv2.aruco.DetectorParameters()
@@ -134,7 +145,7 @@ class _Finder:
 
     def everywhere(self, picture: Picture) -> dict[int, Floats]:
         """Return the corners, (4, 2), of each marker that is seen once."""
-        return _markers_in(self._all, grey(picture), (0, 0))
+        return _markers_in(self._all, grey(picture), (0, 0), self._twice)
 
     def in_window(self, picture: Picture, window: Window, marker: int) -> Floats | None:
         """Return the corners, (4, 2), of a marker in a window."""
@@ -145,17 +156,21 @@ class _Finder:
         if threshold_px not in self._one:
             self._one[threshold_px] = self._detector(threshold_px)
         for detector in (self._one[threshold_px], self._all):
-            if (four := _markers_in(detector, cut, (left, top)).get(marker)) is not None:
+            twice: list[int] = []
+            four = _markers_in(detector, cut, (left, top), twice).get(marker)
+            if four is not None or twice:
+                self._twice += twice
                 return four
         return None
 
 
-def _markers_in(detector: Any, image: Gray, origin: tuple[int, int]) -> dict[int, Floats]:
-    """Return the corners of each marker of an image whose first pixel is ``origin``; twice seen: none of them."""
+def _markers_in(detector: Any, image: Gray, origin: tuple[int, int], twice: list[int]) -> dict[int, Floats]:
+    """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice go to a list."""
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return {}
     numbers = np.asarray(ids).ravel().tolist()
+    twice += sorted({number for number in numbers if numbers.count(number) > 1})
     return {
         number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
         for number, four in zip(numbers, corners, strict=True)

@@ -1,13 +1,13 @@
 """When tracked robots stand to take a sample, and by how much their clock differs from the camera's.
 
-| name | symbol | equation |
-|---|---|---|
-| noise of a coordinate | - | 1.4826 median of |second difference| / sqrt(6): of independent errors, of a robot that stands or goes evenly |
-| stands | - | within `NOISES` noises (at least `LEAST_M`, `LEAST_RAD`) of the medians over the next or last `SHORTEST_S` |
-| moved since a stop | s | distance + `LEVER_M` times the angle |
-| end of a stop | - | where s, a line through the first frames after it, is 0 |
-| clock offset | - | median over matched pairs of (time of a sample in the log - end of a stop) + control period |
-| its standard error | - | 1.2533 * 1.4826 MAD / sqrt(pairs): of a median of normal errors |
+| name | equation |
+|---|---|
+| noise of a coordinate | 1.4826 median of the size of second differences / sqrt(6): of independent errors |
+| stands | within ``NOISES`` noises (at least ``LEAST_M``, ``LEAST_RAD``) of the medians over ``SHORTEST_S`` |
+| moved since a stop | distance + ``LEVER_M`` times the angle |
+| end of a stop | when a line through what it moved in the first frames after it is 0 |
+| clock offset | median over matched pairs of (time of a sample in the log - end of a stop) + control period |
+| its standard error | 1.2533 * 1.4826 MAD / sqrt(pairs): of a median of normal errors |
 """
 
 from __future__ import annotations
@@ -58,6 +58,8 @@ class ClockOffset:
     """Samples of the log that are matched with a stop."""
     samples: int
     """Samples of the log while the camera ran."""
+    control_period_s: float = 0.0
+    """How long after a sample a robot drives on: the end of a stop is so much later."""
 
 
 def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: Floats) -> pl.DataFrame:
@@ -111,8 +113,8 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     """Match the samples of a log with the stops that a camera saw.
 
     Args:
-        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample. control_period_s: a robot that has
-            sampled drives on so much later.
+        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample. control_period_s: a robot
+            that has sampled drives on so much later.
     Raises:
         InputError: fewer than ``LEAST_PAIRS`` samples match.
     """
@@ -143,4 +145,10 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     ends = stops["end_s"].to_numpy()
     own = log["time_s"].to_numpy() - peak
     during = int(((own >= ends.min() - MATCH_S) & (own <= ends.max() + MATCH_S)).sum())
-    return ClockOffset(peak + control_period_s, 1.2533 * spread / matched.size**0.5, int(matched.size), during)
+    return ClockOffset(
+        peak + control_period_s,
+        1.2533 * spread / matched.size**0.5,
+        int(matched.size),
+        during,
+        control_period_s,
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -51,6 +51,8 @@ class Tracking:
     """``stops.STOPS``."""
     jumps: int
     """Positions that were dropped as too fast."""
+    dropped: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=POSITIONS))
+    """Those positions, ``POSITIONS``."""
 
     def gaps(self) -> pl.DataFrame:
         """Return the gaps of more than ``GAP_S``: robot, start_s, end_s; from the first frame to the last."""
@@ -136,7 +138,7 @@ def track(
         lens,
         camera_height_m,
     )
-    tables, stops, jumps = [], [], 0
+    tables, stops, dropped = [], [], [pl.DataFrame(schema=POSITIONS)]
     for i, name in enumerate(markers.robots.values()):
         own = seen.corners_px[there[:, i], i]
         if not len(own):
@@ -145,13 +147,14 @@ def track(
         time_s = seen.time_s[there[:, i]]
         heading = wrapped(along + np.pi / 2 + markers.forward_rad)
         kept = ~too_fast(time_s, centre)
-        jumps += int((~kept).sum())
-        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         columns = {
             "robot": np.full(time_s.size, name), "time_s": time_s, "x_m": centre[:, 0], "y_m": centre[:, 1],
             "heading_rad": heading,
         }  # fmt: skip
-        tables.append(pl.DataFrame(columns, schema=POSITIONS))
+        table = pl.DataFrame(columns, schema=POSITIONS)
+        tables.append(table.filter(pl.Series(kept)))
+        dropped.append(table.filter(pl.Series(~kept)))
+        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
     return Tracking(
         video,
@@ -160,7 +163,8 @@ def track(
         seen,
         pl.concat(tables),
         pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
-        jumps,
+        sum(part.height for part in dropped),
+        pl.concat(dropped),
     )
 
 

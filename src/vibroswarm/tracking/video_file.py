@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -176,6 +176,30 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             "or add --partial to use what is there",
             field=str(path),
         )
+
+
+def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
+    """Yield some frames: their number, from 0 as ``frames_of`` counts them, and picture; missing ones are left out.
+
+    The others are skipped without converting them, and only one picture is held at a time.
+    """
+    cv2 = opencv()
+    wanted = sorted(set(numbers))
+    capture = _opened(path)
+    at = 0
+    try:
+        for number in wanted:
+            while at < number and capture.grab():
+                at += 1
+            if at < number:
+                return
+            read, frame = capture.read()
+            if not read:
+                return
+            at += 1
+            yield number, cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame
+    finally:
+        capture.release()
 
 
 def uneven_frames(time_s: NDArray[np.float64]) -> tuple[float, float, float] | None:

@@ -1,0 +1,209 @@
+"""What is doubtful in a tracking, and the page that shows it: each doubt is there with its cause, and not without."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.report.frames import ReportFrame, ReportFrames
+from vibroswarm.report.html import Report, Section, report_html
+from vibroswarm.tracking.camera import Camera, Lens, matrix_of
+from vibroswarm.tracking.clock_residuals import match_samples
+from vibroswarm.tracking.detection import Detections
+from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of
+from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
+from vibroswarm.tracking.markers import Markers, corners_at, usual_markers
+from vibroswarm.tracking.review import REVIEW, answer, write_review
+from vibroswarm.tracking.stops import ClockOffset, stops_of
+from vibroswarm.tracking.track import POSITIONS, TrackedLog, Tracking
+from vibroswarm.tracking.video_file import VideoWriter
+
+cv2 = pytest.importorskip("cv2")
+SIZE, RATE, SECONDS = (640, 480), 10.0, 20.0
+LENS = Lens(matrix_of(560.0, np.array([319.5, 239.5])), np.zeros(5), 0.1)
+CAMERA = Camera(LENS, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.4]), 0.2, True)
+MARKERS = usual_markers(2, 1.0, 1.0, size_mm=60, height_mm=30)
+
+
+def tracking_of(
+    folder: Path,
+    change: Callable[[np.ndarray[Any, Any]], None] = lambda corners: None,
+    *,
+    markers: Markers = MARKERS,
+    time_s: np.ndarray[Any, Any] | None = None,
+    **more: Any,
+) -> Tracking:
+    """Two robots that drive to the right at 3 cm/s and stand from 5 to 8 s, as a camera straight above saw them."""
+    time_s = np.arange(0.0, SECONDS, 1 / RATE) if time_s is None else time_s
+    driven_s = time_s - np.clip(time_s - 5, 0, 3)
+    corners = np.stack(
+        [
+            np.stack(
+                [
+                    CAMERA.project(corners_at(0.1 + 0.03 * s, 0.3 + 0.3 * robot, np.pi / 2, 0.06, 0.03))
+                    for robot in range(2)
+                ]
+            )
+            for s in driven_s.tolist()
+        ]
+    )
+    change(corners)
+    floor = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
+    seen = Detections(SIZE, time_s, corners, floor, 5)
+    seen = replace(seen, **{k: v for k, v in more.items() if k in ("floor_px", "twice")})
+    tables, stops = [], []
+    for robot in range(2):
+        there = np.isfinite(corners[:, robot, 0, 0])
+        at = CAMERA.at_height(corners[there, robot].mean(axis=1), 0.03)
+        columns = [np.full(there.sum(), robot), time_s[there], at[:, 0], at[:, 1], np.zeros(there.sum())]
+        tables.append(pl.DataFrame(dict(zip(POSITIONS, columns, strict=True)), schema=POSITIONS))
+        stops.append(stops_of(robot, time_s[there], at[:, 0], at[:, 1], np.zeros(there.sum())))
+    kinds = {"jumps": 0} | {k: v for k, v in more.items() if k in ("dropped", "jumps")}
+    video = folder / "the <b>video.avi"
+    return Tracking(video, markers, CAMERA, seen, pl.concat(tables), pl.concat(stops), **kinds)
+
+
+def kinds_of(tracking: Tracking) -> list[str]:
+    return list(dict.fromkeys(doubt.kind for doubt in doubts_of(tracking)))
+
+
+def test_a_tracking_without_problems_has_no_doubts(tmp_path: Path) -> None:
+    good = tracking_of(tmp_path)
+    assert kinds_of(good) == []
+    assert answer(good, []).endswith("Nothing is doubtful.")
+    assert good.stops.height == 2
+
+
+def hide(corners: np.ndarray[Any, Any]) -> None:
+    corners[100:130, 1] = np.nan
+
+
+def carry(corners: np.ndarray[Any, Any]) -> None:
+    corners[150:, 0] += np.array([120.0, 0.0])
+
+
+def shrink(corners: np.ndarray[Any, Any]) -> None:
+    centre = corners.mean(axis=2, keepdims=True)
+    corners[:] = centre + 0.6 * (corners - centre)
+
+
+UNEVEN = np.concatenate([np.arange(0, 10, 0.1), np.arange(10.5, 20, 0.1)])
+MOVED = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
+MOVED[46] = MOVED[46] + 4.0
+LARGER = replace(MARKERS, size_m=0.07)
+DROPPED = pl.DataFrame([(1, 3.0, 0.9, 0.9, 0.0)], schema=POSITIONS, orient="row")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "given", "words"),
+    [
+        (["gap"], {"change": hide}, "Robot 1 was not seen from 9.9 to 13.0 s"),
+        (["carried"], {"change": carry}, "Robot 0 moved 2"),
+        (["size", "small"], {"change": shrink}, "Robot 0's marker measures 36.0 mm"),
+        (["size"], {"markers": LARGER}, "-14 % from the 70 mm"),
+        (["floor"], {"floor_px": MOVED}, "Marker 46 of the floor is 5.7 px"),
+        (["floor"], {"floor_px": {46: MOVED[46] - 4.0}}, "Never seen: markers 47, 48, 49"),
+        (["frames"], {"time_s": UNEVEN}, "the longest is 600 ms, at 9.9 s"),
+        (["twice"], {"twice": ((30, 1), (31, 1))}, "robot 1's marker 1 two were seen at once in 2"),
+        (["jump"], {"dropped": DROPPED, "jumps": 1}, "Robot 1 was read at (0.900, 0.900) m at 3.0 s"),
+    ],
+)
+def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], given: Any, words: str) -> None:
+    tracking = tracking_of(tmp_path, **given)
+    found = doubts_of(tracking)
+    assert list(dict.fromkeys(doubt.kind for doubt in found)) == kinds
+    assert any(words in doubt.words for doubt in found), [doubt.words for doubt in found]
+    assert all(doubt.kind in ADVICE and doubt.kind in TITLES for doubt in found)
+
+
+def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_path: Path) -> None:
+    tracking = tracking_of(tmp_path)
+    ends = tracking.stops["end_s"].to_list()
+    offset = ClockOffset(100.0, 0.01, 2, 4)
+    taken = [102.0, 100 + ends[0] + 0.02, 100 + ends[0] + 0.3, 106.5]
+    samples = pl.DataFrame({"robot": [0, 0, 0, 1], "time_s": taken})
+    matched, lone = match_samples(tracking.stops, samples, offset)
+    assert matched.drop_nulls().select("robot", "stop_end_s").rows() == [(0, ends[0])]
+    assert matched.drop_nulls()["residual_s"][0] == pytest.approx(0.02)
+    assert lone["robot"].to_list() == [1]
+    found = {doubt.kind: doubt.words for doubt in doubts_of(tracking, matched, lone)}
+    assert found["late"].startswith("Robot 1 logged a sample at 6.5 s, in a stop that was seen to end at 8.")
+    assert [
+        doubt.time_s for doubt in doubts_of(tracking, matched, lone) if doubt.kind == "sample"
+    ] == pytest.approx([2.0, ends[0] + 0.3])
+    assert "stop" not in found
+    matched, lone = match_samples(tracking.stops, samples.filter(pl.col("time_s") != 106.5), offset)
+    assert {doubt.kind for doubt in doubts_of(tracking, matched, lone)} == {"sample", "stop"}
+
+
+def test_frames_are_bounded_and_every_kind_has_some() -> None:
+    doubts = [Doubt("gap", "", 0, 1.0, ((1.0, "a"), (2.0, "b"))) for _ in range(100)]
+    doubts += [Doubt("stop", "", 0, 1.0, ((1.0, "a"),)) for _ in range(100)] + [Doubt("floor", "")]
+    found = chosen(doubts)
+    assert sum(len(doubts[number].shots) for number in found) <= FRAMES_UP_TO
+    assert {doubts[number].kind for number in found} == {"gap", "stop"}
+    assert [number for number in found if number < 4] == [0, 1, 2, 3]
+
+
+def white_video(path: Path, frames: int) -> None:
+    with VideoWriter(path, SIZE, RATE) as writer:
+        for k in range(frames):
+            writer.write(np.full(SIZE[::-1], k, dtype=np.uint8))
+
+
+def test_frames_are_cut_where_they_should_be(tmp_path: Path) -> None:
+    tracking = tracking_of(tmp_path, hide)
+    white_video(tracking.video, 200)
+    doubts = doubts_of(tracking)
+    shots = shots_of(tracking, doubts)
+    assert [shot.words for shot in shots] == ["9.9 s, seen last", "11.4 s, in between", "13.0 s, seen again"]
+    for shot, grey in zip(shots, (99, 114, 130), strict=True):
+        picture = cv2.imdecode(np.frombuffer(shot.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert picture.shape == (300, 300)
+        assert abs(int(np.median(picture)) - grey) <= 3  # the grey level is the frame's number
+    tracking.video.unlink()
+    assert shots_of(tracking, doubts) == []
+
+
+def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> None:
+    tracking = tracking_of(tmp_path, hide)
+    white_video(tracking.video, 200)
+    samples = pl.DataFrame({"robot": [0, 1], "time_s": [108.0, 108.0]})
+    log: Any = None
+    tracked = TrackedLog(log, ClockOffset(100.0, 0.004, 2, 2), 0, 0)
+    doubts = write_review(tmp_path / REVIEW, tracking, tracked, samples)
+    assert [doubt.kind for doubt in doubts] == ["gap"]
+    page = (tmp_path / REVIEW).read_text(encoding="utf-8")
+    assert "<b>video" not in page
+    assert page.count("<img ") == page.count("data:image/jpeg;base64,") == 3
+    lead = re.search(r'<p class="lead">(.*?)</p>', page)
+    assert lead is not None
+    assert "Doubtful: robots that were lost (1)" in lead[1]
+    assert "+100.000" in lead[1].replace("\u00a0", " ")
+    for words in (
+        "What to do:",
+        "Where robots were seen",
+        "When robots were seen",
+        "Clocks of",
+        "Lens and markers",
+    ):
+        assert words in page
+    assert page.count('class="drawing"') == 4
+
+
+def test_pictures_from_elsewhere_are_refused() -> None:
+    group = ReportFrames("x", (ReportFrame("https://example.org/a.jpg", "a"),))
+    with pytest.raises(InputError, match="must be a data URI"):
+        report_html(Report("t", sections=(Section("s", parts=(group,)),)))
+    nasty = ReportFrames("<i>", (ReportFrame("data:image/png;base64,AAAA", '"><script>'),))
+    page = report_html(Report("t", sections=(Section("s", parts=(nasty,)),)))
+    assert "<i>" not in page
+    assert '"><script>' not in page.replace("&quot;&gt;&lt;script&gt;", "")
