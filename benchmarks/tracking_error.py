@@ -62,8 +62,8 @@ def main() -> None:
                 f"{words:20s} {errors(tracking, truth, known)}  {made.frames / took:.0f} frames/s", flush=True
             )
             if used is lens and known is markers:
-                print(f"{'':20s} {stops(tracking, result.motion)}")
-                found = with_positions(tracking, log, "log.csv").offset
+                print(f"{'':20s} {stops(tracking, result.motion, truth)}")
+                found = with_positions(tracking, log, "log.csv", scenario.run.control_period_ms / 1000).offset
                 late_ms = 1000 * (found.offset_s - OFFSET_S)
                 print(
                     f"{'':20s} clock off by {late_ms:+.0f} ms, standard error {1000 * found.error_s:.0f} ms"
@@ -84,13 +84,21 @@ def errors(tracking: Tracking, truth: pl.DataFrame, markers: Markers) -> str:
     )
 
 
-def stops(tracking: Tracking, motion: pl.DataFrame) -> str:
-    """Return how many stops are found, and how many are none."""
-    true = motion.select(pl.col("robot").cast(pl.Int64), true_s="time_s")
-    near = tracking.stops.join(true, on="robot").filter((pl.col("end_s") - pl.col("true_s")).abs() < 0.5)
-    hits = near.select("robot", "true_s").unique().height
+def stops(tracking: Tracking, motion: pl.DataFrame, truth: pl.DataFrame) -> str:
+    """Return how many stops are found, how many of the others a hand hides, and how many are none."""
+    true = motion.select(pl.col("robot").cast(pl.Int64), "stop_start_s", true_s="time_s")
+    ended = tracking.stops.filter(pl.col("end_seen"))
+    near = ended.join(true, on="robot").filter((pl.col("end_s") - pl.col("true_s")).abs() < 0.5)
+    hits = near.select("robot", "true_s").unique()
+    missed = true.join(hits, on=["robot", "true_s"], how="anti")
+    hand = truth.filter("hidden").select(pl.col("robot").cast(pl.Int64), hand_s="time_s")
+    within = pl.col("hand_s").is_between(pl.col("stop_start_s"), pl.col("true_s") + 0.2)
+    hidden = missed.join(hand, on="robot").filter(within).select("robot", "true_s").unique().height
     good = near.select("robot", "end_s").unique().height
-    return f"{hits} of {true.height} stops found; {tracking.stops.height - good} of {tracking.stops.height} are none"
+    return (
+        f"{hits.height} of {true.height} stops found, {hidden} of the others hidden by the hand; "
+        f"{ended.height - good} of {ended.height} are none"
+    )
 
 
 if __name__ == "__main__":

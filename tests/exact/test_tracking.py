@@ -114,8 +114,28 @@ def test_stops_are_found_and_their_ends_between_frames() -> None:
     assert found["end_s"].to_list() == pytest.approx([7.0, 13.5], abs=0.02)
     assert found["start_s"].to_list() == pytest.approx([4.0, 11.0], abs=0.15)
     assert stops_of(3, time_s, 0.1 + 0.04 * time_s, y_m, heading).is_empty()
+    assert found["end_seen"].all()
     turning = stops_of(3, time_s, np.full(time_s.size, 0.5), y_m, 0.5 * time_s)
     assert turning.is_empty()  # turns in place
+
+
+def test_a_stop_ends_where_the_robot_begins_to_turn() -> None:
+    """Stands from 4 to 7 s, then turns in place ever more slowly for a second before it drives."""
+    time_s, x_m, y_m, _ = path_with_stops()
+    heading = 3.1 + 0.8 * np.clip(1.0 - np.exp(-(time_s - 7.03) / 0.4), 0.0, None)  # passes pi
+    x_m = x_m - 0.04 * np.clip(time_s - 7, 0, 1)
+    noise = np.random.default_rng(2).normal(0, 0.002, time_s.size)
+    found = stops_of(3, time_s, x_m, y_m, np.angle(np.exp(1j * (heading + noise))))
+    assert found["end_s"][0] == pytest.approx(7.03, abs=0.03)
+
+
+def test_a_stop_that_is_hidden_or_unfinished_has_no_end() -> None:
+    time_s, x_m, y_m, heading = path_with_stops()
+    shown = (time_s < 6.5) | (time_s > 7.5)
+    found = stops_of(3, *(of[shown] for of in (time_s, x_m, y_m, heading)))
+    assert found["end_seen"].to_list() == [False, True]
+    early = time_s < 6.0
+    assert stops_of(3, *(of[early] for of in (time_s, x_m, y_m, heading)))["end_seen"].to_list() == [False]
 
 
 def test_clocks_are_matched_in_spite_of_missing_stops_and_other_clocks_are_refused() -> None:
@@ -123,12 +143,16 @@ def test_clocks_are_matched_in_spite_of_missing_stops_and_other_clocks_are_refus
     ends = np.cumsum(chance.uniform(4, 12, (4, 25)), axis=1)
     stops = pl.DataFrame(
         {"robot": np.repeat(np.arange(4), 25), "end_s": (ends + chance.normal(0, 0.02, ends.shape)).ravel()}
-    ).with_columns(start_s=pl.col("end_s") - 2, x_m=0.0, y_m=0.0)
+    ).with_columns(start_s=pl.col("end_s") - 2, end_seen=True, x_m=0.0, y_m=0.0)
     log = pl.DataFrame({"robot": np.repeat(np.arange(4), 25), "time_s": ends.ravel() + 87.25})
     found = clock_offset(stops.sample(fraction=0.8, seed=1), log)
     assert found.offset_s == pytest.approx(87.25, abs=0.015)
     assert abs(found.offset_s - 87.25) < 4 * found.error_s < 0.05
     assert found.pairs >= 78
+    assert clock_offset(stops, log, 0.02).offset_s == pytest.approx(clock_offset(stops, log).offset_s + 0.02)
+    unseen = stops.with_columns(end_seen=False)
+    with pytest.raises(InputError, match="stops in the video"):
+        clock_offset(unseen, log)
     other = log.with_columns(time_s=pl.Series(np.sort(chance.uniform(0, 4000, 100))))
     with pytest.raises(InputError, match="match a stop"):
         clock_offset(stops, other)

@@ -156,7 +156,8 @@ def run(arguments: argparse.Namespace) -> int:
                 )
             )
         tracking = stitch(cameras)
-    tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log))
+    period_s = scenario.run.control_period_ms / 1000.0
+    tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
     with whole_folder(arguments.out, replace=True) as part:
         if tracked is not None:
             recording_of(

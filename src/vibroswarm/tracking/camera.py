@@ -31,8 +31,8 @@ CORNER_PX: Final = 0.2
 """Standard deviation of a corner that priors of a self-calibration are weighed against."""
 CENTRE_SHARE: Final = 0.01
 """Standard deviation of the lens's centre, as a share of the image's width."""
-EDGE_SHARE: Final = 0.03
-"""Standard deviation of the size of robots' markers as they are seen: a blurred black edge moves."""
+EDGE_PX: Final = 1.0
+"""Standard deviation of how far outwards the edges of black squares are seen: blur and thresholds move all alike."""
 HEIGHT_SHARE: Final = 0.01
 """Standard deviation of the camera's height, if it is told."""
 FOCAL_SHARE: Final = 0.5
@@ -66,6 +66,8 @@ class Camera:
     """Root mean square of the floor markers' corners."""
     calibrated: bool
     """Whether the lens was fitted to a chessboard, not to the video itself."""
+    edge_px: float = 0.0
+    """How far outwards the edges of black squares are seen."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
         """Return x and y, (..., 2), m, of what is seen at pixels, (..., 2), at a height above the floor."""
@@ -137,7 +139,8 @@ def fit_camera(
     """Fit a camera's pose, and its lens unless it is given.
 
     Args:
-        size_px: width and height. floor_m, floor_px: (points, 3), (points, 2): corners of the floor's markers.
+        size_px: width and height. floor_m, floor_px: (points, 3), (points, 2): four corners of each of the floor's
+            markers.
         robots_px: (markers, 4, 2): corners of robots' markers, seen anywhere; they are squares of ``robot_size_m`` at
             ``robot_height_m``.
         camera_height_m: of the lens above the floor, if it was measured.
@@ -160,21 +163,23 @@ def fit_camera(
         rotation, _ = cv2.Rodrigues(at[:3])
         return Camera(used, rotation, -rotation.T @ at[3:6], np.nan, lens is not None)
 
+    floor_in_px = outwards(floor_px.reshape(-1, 4, 2))
+    robots_in_px = outwards(robots_px)
+
     def floor_errors(at: Floats) -> Floats:
         now = camera_of(at)
         seen, _ = cv2.projectPoints(floor_m, at[:3], at[3:6], now.lens.matrix, now.lens.distortion)
-        return np.asarray(seen.reshape(-1, 2) - floor_px)
+        return np.asarray(seen.reshape(-1, 2) - (floor_px - at[-1] * floor_in_px.reshape(-1, 2)))
 
     def errors(at: Floats) -> Floats:
-        parts = [floor_errors(at).ravel() / CORNER_PX]
+        parts = [floor_errors(at).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
         if lens is None:
             now = camera_of(at)
             per_m = now.lens.matrix[0, 0] / max(now.position_m[2] - robot_height_m, 1e-3)
-            corners = now.at_height(robots_px, robot_height_m)
-            size_m = robot_size_m * (1.0 + at[11])
-            parts.append((square_errors(corners, size_m) * per_m / CORNER_PX).ravel())
-            priors = [FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD, EDGE_SHARE]
-            parts.append(at[6:12] / np.array(priors))
+            corners = now.at_height(robots_px - at[-1] * robots_in_px, robot_height_m)
+            parts.append((square_errors(corners, robot_size_m) * per_m / CORNER_PX).ravel())
+            priors = [FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD]
+            parts.append(at[6:11] / np.array(priors))
             if camera_height_m is not None:
                 share = now.position_m[2] / camera_height_m - 1.0
                 parts.append(np.array([share / HEIGHT_SHARE]))
@@ -188,7 +193,8 @@ def fit_camera(
         if solved:
             start = np.concatenate([turn.ravel(), shift.ravel()])
             if lens is None:
-                start = np.concatenate([start, [np.log(focal), 0.0, 0.0, 0.0, 0.0, 0.0]])
+                start = np.concatenate([start, [np.log(focal), 0.0, 0.0, 0.0, 0.0]])
+            start = np.concatenate([start, [0.0]])
             fits.append(least_squares(errors, start, x_scale="jac", loss="soft_l1", max_nfev=200))
     if not fits:
         raise InputError(
@@ -210,12 +216,21 @@ def fit_camera(
         camera.position_m,
         floor_error,
         lens is not None,
+        float(found.x[-1]),
     )
 
 
 def matrix_of(focal_px: float, centre_px: Floats) -> Floats:
     """Return a camera matrix, (3, 3)."""
     return np.array([[focal_px, 0.0, centre_px[0]], [0.0, focal_px, centre_px[1]], [0.0, 0.0, 1.0]])
+
+
+def outwards(corners_px: Floats) -> Floats:
+    """Return by how much each corner moves, (markers, 4, 2), if all edges move outwards by a pixel."""
+    along = np.roll(corners_px, -1, axis=1) - corners_px
+    along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    found: Floats = np.roll(along, 1, axis=1) - along
+    return found
 
 
 def square_errors(corners_m: Floats, size_m: float) -> Floats:

@@ -24,7 +24,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.tracking.camera import square_errors
+from vibroswarm.tracking.camera import outwards, square_errors
 from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, SMALL_PX, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 FLOOR_PX: Final = 1.0
 """A floor marker whose corners are further off (root mean square) is not where the file has it."""
 SIZE_SHARE: Final = 0.05
-"""Robots' markers that measure so much more or less than stated; a blurred edge alone moves the size by 3 %."""
+"""Robots' markers that measure so much more or less than stated."""
 TITLES: Final = {
     "gap": "Robots that were lost",
     "carried": "Robots that moved too fast",
@@ -299,9 +299,16 @@ def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
 def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
     """Return for each floor marker seen by how much its corners differ from the fitted camera's, (4, 2), px."""
     return {
-        marker: corners - tracking.camera.project(tracking.markers.floor_corners(marker))
+        marker: sharp_corners(tracking, corners[None])[0]
+        - tracking.camera.project(tracking.markers.floor_corners(marker))
         for marker, corners in tracking.detections.floor_px.items()
     }
+
+
+def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
+    """Return corners, (markers, 4, 2), px, without what blur and thresholds move all edges by."""
+    found: Floats = corners_px - tracking.camera.edge_px * outwards(corners_px)
+    return found
 
 
 def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
@@ -311,7 +318,7 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
         own = seen[np.isfinite(seen[:, i]).all(axis=(1, 2)), i]
         found[name] = float("nan")
         if len(own):
-            corners = tracking.camera.at_height(own, tracking.markers.height_m)
+            corners = tracking.camera.at_height(sharp_corners(tracking, own), tracking.markers.height_m)
             edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
             found[name] = float(np.median(edges))
     return found

@@ -174,8 +174,9 @@ def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
     ]
     legend_below(figure, sizes, handles, names)
     caption = (
-        f"Each of {paired.height} samples that match a stop, on the clock that was fitted. A slope is a clock that "
-        "runs faster; one robot away from the others is a clock of its own."
+        f"Each of {paired.height} samples that match a stop, on the clock that was fitted: earlier by the time in "
+        "which a robot has sampled and still stands. A slope is a clock that runs faster; one robot away from the "
+        "others is a clock of its own."
     )
     return Picture(figure, paired, caption, style)
 

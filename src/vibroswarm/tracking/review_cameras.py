@@ -67,7 +67,8 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
         f"{camera.position_m[1]:.2f}) m; lens {lens}. Corners of the floor's markers are met to "
         f"{camera.floor_error_px:.2f} px; a pixel in the middle covers {mm_per_px(tracking):.2f} mm.",
         f"Robots' markers measure {1000 * float(np.median(sizes)):.1f} mm (median; stated: "
-        f"{1000 * tracking.markers.size_m:g} mm). Black edges spread or shrink in print and exposure; 3 % are usual.",
+        f"{1000 * tracking.markers.size_m:g} mm). Edges are seen "
+        f"{camera.edge_px:+.2f} px outwards, by blur, print and exposure, which is taken off.",
     )
     robots_px, robots_mm = square_residuals(tracking)
     drawing = draw_lens(

@@ -1,11 +1,13 @@
 """When tracked robots stand to take a sample, and by how much their clock differs from the camera's.
 
-| name | equation |
-|---|---|
-| stands | within ``NEAR_M`` of, and ``NEAR_RAD`` turned from, where it was ``SHORTEST_S`` later and before |
-| end of a stop | where the path after it, extrapolated back at its speed, leaves the place of the stop |
-| clock offset | median over matched pairs of (time of a sample in the log - end of a stop) |
-| its standard error | 1.2533 * 1.4826 MAD / sqrt(pairs): of a median of normal errors |
+| name | symbol | equation |
+|---|---|---|
+| noise of a coordinate | - | 1.4826 median of |second difference| / sqrt(6): of independent errors, of a robot that stands or goes evenly |
+| stands | - | within `NOISES` noises (at least `LEAST_M`, `LEAST_RAD`) of the medians over the next or last `SHORTEST_S` |
+| moved since a stop | s | distance + `LEVER_M` times the angle |
+| end of a stop | - | where s, a line through the first frames after it, is 0 |
+| clock offset | - | median over matched pairs of (time of a sample in the log - end of a stop) + control period |
+| its standard error | - | 1.2533 * 1.4826 MAD / sqrt(pairs): of a median of normal errors |
 """
 
 from __future__ import annotations
@@ -21,15 +23,15 @@ from vibroswarm.errors import InputError
 
 Floats = NDArray[np.float64]
 
-NEAR_M: Final = 0.002
-NEAR_RAD: Final = 0.12
-"""A tracked robot that stands moves less than this: noise of the camera."""
-SHORTEST_S: Final = 0.8
+NOISES: Final = 6.0
+LEAST_M: Final = 0.0004
+LEAST_RAD: Final = 0.015
+"""A tracked robot that stands moves less than this, however little noise there is."""
+LEVER_M: Final = 0.03
+SHORTEST_S: Final = 0.6
 """Shorter stops are not counted; the paper's robots sample for 1 s."""
-FAR_S: Final = 30.0
-"""Clocks may differ by more than this, but matched samples lie within ``MATCH_S`` of the offset."""
-EARLY_S: Final = 0.05
-"""A stop may have ended so long before the last frame in which the robot is still near: ``NEAR_M`` at its speed."""
+AFTER: Final = 3
+"""Frames after a stop that its end is found from."""
 BIN_S: Final = 0.25
 MATCH_S: Final = 0.5
 LEAST_PAIRS: Final = 8
@@ -38,10 +40,11 @@ STOPS: Final = {
     "robot": pl.Int64,
     "start_s": pl.Float64,
     "end_s": pl.Float64,
+    "end_seen": pl.Boolean,
     "x_m": pl.Float64,
     "y_m": pl.Float64,
 }
-"""Columns of a table of stops."""
+"""Columns of a table of stops; an end is not seen if the robot is hidden then, or the video over."""
 
 
 @dataclass(frozen=True)
@@ -63,49 +66,57 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
     Args:
         time_s, x_m, y_m, heading_rad: (detections,), of increasing time.
     """
+    heading = np.unwrap(heading_rad)
+    near_m = max(NOISES * max(_noise(x_m), _noise(y_m)), LEAST_M)
+    near_rad = max(NOISES * _noise(heading), LEAST_RAD)
     stands = np.zeros(time_s.size, dtype=np.bool_)
     for k in range(time_s.size):
         j = int(np.searchsorted(time_s, time_s[k] + SHORTEST_S))
         if j >= time_s.size or time_s[j] > time_s[k] + 2.0 * SHORTEST_S:
             continue
         along = slice(k, j + 1)
-        middle_x, middle_y = np.median(x_m[along]), np.median(y_m[along])
-        near = np.hypot(x_m[along] - middle_x, y_m[along] - middle_y).max() < NEAR_M
-        turned = np.abs(np.angle(np.exp(1j * (heading_rad[along] - heading_rad[k])))).max()
-        if near and turned < NEAR_RAD:
+        away = np.hypot(x_m[along] - np.median(x_m[along]), y_m[along] - np.median(y_m[along]))
+        turned = np.abs(heading[along] - np.median(heading[along]))
+        if away.max() < near_m and turned.max() < near_rad:
             stands[along] = True
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
     rows = []
     for first, after in edges.reshape(-1, 2):
-        at = float(np.median(x_m[first:after])), float(np.median(y_m[first:after]))
-        end_s = _end_of(first, after, at, time_s, x_m, y_m)
-        rows.append((robot, float(time_s[first]), end_s, *at))
+        x, y, towards = (float(np.median(of[first:after])) for of in (x_m, y_m, heading))
+        moved = np.hypot(x_m - x, y_m - y) + LEVER_M * np.abs(heading - towards)
+        rows.append((robot, float(time_s[first]), *_end_of(after, time_s, moved), x, y))
     return pl.DataFrame(rows, schema=STOPS, orient="row")
 
 
-def _end_of(
-    first: int, after: int, at: tuple[float, float], time_s: Floats, x_m: Floats, y_m: Floats
-) -> float:
-    """Return when a stop ended: distances after it, as a line in time, where they are 0."""
-    away = np.hypot(x_m - at[0], y_m - at[1])
-    moving = [k for k in range(after - 1, min(after + 12, time_s.size)) if away[k] > NEAR_M][:5]
+def _noise(values: Floats) -> float:
+    """Return the standard deviation of the noise of a coordinate, by its second differences."""
+    if values.size < 5:
+        return 0.0
+    return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / 6**0.5
+
+
+def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
+    """Return when a stop ended whose first frame after it is ``after``, and whether that was seen."""
     last_s = float(time_s[after - 1])
-    if len(moving) < 3:
-        return last_s
-    slope, at_0 = np.polyfit(time_s[moving] - last_s, away[moving], 1)
-    if slope <= 0.005:  # m/s: turns in place, or was hidden
-        return last_s
-    return last_s + float(np.clip(-at_0 / slope, -EARLY_S, time_s[moving[0]] - last_s))
+    usual_s = float(np.median(np.diff(time_s)))
+    going = after + np.flatnonzero(time_s[after : after + AFTER] - last_s < (AFTER + 0.5) * usual_s)
+    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:
+        return last_s, False
+    step_s = float(time_s[after]) - last_s
+    slope, at_0 = np.polyfit(time_s[going] - last_s, moved[going], 1) if going.size > 1 else (0.0, 0.0)
+    return last_s + (float(np.clip(-at_0 / slope, 0.0, step_s)) if slope > 0.0 else 0.5 * step_s), True
 
 
-def clock_offset(stops: pl.DataFrame, log: pl.DataFrame) -> ClockOffset:
+def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float = 0.0) -> ClockOffset:
     """Match the samples of a log with the stops that a camera saw.
 
     Args:
-        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample.
+        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample. control_period_s: a robot that has
+            sampled drives on so much later.
     Raises:
         InputError: fewer than ``LEAST_PAIRS`` samples match.
     """
+    stops = stops.filter(pl.col("end_seen"))
     lags = []
     for robot in log["robot"].unique().to_list():
         taken = log.filter(pl.col("robot") == robot)["time_s"].to_numpy()
@@ -132,4 +143,6 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame) -> ClockOffset:
     ends = stops["end_s"].to_numpy()
     own = log["time_s"].to_numpy() - peak
     during = int(((own >= ends.min() - MATCH_S) & (own <= ends.max() + MATCH_S)).sum())
-    return ClockOffset(peak, 1.2533 * spread / matched.size**0.5, int(matched.size), during)
+    return ClockOffset(
+        peak + control_period_s, 1.2533 * spread / matched.size**0.5, int(matched.size), during
+    )

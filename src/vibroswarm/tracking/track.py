@@ -245,9 +245,13 @@ class Seen(Protocol):
     def span_s(self) -> tuple[float, float]: ...  # noqa: D102
 
 
-def with_positions(tracking: Seen, samples: pl.DataFrame, name: str) -> TrackedLog:
+def with_positions(
+    tracking: Seen, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
+) -> TrackedLog:
     """Give the samples of a robots' log the places where the camera saw the robots; times are the log's.
 
+    Args:
+        control_period_s: how long after a sample a robot drives on.
     Raises:
         InputError: the clocks cannot be matched, or a robot of the log has no marker.
     """
@@ -256,7 +260,7 @@ def with_positions(tracking: Seen, samples: pl.DataFrame, name: str) -> TrackedL
         raise InputError(
             f"has robot {min(strangers)}, which has no marker in the file of markers", field=name
         )
-    offset = clock_offset(tracking.stops, samples)
+    offset = clock_offset(tracking.stops, samples, control_period_s)
     first_s, last_s = tracking.span_s
     outside, unseen, parts = 0, 0, []
     for robot in tracking.markers.robots.values():

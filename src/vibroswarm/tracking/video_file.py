@@ -15,6 +15,9 @@ from vibroswarm.errors import InputError, RunError
 from vibroswarm.tracking.opencv import opencv
 
 Gray = NDArray[np.uint8]
+"""(height, width)."""
+Picture = NDArray[np.uint8]
+"""(height, width, 3) as it was decoded, or (height, width)."""
 
 CODECS: Final = {".avi": "MJPG", ".mp4": "mp4v"}
 """By suffix; both are in OpenCV's own wheel."""
@@ -126,8 +129,19 @@ def _size_of_first(capture: Any, path: Path) -> tuple[int, int]:
     return frame.shape[1], frame.shape[0]
 
 
+def grey(picture: Picture) -> Gray:
+    """Return a picture, or a part of one, as brightness."""
+    cv2 = opencv()
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.ndim == 3 else picture
+
+
 def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gray]]:
-    """Yield the time (s, from the first frame) and the picture of each frame, grey, (height, width).
+    """Yield the time (s, from the first frame) and the picture of each frame, grey; as ``pictures_of``."""
+    return ((time_s, grey(picture)) for time_s, picture in pictures_of(path, partial=partial))
+
+
+def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Picture]]:
+    """Yield the time (s, from the first frame) and the picture of each frame.
 
     Args:
         partial: whether a video that ends early is accepted.
@@ -151,7 +165,7 @@ def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gra
                 time_s = last_s + 1.0 / info.frames_per_s
             last_s = time_s
             count += 1
-            yield time_s, cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame
+            yield time_s, frame
     finally:
         capture.release()
     if count == 0:
