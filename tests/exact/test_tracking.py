@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from vibroswarm.tracking.camera import (
     square_errors,
     square_of,
 )
+from vibroswarm.tracking.detection import _Finder
 from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
 from vibroswarm.tracking.stops import clock_offset, stops_of
 from vibroswarm.tracking.track import too_fast
@@ -167,6 +169,38 @@ def test_a_position_far_from_both_neighbours_is_dropped_and_a_robot_put_elsewher
     carried = centre.copy()
     carried[5:] += 0.3
     assert not too_fast(time_s, carried).any()
+
+
+UNREFINED_PNG = (
+    "iVBORw0KGgoAAAANSUhEUgAAACcAAAAnCAAAAACpyA7pAAADk0lEQVQ4y3VUW28bRRSeMzNe780ma8duUqsNBUUJAhQolcgDT3nnua/8"
+    "P4TEM6qEQOoTCIpUlSQ0Spy2IcTxJc7au/buzOHMzjoxVRmtd3bX35zvXL5z4FtWLkCGDMz2riXZ/60FHkocmkdgi3tpUGuJGoADKPMO"
+    "8l126AQIRTdgeomXzCAwbvyzPqL5W5jPGlEUBLLkx5KQYJwTqzmNtIGFLceB1jtVGGSgDA4qUplXlParpSo846CzueKcSykUorq1V2SO"
+    "cGD8Z3x23R8kKJphFEitlXwrf+YYpYGtjq/HZ8Ocu+376yG5avnguzJOWhUUtbrvKHZ52v1rMBLu1ie+ljYz4rHBFNBcR/WTF3FY86LO"
+    "+/e82VU2UytuWUfxGEtO1/E78MP3+0e9jENwtxNMRwmPPMVv61as5L0oHJ2dpf2nax9ub91Z2Qn4Udxb82ZL9sxy2g3n5U/5l5+Ky/0/"
+    "XnT7qiGHPWhxvhRvURPfVf1+uLObHfx53H31ZGPjg3Z/PgnEjT0wi8v1MP71aRrw6MHuI+f0+PJ45SM2azUWugKrKPA877yXJU+er+98"
+    "tbnph2nGttzf/UpucQrKyio2vuribnTy2+v2g+loyoM7a6FWaRVJNYzf6iCDq1Hw2Td7oWxMTmOuvVYQteoS0XjGYQFLxno0gX8uUNRb"
+    "+cWcQdSp1pshJwn+R89inp4Prn8+29lrN0fnM+U1VlFIkpfRJMib/kpj1p9OE//rh36j20NXRjWW55nmb+kFkgk0Z3n2LOrwi2GCfqsm"
+    "U6WtY3hrb1aBh9HB4eDH/Y37bxIQtU4Ak4wJK5Il/3C68fHe6eHB0bNfklEe1FtVFc+QGzkh5Q/B5hkyOYDVLz4fnjw/OHFi1bzHe3HC"
+    "gPJM6pXIrZhRokp6eSO4u7p9+erl4d/b7rAXM54t+pcbs3RRn6mpyuo1r9nafHTeS7PXE6WAWz0v4jDdCgLnw+nUcSsCQzG+joWUizJI"
+    "KFqayEVGLcNypBAdnpsXUOCwtMyfqV5hjzIFFBNTOaaEEGaS6Iw4bvxjReRK0BPo3AgYqc1hTpiM+fOSdzF/OKPk0zATgsg5y4F+XGpV"
+    "+pcWQ5QuaUSWM0m7NMcoQE6amgslyA35psqIg8hcq3+myrzbsURe6sLKsEIiJCArdnqic+YD2L4hj9GMDsnmZcNBgQOogsFxM2sKHqfA"
+    "U7Vu5rXlnYDd3fKcWxz7F3SWtZA/zCDHAAAAAElFTkSuQmCC"
+)
+"""A drawn marker of 14 px, an edge of which OpenCV finds too few pixels of to fit a line."""
+
+
+def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
+    picture = cv2.imdecode(
+        np.frombuffer(base64.b64decode(UNREFINED_PNG), dtype=np.uint8), cv2.IMREAD_GRAYSCALE
+    )
+    finder = _Finder(cv2, usual_markers(5, 1.0, 1.0))
+    by_lines = finder._detector(5)
+    with pytest.raises(cv2.error):
+        by_lines.detectMarkers(picture)
+    assert finder._markers_in(by_lines, picture, (0, 0)).keys() <= set(range(5))
+    height, width = picture.shape
+    for marker in range(5):
+        finder.in_window(picture, ((0, 0), (width, height)), marker)
 
 
 def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from vibroswarm.cli.options import add_json, add_scenario_options, between, real
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    from vibroswarm.tracking.camera_clocks import Overlap
+    from vibroswarm.tracking.stitch import Stitched
     from vibroswarm.tracking.track import TrackedLog, Tracking
 
 EPILOG = """\
@@ -28,7 +30,13 @@ def add_parser(tasks: Any) -> None:
         description="Find where the robots were in a video; with their log, make a recording.",
         epilog=EPILOG,
     )
-    parser.add_argument("video", metavar="VIDEO", type=Path, help="video of one session")
+    parser.add_argument(
+        "videos",
+        metavar="VIDEO",
+        nargs="+",
+        type=Path,
+        help="video of one session; several: of cameras whose views overlap",
+    )
     parser.add_argument(
         "--markers",
         metavar="FILE",
@@ -44,15 +52,23 @@ def add_parser(tasks: Any) -> None:
     parser.add_argument("--partial", action="store_true", help="use a video that ends too early")
     parser.add_argument("--any-floor", action="store_true", help="continue if the floor does not fit the log")
     camera = parser.add_argument_group("camera")
-    camera.add_argument("--lens", metavar="VIDEO", type=Path, help="of a chessboard, by the same camera")
+    camera.add_argument(
+        "--lens",
+        metavar="VIDEO",
+        nargs="+",
+        action="extend",
+        type=Path,
+        help="of a chessboard, by the same camera; several in the order of the videos, or one for all",
+    )
     camera.add_argument(
         "--board", metavar="WxH", type=_board, default=(9, 6), help="its inner corners (default 9x6)"
     )
     camera.add_argument(
         "--camera-height",
         metavar="M",
+        nargs="+",
         type=between(real, 0.1, 100),
-        help="of the lens above the floor, if measured, m",
+        help="of the lens above the floor, if measured, m; several in the order of the videos",
     )
     add_json(parser)
     add_scenario_options(parser)
@@ -64,6 +80,22 @@ def _board(text: str) -> tuple[int, int]:
     if not (across.isdigit() and down.isdigit() and 3 <= int(across) <= 50 and 3 <= int(down) <= 50):
         raise argparse.ArgumentTypeError(f"'{text}' is not a number of inner corners such as 9x6")
     return int(across), int(down)
+
+
+def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
+    """Return what an option states of each video: nothing, one for all, or one each.
+
+    Raises:
+        InputError: another number of them.
+    """
+    if given is None:
+        return [None] * videos
+    if len(given) not in (1, videos):
+        raise InputError(
+            f"{len(given)} given for {videos} video{'s' * (videos > 1)}; give one for all, or one each in their order",
+            field=option,
+        )
+    return given * videos if len(given) == 1 else given
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -83,6 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.tracking.markers import read_markers
     from vibroswarm.tracking.opencv import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
+    from vibroswarm.tracking.stitch import stitch
     from vibroswarm.tracking.track import read_robot_log, track, with_positions
 
     opencv()
@@ -93,25 +126,36 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("is required with --log: on which floor were the robots?", field="--floor")
     if samples is not None and scenario.floor.drawn_by_run:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
-    lens, lens_size = None, None
-    if arguments.lens is not None:
-        lens, lens_size = lens_from_chessboard(arguments.lens, arguments.board)
+    videos: list[Path] = arguments.videos
+    boards = _for_each(arguments.lens, len(videos), "--lens")
+    heights = _for_each(arguments.camera_height, len(videos), "--camera-height")
+    by_board = {
+        board: lens_from_chessboard(board, arguments.board) for board in dict.fromkeys(boards) if board
+    }
     stated = [parse_setting(text)[0] for text in arguments.settings]
     work = hash_of(
-        scenario.hash, stated, markers.to_toml(), str(arguments.video.resolve()), str(arguments.lens),
-        arguments.camera_height, None if samples is None else samples.to_dicts(),
+        scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
+        [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
     )  # fmt: skip
     claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
     with progress_bar("tracking") as progress:
-        tracking = track(
-            arguments.video,
-            markers,
-            lens=lens,
-            lens_size_px=lens_size,
-            camera_height_m=arguments.camera_height,
-            partial=arguments.partial,
-            progress=lambda done, total: progress(done / total),
-        )
+        cameras = []
+        for number, (video, board, height) in enumerate(zip(videos, boards, heights, strict=True)):
+            lens, size = by_board[board] if board is not None else (None, None)
+            cameras.append(
+                track(
+                    video,
+                    markers,
+                    lens=lens,
+                    lens_size_px=size,
+                    camera_height_m=height,
+                    partial=arguments.partial,
+                    progress=lambda done, total, before=number: progress(
+                        (before + done / total) / len(videos)
+                    ),  # type: ignore[misc]
+                )
+            )
+        tracking = stitch(cameras)
     period_s = scenario.run.control_period_ms / 1000.0
     tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
     with whole_folder(arguments.out, replace=True) as part:
@@ -138,21 +182,21 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def document(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
-    """Return what is printed as plain values."""
-    camera, gaps = tracking.camera, tracking.gaps()
-    found: dict[str, Any] = {
-        "video": str(tracking.video),
-        "frames": int(tracking.detections.time_s.size),
-        "positions": tracking.positions.height,
-        "gaps": gaps.height,
-        "jumps": tracking.jumps,
-        "stops": tracking.stops.height,
-        "camera_height_m": float(camera.position_m[2]),
-        "lens": "chessboard" if camera.calibrated else "the video itself",
-        "floor_error_px": camera.floor_error_px,
-        "warnings": tracking.warnings(),
+def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
+    """Return what is printed as plain values; of several cameras also the list of them."""
+    first = session.cameras[0]
+    found: dict[str, Any] = _about(first) | {
+        "positions": session.positions.height,
+        "gaps": session.gaps().height,
+        "jumps": session.jumps,
+        "stops": session.stops.height,
+        "warnings": session.warnings(),
     }
+    if len(session.cameras) > 1:
+        found["cameras"] = [
+            _about(camera) | (_about_overlap(overlap) if overlap is not None else {})
+            for camera, overlap in zip(session.cameras, session.overlaps, strict=True)
+        ]
     if tracked is not None:
         found |= {
             "clock_offset_s": tracked.offset.offset_s,
@@ -164,28 +208,64 @@ def document(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
     return found
 
 
-def _print_tracking(tracking: Tracking, tracked: TrackedLog | None) -> None:
-    """Print where robots were seen, the camera, and what to do about it."""
+def _about(tracking: Tracking) -> dict[str, Any]:
+    camera = tracking.camera
+    return {
+        "video": str(tracking.video),
+        "frames": int(tracking.detections.time_s.size),
+        "camera_height_m": float(camera.position_m[2]),
+        "lens": "chessboard" if camera.calibrated else "the video itself",
+        "floor_error_px": camera.floor_error_px,
+    }
+
+
+def _about_overlap(overlap: Overlap) -> dict[str, Any]:
+    return {
+        "offset_s": overlap.offset_s,
+        "offset_error_s": overlap.error_s,
+        "seen_by_both": overlap.pairs,
+        "apart_median_mm": 1000 * overlap.disagreement_m(),
+        "apart_95_mm": 1000 * overlap.disagreement_m(0.95),
+    }
+
+
+def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
+    """Print where robots were seen, the cameras, and what to do about it."""
     from vibroswarm.cli.output import print_paragraph
 
-    frames, robots = tracking.detections.corners_px.shape[:2]
-    share = tracking.positions.height / (frames * robots)
-    gaps, camera = tracking.gaps(), tracking.camera
-    seconds = float(tracking.detections.time_s[-1])
-    print_paragraph(
-        f"{100 * share:.1f} % of positions found: {robots} robots in {frames} frames ({seconds:.0f} s); "
-        f"{gaps.height} gaps of more than a second; {tracking.stops.height} stops; {tracking.jumps} positions dropped "
-        "as too far from their neighbours."
-    )
-    lens = (
-        f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
-        if camera.calibrated
-        else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
+    several = len(session.cameras) > 1
+    robots = len(session.markers.robots)
+    first_s, last_s = session.span_s
+    by = (
+        f"by {len(session.cameras)} cameras"
+        if several
+        else f"in {session.cameras[0].detections.time_s.size} frames"
     )
     print_paragraph(
-        f"Camera {camera.position_m[2]:.2f} m above the floor; lens {lens}; corners of the floor's markers are met to "
-        f"{camera.floor_error_px:.2f} px."
+        f"{100 * session.share_found():.1f} % of positions found: {robots} robots {by} ({last_s - first_s:.0f} s); "
+        f"{session.gaps().height} gaps of more than a second; {session.stops.height} stops; {session.jumps} positions "
+        "dropped as too far from their neighbours."
     )
+    for number, (tracking, overlap) in enumerate(
+        zip(session.cameras, session.overlaps, strict=True), start=1
+    ):
+        camera = tracking.camera
+        lens = (
+            f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
+            if camera.calibrated
+            else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
+        )
+        print_paragraph(
+            f"Camera {f'{number} ' if several else ''}{camera.position_m[2]:.2f} m above the floor; lens {lens}; "
+            f"corners of the floor's markers are met to {camera.floor_error_px:.2f} px."
+        )
+        if overlap is not None:
+            print_paragraph(
+                f"{tracking.video.name} begins {overlap.offset_s:+.3f} s after {session.video.name} (standard error "
+                f"{1000 * overlap.error_s:.1f} ms); {overlap.pairs} positions seen by both are "
+                f"{1000 * overlap.disagreement_m():.1f} mm apart (median; 95 %: "
+                f"{1000 * overlap.disagreement_m(0.95):.1f} mm)."
+            )
     if tracked is not None:
         offset = tracked.offset
         print_paragraph(
@@ -193,5 +273,5 @@ def _print_tracking(tracking: Tracking, tracked: TrackedLog | None) -> None:
             f"{1000 * offset.error_s:.0f} ms; {offset.pairs} of {offset.samples} matched with stops). Left out: "
             f"{tracked.outside} samples before or after the video, {tracked.unseen} in gaps of the tracking."
         )
-    for words in tracking.warnings():
+    for words in session.warnings():
         print_paragraph(words)

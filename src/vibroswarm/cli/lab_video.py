@@ -48,6 +48,13 @@ def add_parser(tasks: Any) -> None:
         default=0.0,
         help="time on the robots' clock at the start of the run, s (default 0)",
     )
+    parser.add_argument(
+        "--cameras",
+        metavar="N",
+        type=between(whole, 1, 4),
+        default=1,
+        help="side by side, each with its own tilt, lens and clock; their views overlap (default 1)",
+    )
     add_seed(parser, "of noise, hand and chessboard")
     camera = parser.add_argument_group("camera")
     camera.add_argument(
@@ -116,6 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
         arena.height_m,
         size_mm=arguments.marker_size,
         height_mm=arguments.marker_height,
+        cameras=arguments.cameras,
     )
     if arguments.camera_height <= markers.height_m + 0.1:
         raise InputError(f"{arguments.camera_height:g} m is not above the robots", field="--camera-height")
@@ -142,16 +150,18 @@ def run(arguments: argparse.Namespace) -> int:
             duration_s=arguments.duration,
             clock_offset_s=arguments.clock_offset,
             chessboard=arguments.chessboard,
+            cameras=arguments.cameras,
             replace=arguments.force,
             progress=lambda done, total: progress(done / total),
         )
     files = [written.video, written.markers, written.log, written.truth]
     files += [written.chessboard] if written.chessboard is not None else []
+    others = [path for view in written.others for path in (view.video, view.chessboard) if path is not None]
     if arguments.json:
         print(
             json.dumps(
                 {
-                    "files": [str(path) for path in files],
+                    "files": [str(path) for path in [*files, *others]],
                     "frames": written.frames,
                     "marker_px": written.marker_px,
                 }
@@ -163,4 +173,8 @@ def run(arguments: argparse.Namespace) -> int:
         files, ("video", "markers", "log of the robots", "where the robots were", "chessboard"), strict=False
     ):
         print_line(f"Saved: {path} ({what})")
+    for number, view in enumerate(written.others, start=2):
+        print_line(f"Saved: {view.video} (camera {number}, which begins {view.start_s:.3f} s later)")
+        if view.chessboard is not None:
+            print_line(f"Saved: {view.chessboard} (chessboard of camera {number})")
     return 0

@@ -66,6 +66,8 @@ class Camera:
     """Root mean square of the floor markers' corners."""
     calibrated: bool
     """Whether the lens was fitted to a chessboard, not to the video itself."""
+    edge_px: float = 0.0
+    """How far outwards the edges of black squares are seen."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
         """Return x and y, (..., 2), m, of what is seen at pixels, (..., 2), at a height above the floor."""
@@ -214,6 +216,7 @@ def fit_camera(
         camera.position_m,
         floor_error,
         lens is not None,
+        float(found.x[-1]),
     )
 
 

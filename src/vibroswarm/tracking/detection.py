@@ -93,12 +93,13 @@ def detect(
                 box = _window(last[i], moved[i], info.size_px)
                 if box is not None and (four := finder.in_window(picture, box, marker)) is not None:
                     here[i] = four
-        twice += [(k, marker) for marker in finder.doubled()]
         for i in range(len(numbers)):
             now = None if np.isnan(here[i]).any() else here[i]
             before = last[i]
             moved[i] = (now - before).mean(axis=0) if now is not None and before is not None else 0.0
             last[i] = now
+        twice += [(k, marker) for marker in dict.fromkeys(finder.twice)]
+        finder.twice.clear()
         times.append(time_s)
         found.append(here)
         if progress is not None:
@@ -122,30 +123,33 @@ class _Finder:
     """OpenCV's detector, with one threshold where a marker should be and with three elsewhere.
 
     Corners are where lines through the pixels of a marker's edges meet: on 24 px they are five times as exact as
-    corners that are refined one by one, which the squares inside a marker attract.
+    corners that are refined one by one, which the squares inside a marker attract. OpenCV raises an error
+    where it finds too few pixels of an edge, of very small markers: then corners are refined one by one after all.
     """
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
         self._cv2, self._markers = cv2, markers
         self._all = self._detector()
+        self._by_corner = self._detector(lines=False)
         self._one: dict[int, Any] = {}
-        self._twice: list[int] = []
+        self.twice: list[int] = []
+        """Markers that were seen twice in one picture since this was emptied."""
 
-    def doubled(self) -> list[int]:
-        """Return the markers that were seen twice since this was asked last."""
-        found, self._twice = self._twice, []
-        return found
-
-    def _detector(self, threshold_px: int | None = None) -> Any:
-        parameters = self._cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = self._cv2.aruco.CORNER_REFINE_CONTOUR
+    def _detector(self, threshold_px: int | None = None, *, lines: bool = True) -> Any:
+        aruco = self._cv2.aruco
+        parameters = aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = (
+            aruco.CORNER_REFINE_CONTOUR if lines else aruco.CORNER_REFINE_SUBPIX
+        )
+        parameters.cornerRefinementWinSize = 4
+        parameters.relativeCornerRefinmentWinSize = 0.25
         if threshold_px is not None:
             parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = threshold_px
         return self._cv2.aruco.ArucoDetector(dictionary_of(self._markers), parameters)
 
     def everywhere(self, picture: Picture) -> dict[int, Floats]:
         """Return the corners, (4, 2), of each marker that is seen once."""
-        return _markers_in(self._all, grey(picture), (0, 0), self._twice)
+        return self._markers_in(self._all, grey(picture), (0, 0))
 
     def in_window(self, picture: Picture, window: Window, marker: int) -> Floats | None:
         """Return the corners, (4, 2), of a marker in a window."""
@@ -156,26 +160,25 @@ class _Finder:
         if threshold_px not in self._one:
             self._one[threshold_px] = self._detector(threshold_px)
         for detector in (self._one[threshold_px], self._all):
-            twice: list[int] = []
-            four = _markers_in(detector, cut, (left, top), twice).get(marker)
-            if four is not None or twice:
-                self._twice += twice
+            if (four := self._markers_in(detector, cut, (left, top)).get(marker)) is not None:
                 return four
         return None
 
-
-def _markers_in(detector: Any, image: Gray, origin: tuple[int, int], twice: list[int]) -> dict[int, Floats]:
-    """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice go to a list."""
-    corners, ids, _ = detector.detectMarkers(image)
-    if ids is None:
-        return {}
-    numbers = np.asarray(ids).ravel().tolist()
-    twice += sorted({number for number in numbers if numbers.count(number) > 1})
-    return {
-        number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
-        for number, four in zip(numbers, corners, strict=True)
-        if numbers.count(number) == 1
-    }
+    def _markers_in(self, detector: Any, image: Gray, origin: tuple[int, int]) -> dict[int, Floats]:
+        """Return the corners of each marker of an image whose first pixel is ``origin``; those seen twice are noted."""
+        try:
+            corners, ids, _ = detector.detectMarkers(image)
+        except self._cv2.error:
+            corners, ids, _ = self._by_corner.detectMarkers(image)
+        if ids is None:
+            return {}
+        numbers = np.asarray(ids).ravel().tolist()
+        self.twice += sorted({number for number in numbers if numbers.count(number) > 1})
+        return {
+            number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
+            for number, four in zip(numbers, corners, strict=True)
+            if numbers.count(number) == 1
+        }
 
 
 def _window(corners: Floats | None, moved: Floats, size_px: tuple[int, int]) -> Window | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vibroswarm.errors import InputError
 from vibroswarm.tracking.doubts import Doubt, place_px
 from vibroswarm.tracking.opencv import opencv
+from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import Tracking
 from vibroswarm.tracking.video_file import frames_at
 
@@ -60,14 +61,26 @@ def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
     return sorted(found)
 
 
-def shots_of(tracking: Tracking, doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[Shot]:
-    """Cut the pictures of doubts out of the video, in the order of the doubts.
+def shots_of(session: Stitched, doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[Shot]:
+    """Cut the pictures of doubts out of the videos, in the order of the doubts.
 
     Only the pictures are held in memory. A video that can no longer be read gives none.
     """
+    numbers = chosen(doubts, most)
+    cut: dict[tuple[int, int], Shot] = {}
+    for place, camera in enumerate(session.cameras):
+        own = [number for number in numbers if doubts[number].camera == place]
+        cut |= _cuts_of(camera, doubts, own, f" of {camera.video.name}" if len(session.cameras) > 1 else "")
+    return [cut[key] for key in sorted(cut)]
+
+
+def _cuts_of(
+    tracking: Tracking, doubts: Sequence[Doubt], numbers: Sequence[int], name: str
+) -> dict[tuple[int, int], Shot]:
+    """Return the pictures of one camera, by doubt and place in its row."""
     time_s = tracking.detections.time_s
     wanted: dict[int, list[tuple[int, int]]] = {}
-    for number in chosen(doubts, most):
+    for number in numbers:
         for k, (at_s, _) in enumerate(doubts[number].shots):
             wanted.setdefault(int(np.argmin(np.abs(time_s - at_s))), []).append((number, k))
     cut: dict[tuple[int, int], Shot] = {}
@@ -77,11 +90,11 @@ def shots_of(tracking: Tracking, doubts: Sequence[Doubt], most: int = FRAMES_UP_
                 doubt = doubts[number]
                 jpeg = _cut(tracking, doubt, doubt.shots[k][0], picture)
                 if jpeg is not None:
-                    words = f"{time_s[frame]:.1f} s, {doubt.shots[k][1]}"
+                    words = f"{time_s[frame]:.1f} s{name}, {doubt.shots[k][1]}"
                     cut[number, k] = Shot(number, words, jpeg)
     except InputError:
-        return []
-    return [cut[key] for key in sorted(cut)]
+        return {}
+    return cut
 
 
 def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes | None:

@@ -17,14 +17,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.tracking.camera import square_errors
+from vibroswarm.tracking.camera import outwards, square_errors
+from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, SMALL_PX, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
 
@@ -33,7 +34,7 @@ Floats = NDArray[np.float64]
 FLOOR_PX: Final = 1.0
 """A floor marker whose corners are further off (root mean square) is not where the file has it."""
 SIZE_SHARE: Final = 0.05
-"""Robots' markers that measure so much more or less than stated; a blurred edge alone moves the size by 3 %."""
+"""Robots' markers that measure so much more or less than stated."""
 TITLES: Final = {
     "gap": "Robots that were lost",
     "carried": "Robots that moved too fast",
@@ -88,36 +89,66 @@ class Doubt:
     """Where in the frame; None: where the robot was seen nearest in time."""
     weight: float = 0.0
     """Of two doubts of a kind, the heavier is shown first."""
+    camera: int = 0
+    """Whose video shows it; times of the frames are that camera's."""
 
 
 def doubts_of(
-    tracking: Tracking, samples: pl.DataFrame | None = None, lone_stops: pl.DataFrame | None = None
+    session: Stitched, samples: pl.DataFrame | None = None, lone_stops: pl.DataFrame | None = None
 ) -> list[Doubt]:
-    """Return what is doubtful in the video of one camera, most important first.
+    """Return what is doubtful in a session, most important first.
 
     Args:
         samples: ``clock_residuals.SAMPLES_MATCHED``. lone_stops: stops that no sample matches.
     """
-    found = [
-        *_gaps(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
-        *_sizes(tracking), *_frames(tracking),
-    ]  # fmt: skip
+    found = _gaps(session)
+    for number, tracking in enumerate(session.cameras):
+        own = [
+            *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
+            *_sizes(tracking), *_frames(tracking),
+        ]  # fmt: skip
+        name = f"{tracking.video.name}: " if len(session.cameras) > 1 else ""
+        found += [replace(doubt, camera=number, words=name + doubt.words) for doubt in own]
+    found += _floor_never_seen(session)
     if samples is not None and lone_stops is not None:
-        found += _unmatched(tracking, samples, lone_stops)
+        found += _unmatched(session, samples, lone_stops)
     order = list(TITLES)
     return sorted(found, key=lambda doubt: (order.index(doubt.kind), -doubt.weight))
 
 
-def _gaps(tracking: Tracking) -> list[Doubt]:
-    last_s = float(tracking.detections.time_s[-1])
+def _shown_by(session: Stitched, robot: int, at_s: float) -> int:
+    """Return the camera that saw a robot nearest to a time."""
+    apart = []
+    for number, camera in enumerate(session.cameras):
+        own = camera.positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
+        apart.append(float(np.abs(own + session.offset_s(number) - at_s).min()) if own.size else np.inf)
+    return int(np.argmin(apart))
+
+
+def _gaps(session: Stitched) -> list[Doubt]:
+    first_s, last_s = session.span_s
+    spans = [
+        (c.span_s[0] + session.offset_s(k), c.span_s[1] + session.offset_s(k))
+        for k, c in enumerate(session.cameras)
+    ]
+    all_begun_s, none_ended_s = max(first for first, _ in spans), min(last for _, last in spans)
     found = []
-    for robot, start_s, end_s in tracking.gaps().iter_rows():
+    for robot, start_s, end_s in session.gaps().iter_rows():
+        if len(session.cameras) > 1 and (end_s <= all_begun_s + GAP_S or start_s >= none_ended_s - GAP_S):
+            words = (
+                f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s, while not every camera ran."
+            )
+            found.append(Doubt("gap", words, robot, start_s))
+            continue
+        camera = _shown_by(session, robot, start_s if start_s > first_s else end_s)
         shots = ((start_s, "seen last"), ((start_s + end_s) / 2, "in between"), (end_s, "seen again"))
         shown = tuple(
-            shot for shot, fits in zip(shots, (start_s > 0, True, end_s < last_s), strict=True) if fits
+            (at_s - session.offset_s(camera), words)
+            for (at_s, words), fits in zip(shots, (start_s > first_s, True, end_s < last_s), strict=True)
+            if fits
         )
         words = f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s ({end_s - start_s:.1f} s)."
-        found.append(Doubt("gap", words, robot, start_s, shown, None, end_s - start_s))
+        found.append(Doubt("gap", words, robot, start_s, shown, None, end_s - start_s, camera))
     return found
 
 
@@ -173,11 +204,16 @@ def _floor(tracking: Tracking) -> list[Doubt]:
         )
         at_px = (float(at[0]), float(at[1]))
         found.append(Doubt("floor", words, None, None, ((0.0, f"marker {marker}"),), at_px, error))
-    missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
-    if missing:
-        listed = ", ".join(map(str, missing))
-        found.append(Doubt("floor", f"Never seen: markers {listed} of the floor, which the file lists."))
     return found
+
+
+def _floor_never_seen(session: Stitched) -> list[Doubt]:
+    seen = {marker for camera in session.cameras for marker in camera.detections.floor_px}
+    missing = [marker for marker in session.markers.floor if marker not in seen]
+    if not missing:
+        return []
+    listed = ", ".join(map(str, missing))
+    return [Doubt("floor", f"Never seen: markers {listed} of the floor, which the file lists.")]
 
 
 def _sizes(tracking: Tracking) -> list[Doubt]:
@@ -219,11 +255,11 @@ def _frames(tracking: Tracking) -> list[Doubt]:
     return [Doubt("frames", words, None, float(time_s[longest]), (), None, float(steps[longest]))]
 
 
-def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
+def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
     """Return samples without a stop while the robot was seen, and stops without a sample."""
     found, explained = [], set()
     for robot, time_s in samples.filter(pl.col("stop_end_s").is_null()).select("robot", "time_s").iter_rows():
-        own = tracking.positions.filter(pl.col("robot") == robot)["time_s"]
+        own = session.positions.filter(pl.col("robot") == robot)["time_s"]
         if (own - time_s).abs().min() is None or float((own - time_s).abs().min()) > GAP_S:
             continue  # before or after the video, or in a gap, which is shown as such
         during = lone_stops.filter(
@@ -237,6 +273,7 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
             continue
         words = f"Robot {robot} logged a sample at {time_s:.1f} s, where no stop was seen."
         found.append(Doubt("sample", words, robot, time_s, ((time_s, "the sample"),)))
+    found = [_on_camera(session, doubt) for doubt in found]
     first_s, last_s = (samples["time_s"].min() or 0.0), (samples["time_s"].max() or 0.0)
     for robot, start_s, end_s in (
         lone_stops.filter("end_seen").select("robot", "start_s", "end_s").iter_rows()
@@ -246,16 +283,34 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
                 f"Robot {robot} stood from {start_s:.1f} to {end_s:.1f} s, and the log has no sample of it."
             )
             shots = (((start_s + end_s) / 2, "it stands"),)
-            found.append(Doubt("stop", words, robot, start_s, shots, None, end_s - start_s))
+            found.append(
+                _on_camera(session, Doubt("stop", words, robot, start_s, shots, None, end_s - start_s))
+            )
     return found
+
+
+def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
+    """Return a doubt on the session's clock with frames of the camera that saw its robot."""
+    if doubt.robot is None or doubt.time_s is None:
+        return doubt
+    camera = _shown_by(session, doubt.robot, doubt.time_s)
+    shots = tuple((at_s - session.offset_s(camera), words) for at_s, words in doubt.shots)
+    return replace(doubt, camera=camera, shots=shots)
 
 
 def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
     """Return for each floor marker seen by how much its corners differ from the fitted camera's, (4, 2), px."""
     return {
-        marker: corners - tracking.camera.project(tracking.markers.floor_corners(marker))
+        marker: sharp_corners(tracking, corners[None])[0]
+        - tracking.camera.project(tracking.markers.floor_corners(marker))
         for marker, corners in tracking.detections.floor_px.items()
     }
+
+
+def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
+    """Return corners, (markers, 4, 2), px, without what blur and thresholds move all edges by."""
+    found: Floats = corners_px - tracking.camera.edge_px * outwards(corners_px)
+    return found
 
 
 def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
@@ -265,7 +320,7 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
         own = seen[np.isfinite(seen[:, i]).all(axis=(1, 2)), i]
         found[name] = float("nan")
         if len(own):
-            corners = tracking.camera.at_height(own, tracking.markers.height_m)
+            corners = tracking.camera.at_height(sharp_corners(tracking, own), tracking.markers.height_m)
             edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
             found[name] = float(np.median(edges))
     return found

@@ -32,16 +32,23 @@ def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
     cv2 = opencv()
     draws = uniforms(scene.seed, 0, OF_BOARD, Purpose.VIDEO, 6, first=6 * k)
     width, height = scene.arena_m
+    middle, turned_by = np.array([width, height]) / 2, 0.0
+    if scene.part_m is not None:  # a camera that hangs crosswise over a part of the arena
+        low, high = scene.part_m
+        middle, turned_by = np.array([(low + high) / 2, height / 2]), np.radians(scene.look.turned_deg)
+        width = height = high - low
     camera_m = float(scene.camera.position_m[2])
     # Held so that it fills about a third of the image's height, wherever the camera hangs.
     square = SQUARE_MM / 1000
     half = np.array([BOARD[0] + 1, BOARD[1] + 1]) * square / 2
     above = max(camera_m - 1.35, 0.25 * camera_m) + 0.15 * draws[0] * camera_m
     room = np.array([width, height]) * (camera_m - above) / camera_m
-    at = np.array([width, height]) / 2 + (draws[1:3] - 0.5) * np.array([1.75, 1.0]) * room * 0.62
+    aside = (draws[1:3] - 0.5) * np.array([1.75, 1.0]) * room * 0.62
+    cos, sin = np.cos(turned_by), np.sin(turned_by)
+    at = middle + np.array([[cos, -sin], [sin, cos]]) @ aside
     a, b, c = (draws[3:6] - 0.5) * np.array([1.0, 1.0, 0.8])
     turned, _ = cv2.Rodrigues(np.array([a, b, 0.0]))
-    spun, _ = cv2.Rodrigues(np.array([0.0, 0.0, c]))
+    spun, _ = cv2.Rodrigues(np.array([0.0, 0.0, c + turned_by]))
     axes = (turned @ spun).astype(np.float32)
     centre = np.array([*at, above], dtype=np.float32)
     rim = half + square * 0.6

@@ -72,16 +72,18 @@ def overhead(
     tilt_deg: float,
     k: tuple[float, float],
     margin_px: float = 14.0,
+    turned_deg: float = 0.0,
 ) -> Fisheye:
     """Return a camera above the middle of some points of the floor, zoomed until all are in the image.
 
     It is tilted by ``tilt_deg`` about the image's horizontal axis and by a third of that about the vertical one, and
     stands aside so that the middle stays in the middle; its axis is a little off the image's centre, as real ones are.
+    ``turned_deg`` turns it about its axis, as one that is hung crosswise.
     """
     points = np.column_stack([np.array(around_m, dtype=np.float64), np.zeros(len(around_m))])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     down = np.diag([1.0, -1.0, -1.0])
-    a, b, roll = math.radians(tilt_deg), math.radians(tilt_deg / 3), math.radians(tilt_deg / 5)
+    a, b, roll = math.radians(tilt_deg), math.radians(tilt_deg / 3), math.radians(tilt_deg / 5 + turned_deg)
     about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
     about_y = np.array([[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]])
     about_z = np.array([[math.cos(roll), -math.sin(roll), 0], [math.sin(roll), math.cos(roll), 0], [0, 0, 1]])

@@ -93,11 +93,20 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
     return np.column_stack([flat, np.full(4, z_m)])
 
 
-def usual_floor(width_m: float, height_m: float, last: int) -> dict[int, tuple[float, float, float]]:
-    """Return the four floor markers that ``lab video`` draws: beside the arena's corners, numbers up to ``last``."""
+def usual_floor(
+    width_m: float, height_m: float, last: int, cameras: int = 1
+) -> dict[int, tuple[float, float, float]]:
+    """Return the floor markers that ``lab video`` draws: beside the arena's corners, numbers up to ``last``.
+
+    With several cameras side by side there are two more where the views of neighbours meet, below and above the arena.
+    """
     left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
     places = ((left, low), (right, low), (right, high), (left, high))
-    return {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
+    found = {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
+    for seam in range(1, cameras):
+        for k, y in enumerate((-ASIDE_M, height_m + ASIDE_M)):
+            found[last - 3 - 2 * seam + k] = (width_m * seam / cameras, y, 0.0)
+    return dict(sorted(found.items()))
 
 
 def usual_markers(
@@ -107,6 +116,7 @@ def usual_markers(
     *,
     size_mm: float | None = None,
     height_mm: float | None = None,
+    cameras: int = 1,
 ) -> Markers:
     """Return the usual markers for an arena: as many robots, or these markers on robots 0, 1, ...
 
@@ -116,7 +126,7 @@ def usual_markers(
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
     if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
         raise InputError(f"{shown(ids)} must be different numbers from 0 on", field="--markers")
-    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - 4]
+    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - 2 - 2 * cameras]
     if not counts:
         raise InputError(f"{max(ids)} is too large; give numbers below 996", field="--markers")
     return Markers(
@@ -124,7 +134,7 @@ def usual_markers(
         robots={marker: robot for robot, marker in enumerate(ids)},
         size_m=(SIZE_MM if size_mm is None else size_mm) / 1000,
         height_m=(HEIGHT_MM if height_mm is None else height_mm) / 1000,
-        floor=usual_floor(width_m, height_m, counts[0] - 1),
+        floor=usual_floor(width_m, height_m, counts[0] - 1, cameras),
         floor_size_m=FLOOR_SIZE_MM / 1000,
     )
 

@@ -103,7 +103,7 @@ def draw_time_line(
     robots: Sequence[int],
     gaps: pl.DataFrame,
     stops: pl.DataFrame,
-    end_s: float,
+    span_s: tuple[float, float],
     moments: Sequence[tuple[int, float]] = (),
     *,
     style: str = "page",
@@ -111,7 +111,7 @@ def draw_time_line(
     """Draw for each robot when it was seen, when it stood, and when not.
 
     Args:
-        gaps: robot, start_s, end_s. stops: ``stops.STOPS``. end_s: of the video.
+        gaps: robot, start_s, end_s. stops: ``stops.STOPS``. span_s: when the video begins and ends.
         moments: robot and time of what else is doubtful.
     Returns: Picture; its numbers are ``robot, mark`` ("gap", "stop", "doubtful")``, start_s, end_s``.
     """
@@ -123,7 +123,7 @@ def draw_time_line(
     for row, robot in enumerate(robots):
         away = gaps.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
         stood = stops.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
-        edges = [0.0, *(edge for pair in away for edge in pair), end_s]
+        edges = [span_s[0], *(edge for pair in away for edge in pair), span_s[1]]
         seen = [(a, b - a) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
         handles["seen"] = axes.broken_barh(seen, (row - 0.3, 0.6), color=LINE)
         if stood:
@@ -141,7 +141,7 @@ def draw_time_line(
             )
         numbers += [(robot, "gap", a, b) for a, b in away] + [(robot, "stop", a, b) for a, b in stood]
         numbers += [(robot, "doubtful", t, t) for t in own]
-    axes.set_xlim(0.0, end_s)
+    axes.set_xlim(*span_s)
     legend_below(rows.figure, sizes, list(handles.values()), list(handles))
     rows.settle(sizes)
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
@@ -174,8 +174,9 @@ def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
     ]
     legend_below(figure, sizes, handles, names)
     caption = (
-        f"Each of {paired.height} samples that match a stop, on the clock that was fitted. A slope is a clock that "
-        "runs faster; one robot away from the others is a clock of its own."
+        f"Each of {paired.height} samples that match a stop, on the clock that was fitted: earlier by the time in "
+        "which a robot has sampled and still stands. A slope is a clock that runs faster; one robot away from the "
+        "others is a clock of its own."
     )
     return Picture(figure, paired, caption, style)
 
@@ -246,3 +247,35 @@ def draw_lens(
         "square. Circles that grow towards the edge are a lens that does not fit there."
     )
     return Picture(figure, pl.DataFrame(rows, schema=schema, orient="row"), caption, style)
+
+
+@drawn
+def draw_overlap(places_m: Floats, apart_m: Floats, *, most: int = 400, style: str = "page") -> Picture:
+    """Draw by how much two cameras differ, over the floor where both see.
+
+    Args:
+        places_m, apart_m: (pairs, 2): where, and a camera's place less that of those before it.
+        most: arrows, evenly chosen.
+    Returns: Picture; its numbers are ``x_m, y_m, dx_mm, dy_mm``, of the arrows.
+    """
+    sizes = style_named(style)
+    chosen = slice(None, None, -(-len(places_m) // most))
+    at, by = places_m[chosen], 1000 * apart_m[chosen]
+    figure = new_figure(sizes, height_in=0.75 * sizes.width_in)
+    axes: Any = figure.add_subplot()
+    name_axes(axes, sizes, "x (m)", "y (m)")
+    size = float(np.quantile(np.hypot(by[:, 0], by[:, 1]), 0.95))
+    span = float(max(np.ptp(at[:, 0]), np.ptp(at[:, 1]), 0.05))
+    longer = 0.08 * span / max(size, 1e-9)
+    axes.quiver(
+        at[:, 0], at[:, 1], by[:, 0] * longer, by[:, 1] * longer, angles="xy", scale_units="xy", scale=1,
+        color=INK, width=0.002,
+    )  # fmt: skip
+    axes.set(aspect="equal")
+    axes.margins(0.12)
+    numbers = pl.DataFrame({"x_m": at[:, 0], "y_m": at[:, 1], "dx_mm": by[:, 0], "dy_mm": by[:, 1]})
+    caption = (
+        f"{len(at)} of {len(places_m)} positions that two cameras saw: from the place by the first to that by the "
+        f"second, {1000 * longer:.0f} times as long (95 % are shorter than {size:.2f} mm)."
+    )
+    return Picture(figure, numbers, caption, style)

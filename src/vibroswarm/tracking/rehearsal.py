@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from dataclasses import replace as replaced
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +19,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking.drawn_chessboard import write_chessboard
 from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.scene import Look, poses_at, scene_of
+from vibroswarm.tracking.scene import Look, Scene, poses_at, scene_of
 from vibroswarm.tracking.video_file import VideoWriter, check_suffix
 
 Floats = NDArray[np.float64]
@@ -27,6 +29,22 @@ TRUTH: Final = {
     "y_m": pl.Float64, "heading_rad": pl.Float64, "hidden": pl.Boolean,
 }  # fmt: skip
 """Columns of the truth: each robot's centre in each frame (time in the video), and whether a hand covers it."""
+
+
+OVERLAP: Final = 0.2
+"""Share of the arena's width that two neighbouring cameras both see."""
+LATER_S: Final = 1.37
+"""Each further camera is switched on so much later."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a further camera recorded."""
+
+    video: Path
+    chessboard: Path | None
+    start_s: float
+    """Time on the first camera's clock when this one begins."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +59,8 @@ class Rehearsal:
     frames: int
     marker_px: float
     """Edge of a robot's marker in the middle of the image."""
+    others: tuple[View, ...] = ()
+    """Of further cameras."""
 
 
 def write_rehearsal(
@@ -55,6 +75,7 @@ def write_rehearsal(
     duration_s: float | None = None,
     clock_offset_s: float = 0.0,
     chessboard: bool = False,
+    cameras: int = 1,
     replace: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rehearsal:
@@ -64,6 +85,8 @@ def write_rehearsal(
         out: the video; the others are named after it. start_s, duration_s: which part of the run.
         clock_offset_s: time on the robots' clock when that of the run is 0.
         chessboard: whether a video of a chessboard, seen by the same camera, is written too.
+        cameras: how many hang side by side, each with its tilt, lens and clock, crosswise; neighbours both see
+            ``OVERLAP`` of the arena.
         progress: called with the frames done and all frames.
     Raises:
         InputError: no paths, no such run, nothing in that time, or files that exist.
@@ -72,7 +95,6 @@ def write_rehearsal(
     names = {
         kind: out.with_name(f"{out.stem}.{kind}") for kind in ("markers.toml", "log.csv", "truth.parquet")
     }
-    board = out.with_name(f"{out.stem}.chessboard{out.suffix}") if chessboard else None
     if result.runs.filter(pl.col("run") == run).is_empty():
         raise InputError(f"there is no run {run + 1} in this result", field="--session")
     end_s = float(result.ends.filter(pl.col("run") == run)["end_s"].max() or 0.0)  # type: ignore[arg-type]
@@ -80,8 +102,71 @@ def write_rehearsal(
     times = np.arange(start_s, last_s - look.exposure_s, 1.0 / look.frames_per_s)
     if times.size < 2:
         raise InputError(f"the run lasts {end_s:g} s; there is nothing from {start_s:g} s", field="--start")
-    scene = scene_of(result, run, markers, look, seed)
-    robots = len(markers.robots)
+    width_m = result.scenario.arena.width_m
+    views: list[View] = []
+    for number in range(cameras):
+        own_look, own_times, part_m = look, times, None
+        if cameras > 1:
+            own_look = _look_of(look, number)
+            own_times = times[times >= start_s + number * LATER_S] + 0.4 * number / look.frames_per_s
+            own_times = own_times[own_times < last_s - look.exposure_s]
+            part_m = _part_of(number, cameras, width_m)
+            if own_times.size < 2:
+                raise InputError("is too short for so many cameras", field="--for")
+        scene = scene_of(result, run, markers, own_look, seed + number, part_m)
+        video = out if number == 0 else out.with_name(f"{out.stem}.{number + 1}{out.suffix}")
+        middle, hidden = _render(
+            scene, result, run, own_times, video, replace,
+            None if progress is None else partial(_tell, progress, number * times.size, cameras * times.size),
+        )  # fmt: skip
+        board = video.with_name(f"{video.stem}.chessboard{video.suffix}") if chessboard else None
+        if board is not None:
+            with whole_file(board, replace=replace) as part:
+                write_chessboard(scene, part)
+        views.append(View(video, board, float(own_times[0] - times[0])))
+        if number == 0:
+            _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
+            middle_m = 0.5 * (part_m[0] + part_m[1] if part_m is not None else width_m)
+            marker_px = _px_per_m(scene, middle_m) * markers.size_m
+    with whole_file(names["markers.toml"], replace=replace) as part:
+        part.write_text(markers.to_toml(), encoding="utf-8")
+    with whole_file(names["log.csv"], replace=replace) as part:
+        part.write_bytes(csv_bytes(robot_log(result, run, markers, clock_offset_s)))
+    return Rehearsal(
+        out, names["markers.toml"], names["log.csv"], names["truth.parquet"], views[0].chessboard, times.size,
+        marker_px, tuple(views[1:]),
+    )  # fmt: skip
+
+
+def _tell(progress: Callable[[int, int], None], before: int, of: int, frames: int) -> None:
+    progress(before + frames, of)
+
+
+def _look_of(look: Look, number: int) -> Look:
+    """Return the look of one of several cameras: hung crosswise, every other one the other way round and tilted."""
+    sign = 1 - 2 * (number % 2)
+    bent = (look.lens_k[0] * 0.85**number, look.lens_k[1])
+    return replaced(look, tilt_deg=sign * look.tilt_deg, turned_deg=sign * 90.0, lens_k=bent)
+
+
+def _part_of(number: int, cameras: int, width_m: float) -> tuple[float, float]:
+    """Return from which to which x one of several cameras sees."""
+    half_m = 0.5 * OVERLAP * width_m
+    low, high = width_m * number / cameras - half_m, width_m * (number + 1) / cameras + half_m
+    return max(low, 0.0), min(high, width_m)
+
+
+def _render(
+    scene: Scene,
+    result: Result,
+    run: int,
+    times: Floats,
+    out: Path,
+    replace: bool,
+    progress: Callable[[int], None] | None,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Write the video of one camera; return the poses in the middle of each exposure and which robots are hidden."""
+    look, robots = scene.look, len(scene.markers.robots)
     half = look.exposure_s / 2
     before, middle, after = (
         poses_at(result, run, robots, np.maximum(times + d, 0.0)) for d in (-half, 0.0, half)
@@ -95,23 +180,15 @@ def write_rehearsal(
             frame, hidden[k] = scene.frame(time_s, before[k], after[k])
             writer.write(frame)
             if progress is not None:
-                progress(k + 1, times.size)
-    _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
-    with whole_file(names["markers.toml"], replace=replace) as part:
-        part.write_text(markers.to_toml(), encoding="utf-8")
-    with whole_file(names["log.csv"], replace=replace) as part:
-        part.write_bytes(csv_bytes(robot_log(result, run, markers, clock_offset_s)))
-    if board is not None:
-        with whole_file(board, replace=replace) as part:
-            write_chessboard(scene, part)
-    centre = np.array(
-        [[x * scene.arena_m[0], 0.5 * scene.arena_m[1], markers.height_m] for x in (0.5, 0.501)]
-    )
-    scale = float(np.hypot(*np.diff(scene.camera.project(centre), axis=0)[0])) / (0.001 * scene.arena_m[0])
-    return Rehearsal(
-        out, names["markers.toml"], names["log.csv"], names["truth.parquet"], board, times.size,
-        scale * markers.size_m,
-    )  # fmt: skip
+                progress(k + 1)
+    return middle, hidden
+
+
+def _px_per_m(scene: Scene, x_m: float) -> float:
+    """Return how many px a metre at the markers' height has in the middle of what is filmed."""
+    width_m, height_m = scene.arena_m
+    points = np.array([[x_m + d, 0.5 * height_m, scene.markers.height_m] for d in (0.0, 0.001 * width_m)])
+    return float(np.hypot(*np.diff(scene.camera.project(points), axis=0)[0])) / (0.001 * width_m)
 
 
 def _write_truth(

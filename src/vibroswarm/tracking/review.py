@@ -14,18 +14,11 @@ from vibroswarm.report.html import Column, Report, ReportTable, Section, picture
 from vibroswarm.simulation import versions
 from vibroswarm.tracking.clock_residuals import match_samples
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
-from vibroswarm.tracking.doubts import (
-    ADVICE,
-    TITLES,
-    Doubt,
-    doubts_of,
-    floor_residuals,
-    marker_sizes_m,
-    mm_per_px,
-    square_residuals,
-)
-from vibroswarm.tracking.pictures import draw_clock, draw_lens, draw_time_line, draw_tracks
-from vibroswarm.tracking.track import TrackedLog, Tracking
+from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of, mm_per_px
+from vibroswarm.tracking.pictures import draw_clock, draw_time_line, draw_tracks
+from vibroswarm.tracking.review_cameras import camera_section, overlap_section
+from vibroswarm.tracking.stitch import Stitched
+from vibroswarm.tracking.track import TrackedLog
 
 REVIEW: Final = "review.html"
 LISTED: Final = 200
@@ -33,7 +26,7 @@ LISTED: Final = 200
 
 
 def write_review(
-    path: Path, tracking: Tracking, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
+    path: Path, session: Stitched, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
 ) -> list[Doubt]:
     """Write the page; return what is doubtful.
 
@@ -44,47 +37,57 @@ def write_review(
     """
     matched, lone = (None, None)
     if tracked is not None and samples is not None:
-        matched, lone = match_samples(tracking.stops, samples, tracked.offset)
-    doubts = doubts_of(tracking, matched, lone)
-    write_report(path, review_of(tracking, doubts, shots_of(tracking, doubts), tracked, matched))
+        matched, lone = match_samples(session.stops, samples, tracked.offset)
+    doubts = doubts_of(session, matched, lone)
+    write_report(path, review_of(session, doubts, shots_of(session, doubts), tracked, matched))
     return doubts
 
 
 def review_of(
-    tracking: Tracking,
+    session: Stitched,
     doubts: Sequence[Doubt],
     shots: Sequence[Shot],
     tracked: TrackedLog | None = None,
     matched: pl.DataFrame | None = None,
 ) -> Report:
     """Return the page as a report."""
-    sections = [_doubtful(doubts, shots), *_seen(tracking, doubts)]
+    sections = [_doubtful(doubts, shots), *_seen(session, doubts)]
     if tracked is not None and matched is not None:
         sections.append(_clock(tracked, matched))
-    sections.append(_camera(tracking))
-    seen = tracking.detections
-    details = {
-        "video": str(tracking.video),
-        "picture": f"{seen.size_px[0]} x {seen.size_px[1]} px, {seen.time_s.size} frames, {seen.time_s[-1]:.1f} s",
-        "markers": f"dictionary {tracking.markers.dictionary}, {1000 * tracking.markers.size_m:g} mm, "
-        f"{1000 * tracking.markers.height_m:g} mm above the floor",
-    }
+    if len(session.cameras) > 1:
+        sections.append(overlap_section(session))
+    details = {}
+    for number, camera in enumerate(session.cameras, start=1):
+        several = f" of camera {number}" if len(session.cameras) > 1 else ""
+        sections.append(camera_section(camera, several))
+        size, time_s = camera.detections.size_px, camera.detections.time_s
+        details[f"video{several}"] = str(camera.video)
+        details[f"picture{several}"] = f"{size[0]} x {size[1]} px, {time_s.size} frames, {time_s[-1]:.1f} s"
+    markers = session.markers
+    details["markers"] = (
+        f"dictionary {markers.dictionary}, {1000 * markers.size_m:g} mm, {1000 * markers.height_m:g} mm above the floor"
+    )
     return Report(
-        title=f"Tracking of {tracking.video.name}",
-        lead=(answer(tracking, doubts, tracked),),
-        warnings=tuple(tracking.warnings()),
+        title=f"Tracking of {' and '.join(camera.video.name for camera in session.cameras)}",
+        lead=(answer(session, doubts, tracked),),
+        warnings=tuple(session.warnings()),
         sections=tuple(sections),
         details=details | versions(),
     )
 
 
-def answer(tracking: Tracking, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
+def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
     """Return how well the robots were tracked, and whether anything is doubtful, in sentences."""
-    frames, robots = tracking.detections.corners_px.shape[:2]
-    share = tracking.positions.height / (frames * robots)
-    text = f"{100 * share:.1f} % of the positions of {robots} robots were found, and {tracking.stops.height} stops. "
-    error_px = tracking.camera.floor_error_px
-    text += f"The floor's markers are met to {error_px * mm_per_px(tracking):.1f} mm ({error_px:.2f} px). "
+    robots = len(session.markers.robots)
+    text = (
+        f"{100 * session.share_found():.1f} % of the positions of {robots} robots were found, and "
+        f"{session.stops.height} stops. "
+    )
+    worst = max(session.cameras, key=lambda camera: camera.camera.floor_error_px * mm_per_px(camera))
+    error_px = worst.camera.floor_error_px
+    text += f"The floor's markers are met to {error_px * mm_per_px(worst):.1f} mm ({error_px:.2f} px). "
+    for overlap in filter(None, session.overlaps):
+        text += f"Where views overlap, cameras agree to {1000 * overlap.disagreement_m():.1f} mm (median). "
     if tracked is not None:
         offset = tracked.offset
         text += f"The robots' clock is {offset.offset_s:+.3f} s ahead (standard error {1000 * offset.error_s:.0f} ms). "
@@ -148,42 +151,44 @@ def _rows_of_frames(
     ]
 
 
-def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:
+def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
     """Return the pictures of paths and of time."""
-    gaps = tracking.gaps()
-    names = list(tracking.markers.robots.values())
-    frames = tracking.detections.time_s.size
-    end_s = float(tracking.detections.time_s[-1])
+    gaps = session.gaps()
+    names = list(session.markers.robots.values())
+    first_s, last_s = session.span_s
+    frames = session.cameras[0].detections.time_s.size
+    edges = np.stack([camera.detections.edge_px() for camera in session.cameras])
     rows = []
-    for name, edge in zip(names, tracking.detections.edge_px(), strict=True):
+    for name, edge in zip(names, np.nanmax(np.nan_to_num(edges), axis=0).tolist(), strict=True):
         own = gaps.filter(pl.col("robot") == name)
         lengths = own["end_s"] - own["start_s"]
-        seen = tracking.positions.filter(pl.col("robot") == name).height
-        stops = tracking.stops.filter(pl.col("robot") == name).height
+        seen = session.positions.filter(pl.col("robot") == name).height / frames
+        if len(session.cameras) > 1:
+            seen = 1.0 - float(lengths.sum()) / (last_s - first_s)
+        stops = session.stops.filter(pl.col("robot") == name).height
         longest = float(lengths.max()) if own.height else 0.0  # type: ignore[arg-type]
-        rows.append((name, seen / frames, own.height, longest, stops, float(edge)))
+        rows.append((name, seen, own.height, longest, stops, edge))
     table = pl.DataFrame(
         rows, schema=["robot", "seen", "gaps", "longest_gap_s", "stops", "edge_px"], orient="row"
     )
     columns = {
-        "seen": Column("frames in which it was seen", percent=True),
+        "seen": Column("seen", percent=True),
         "longest_gap_s": Column("longest gap", "s", decimals=1),
         "edge_px": Column("width of the marker", "px", decimals=0),
     }
-    moments = [
-        (doubt.robot, doubt.time_s)
-        for doubt in doubts
-        if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None
-    ]
-    tracks = draw_tracks(tracking.positions, tracking.stops, tracking.markers.floor)
-    line = draw_time_line(names, gaps, tracking.stops, end_s, moments)
+    moments = []
+    for doubt in doubts:
+        if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None:
+            own_clock = doubt.kind in ("sample", "stop", "late")
+            moments.append(
+                (doubt.robot, doubt.time_s + (0.0 if own_clock else session.offset_s(doubt.camera)))
+            )
+    tracks = draw_tracks(session.positions, session.stops, session.markers.floor)
+    line = draw_time_line(names, gaps, session.stops, (first_s, last_s), moments)
+    by_robot = ReportTable(table, columns, "By robot", "robots")
     return [
         Section("Where robots were seen", (), (picture_of(tracks, "tracks"),)),
-        Section(
-            "When robots were seen",
-            (),
-            (picture_of(line, "time-line"), ReportTable(table, columns, "By robot", "robots")),
-        ),
+        Section("When robots were seen", (), (picture_of(line, "time-line"), by_robot)),
     ]
 
 
@@ -218,55 +223,3 @@ def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
             ReportTable(by_robot, columns, "By robot", "clock-robots"),
         ),
     )
-
-
-def _camera(tracking: Tracking) -> Section:
-    """Return how lens and pose fit."""
-    camera, residuals = tracking.camera, floor_residuals(tracking)
-    lens = (
-        f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
-        if camera.calibrated
-        else "fitted to the markers of the video itself; a chessboard (`--lens`) is more exact"
-    )
-    sizes = [size for size in marker_sizes_m(tracking).values() if np.isfinite(size)]
-    text = (
-        f"Camera {camera.position_m[2]:.2f} m above the floor, above ({camera.position_m[0]:.2f}, "
-        f"{camera.position_m[1]:.2f}) m; lens {lens}. Corners of the floor's markers are met to "
-        f"{camera.floor_error_px:.2f} px; a pixel in the middle covers {mm_per_px(tracking):.2f} mm.",
-        f"Robots' markers measure {1000 * float(np.median(sizes)):.1f} mm (median; stated: "
-        f"{1000 * tracking.markers.size_m:g} mm). Black edges spread or shrink in print and exposure; 3 % are usual.",
-    )
-    robots_px, robots_mm = square_residuals(tracking)
-    drawing = draw_lens(
-        tracking.detections.size_px, tracking.detections.floor_px, residuals, robots_px, robots_mm
-    )
-    rows = [
-        (marker, *tracking.markers.floor[marker][:2], *_rms(tracking, residuals, marker))
-        for marker in tracking.markers.floor
-    ]
-    table = pl.DataFrame(
-        rows,
-        schema={"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px", "error_mm"), pl.Float64)},
-        orient="row",
-    )
-    columns = {
-        "x_m": Column("x", "m", decimals=3),
-        "y_m": Column("y", "m", decimals=3),
-        "error_px": Column("corners met to", "px", decimals=2),
-        "error_mm": Column("the same", "mm", decimals=2),
-    }
-    caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
-    return Section(
-        "Lens and markers of the floor",
-        text,
-        (picture_of(drawing, "lens"), ReportTable(table, columns, caption, "floor-markers")),
-    )
-
-
-def _rms(
-    tracking: Tracking, residuals: dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]], marker: int
-) -> tuple[float | None, float | None]:
-    if marker not in residuals:
-        return None, None
-    error = float(np.sqrt((residuals[marker] ** 2).sum(axis=1).mean()))
-    return error, error * mm_per_px(tracking)

@@ -45,6 +45,8 @@ class Look:
     frames_per_s: float = 15.0
     camera_height_m: float = 1.5
     tilt_deg: float = 5.0
+    turned_deg: float = 0.0
+    """About the camera's own axis."""
     lens_k: tuple[float, float] = (-0.09, 0.02)
     """Distortion of the rendering camera (``fisheye``)."""
     blur_px: float = 0.6
@@ -67,6 +69,8 @@ class Scene:
     look: Look
     seed: int
     camera: Fisheye
+    part_m: tuple[float, float] | None = None
+    """From which to which x of the arena the camera sees; None: all of it."""
     background: Gray = field(init=False)
     _tangents: NDArray[np.float32] = field(init=False)
     _textures: dict[int, Gray] = field(init=False)
@@ -256,21 +260,40 @@ class Scene:
         return mask
 
 
-def scene_of(result: Result, run: int, markers: Markers, look: Look, seed: int) -> Scene:
+def scene_of(
+    result: Result,
+    run: int,
+    markers: Markers,
+    look: Look,
+    seed: int,
+    part_m: tuple[float, float] | None = None,
+) -> Scene:
     """Return the scene of a run.
 
+    Args:
+        part_m: from which to which x of the arena the camera sees, with the floor markers there; None: all of it.
     Raises:
         InputError: the result has no paths.
     """
     if result.segments is None:
         raise InputError("needs paths; simulate with segments=True", field="RESULT")
     arena = result.scenario.arena
-    corners = [markers.floor_corners(marker) for marker in markers.floor]
+    low, high = (0.0, arena.width_m) if part_m is None else part_m
+    aside = [x for x, _, _ in markers.floor.values()]
+    left = -np.inf if low <= 0.0 else low
+    right = np.inf if high >= arena.width_m else high
+    near = [marker for marker, x in zip(markers.floor, aside, strict=True) if left <= x <= right]
+    corners = [markers.floor_corners(marker) for marker in near]
     # All papers of the floor markers, and the arena with its robots.
     points = [(float(x), float(y)) for corner in corners for x, y, _ in corner * np.array([1.012, 1.0, 1.0])]
-    points += [(x, y) for x in (-0.005, arena.width_m + 0.005) for y in (-0.005, arena.height_m + 0.005)]
+    points += [(x, y) for x in (low - 0.005, high + 0.005) for y in (-0.005, arena.height_m + 0.005)]
     camera = overhead(
-        look.size_px, points, height_m=look.camera_height_m, tilt_deg=look.tilt_deg, k=look.lens_k
+        look.size_px,
+        points,
+        height_m=look.camera_height_m,
+        tilt_deg=look.tilt_deg,
+        k=look.lens_k,
+        turned_deg=look.turned_deg,
     )
     return Scene(
         markers=markers,
@@ -280,6 +303,7 @@ def scene_of(result: Result, run: int, markers: Markers, look: Look, seed: int) 
         look=look,
         seed=seed,
         camera=camera,
+        part_m=part_m,
     )
 
 

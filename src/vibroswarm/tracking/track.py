@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import polars as pl
@@ -54,20 +54,21 @@ class Tracking:
     dropped: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=POSITIONS))
     """Those positions, ``POSITIONS``."""
 
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and the last frame."""
+        return float(self.detections.time_s[0]), float(self.detections.time_s[-1])
+
     def gaps(self) -> pl.DataFrame:
         """Return the gaps of more than ``GAP_S``: robot, start_s, end_s; from the first frame to the last."""
-        first, last = float(self.detections.time_s[0]), float(self.detections.time_s[-1])
-        rows = []
-        for robot in self.markers.robots.values():
-            own = self.positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-            edges = np.concatenate([[first], own, [last]])
-            rows += [(robot, a, b) for a, b in pairwise(edges.tolist()) if b - a > GAP_S]
-        return pl.DataFrame(
-            rows, schema={"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}, orient="row"
-        )
+        return gaps_in(self.positions, list(self.markers.robots.values()), self.span_s)
 
-    def warnings(self) -> list[str]:
-        """Return what a user should know of this video, in sentences."""
+    def warnings(self, alone: bool = True) -> list[str]:
+        """Return what a user should know of this video, in sentences.
+
+        Args:
+            alone: whether no other camera sees what this one does not.
+        """
         found = []
         small = float(np.nanmin(self.detections.edge_px()))
         if small < SMALL_PX:
@@ -80,7 +81,7 @@ class Tracking:
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
             if np.isnan(edge)
         ]
-        if never:
+        if never and alone:
             found.append(f"Never seen: robots {', '.join(map(str, never))}.")
         uneven = uneven_frames(self.detections.time_s)
         if uneven is not None:
@@ -94,6 +95,18 @@ class Tracking:
                 "and calibrate the lens with a chessboard (--lens)."
             )
         return found
+
+
+def gaps_in(positions: pl.DataFrame, robots: Sequence[int], span_s: tuple[float, float]) -> pl.DataFrame:
+    """Return the gaps of more than ``GAP_S`` in ``POSITIONS``: robot, start_s, end_s; from one time to another."""
+    rows = []
+    for robot in robots:
+        own = positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
+        edges = np.concatenate([[span_s[0]], own, [span_s[1]]])
+        rows += [(robot, a, b) for a, b in pairwise(edges.tolist()) if b - a > GAP_S]
+    return pl.DataFrame(
+        rows, schema={"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}, orient="row"
+    )
 
 
 def track(
@@ -219,8 +232,21 @@ class TrackedLog:
     """Samples during a gap of the tracking: left out, their places are not known."""
 
 
+class Seen(Protocol):
+    """What one camera or several saw of a session."""
+
+    @property
+    def markers(self) -> Markers: ...  # noqa: D102
+    @property
+    def positions(self) -> pl.DataFrame: ...  # noqa: D102
+    @property
+    def stops(self) -> pl.DataFrame: ...  # noqa: D102
+    @property
+    def span_s(self) -> tuple[float, float]: ...  # noqa: D102
+
+
 def with_positions(
-    tracking: Tracking, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
+    tracking: Seen, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
 ) -> TrackedLog:
     """Give the samples of a robots' log the places where the camera saw the robots; times are the log's.
 
@@ -235,7 +261,7 @@ def with_positions(
             f"has robot {min(strangers)}, which has no marker in the file of markers", field=name
         )
     offset = clock_offset(tracking.stops, samples, control_period_s)
-    first_s, last_s = float(tracking.detections.time_s[0]), float(tracking.detections.time_s[-1])
+    first_s, last_s = tracking.span_s
     outside, unseen, parts = 0, 0, []
     for robot in tracking.markers.robots.values():
         own = samples.filter(pl.col("robot") == robot)

@@ -1,0 +1,205 @@
+"""One session as several cameras saw it: their clocks matched where their views overlap, their positions merged.
+
+Each camera has a lens and a pose of its own, fitted to the markers of the floor that it sees. Where two see a robot,
+its place is the mean of both, weighted by 1 / (mm/px)^2, which falls to almost 0 at a picture's edge, so that paths do
+not jump where a robot leaves a picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.errors import InputError
+from vibroswarm.tracking.camera_clocks import Overlap, coarse_offset, fine_offset, interpolated
+from vibroswarm.tracking.markers import Markers
+from vibroswarm.tracking.stops import STOPS, stops_of
+from vibroswarm.tracking.track import POSITIONS, Tracking, gaps_in
+
+Floats = NDArray[np.float64]
+
+EDGE: Final = 0.15
+"""Share of a picture's shorter side over which weights fall to 0 towards its edge."""
+
+
+@dataclass(frozen=True)
+class Stitched:
+    """Where robots were in a session, by one camera or several; times are those of the first video."""
+
+    cameras: tuple[Tracking, ...]
+    overlaps: tuple[Overlap | None, ...]
+    """Of each camera; None: the first."""
+    positions: pl.DataFrame
+    """``track.POSITIONS``."""
+    stops: pl.DataFrame
+
+    @property
+    def markers(self) -> Markers:
+        """The markers, the same for all cameras."""
+        return self.cameras[0].markers
+
+    @property
+    def jumps(self) -> int:
+        """Positions that were dropped as too fast."""
+        return sum(camera.jumps for camera in self.cameras)
+
+    @property
+    def video(self) -> Path:
+        """The first video."""
+        return self.cameras[0].video
+
+    def offset_s(self, camera: int) -> float:
+        """Return the time on the first camera's clock when that of a camera is 0."""
+        overlap = self.overlaps[camera]
+        return 0.0 if overlap is None else overlap.offset_s
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """When the first camera begins and the last one ends."""
+        spans = [
+            (camera.span_s[0] + self.offset_s(k), camera.span_s[1] + self.offset_s(k))
+            for k, camera in enumerate(self.cameras)
+        ]
+        return min(first for first, _ in spans), max(last for _, last in spans)
+
+    def gaps(self) -> pl.DataFrame:
+        """Return the gaps in which no camera saw a robot: robot, start_s, end_s."""
+        return gaps_in(self.positions, list(self.markers.robots.values()), self.span_s)
+
+    def share_found(self) -> float:
+        """Return the share of positions found, of those that would be with every robot in every frame."""
+        if len(self.cameras) == 1:
+            frames, robots = self.cameras[0].detections.corners_px.shape[:2]
+            return float(self.positions.height / (frames * robots))
+        gone = self.gaps()
+        away_s = float((gone["end_s"] - gone["start_s"]).sum())
+        first_s, last_s = self.span_s
+        return 1.0 - away_s / (len(self.markers.robots) * (last_s - first_s))
+
+    def warnings(self) -> list[str]:
+        """Return what a user should know of these videos, in sentences."""
+        if len(self.cameras) == 1:
+            return self.cameras[0].warnings()
+        found = [
+            f"{camera.video.name}: {words}"
+            for camera in self.cameras
+            for words in camera.warnings(alone=False)
+        ]
+        seen = set(self.positions["robot"].unique().to_list())
+        never = [name for name in self.markers.robots.values() if name not in seen]
+        return found + ([f"Never seen: robots {', '.join(map(str, never))}."] if never else [])
+
+
+def stitch(cameras: Sequence[Tracking]) -> Stitched:
+    """Merge what several cameras saw of one session.
+
+    Raises:
+        InputError: a camera has no robot in common with the others, or the clocks cannot be matched; names its video.
+    """
+    first, *others = cameras
+    if not others:
+        return Stitched((first,), (None,), first.positions, first.stops)
+    merged = _weighted(first)
+    overlaps: list[Overlap | None] = [None] * len(cameras)
+    left = list(range(1, len(cameras)))
+    while left:
+        # A camera in the middle of a row may be needed before one at its end fits.
+        for number in left:
+            table = _weighted(cameras[number])
+            coarse = coarse_offset(merged, table)
+            if coarse is None:
+                continue
+            overlap = fine_offset(merged, table, coarse)
+            if overlap is None:
+                continue
+            overlaps[number] = overlap
+            merged = _merged(merged, table.with_columns(pl.col("time_s") + overlap.offset_s))
+            left.remove(number)
+            break
+        else:
+            raise InputError(
+                "cannot be joined with the other videos: no robot moves where both see it, at whatever difference of "
+                "their clocks. Views must overlap, robots must drive there, and both videos must be of one session",
+                field=str(cameras[left[0]].video),
+            )
+    tables, stops = [], []
+    for robot in first.markers.robots.values():
+        own = merged.filter(pl.col("robot") == robot).sort("time_s")
+        if own.height:
+            columns = [own[name].to_numpy() for name in ("time_s", "x_m", "y_m", "heading_rad")]
+            tables.append(own.select(POSITIONS.keys()))
+            stops.append(stops_of(robot, *columns))
+    return Stitched(
+        tuple(cameras),
+        tuple(overlaps),
+        pl.concat(tables),
+        pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
+    )
+
+
+def weights_of(tracking: Tracking, positions: pl.DataFrame) -> Floats:
+    """Return the weights of a camera's positions, (positions,)."""
+    width, height = tracking.detections.size_px
+    at = np.column_stack(
+        [positions["x_m"], positions["y_m"], np.full(positions.height, tracking.markers.height_m)]
+    )
+    pixels = tracking.camera.project(at)
+    room = np.minimum(pixels, np.array([width, height]) - 1 - pixels).min(axis=1)
+    per_px_m = (tracking.camera.position_m[2] - tracking.markers.height_m) / tracking.camera.lens.matrix[0, 0]
+    weights: Floats = np.clip(room / (EDGE * min(width, height)), 0.01, 1.0) / per_px_m**2
+    return weights
+
+
+def _weighted(tracking: Tracking) -> pl.DataFrame:
+    weights = pl.Series("weight", weights_of(tracking, tracking.positions))
+    return tracking.positions.with_columns(weights)
+
+
+def _merged(first: pl.DataFrame, second: pl.DataFrame) -> pl.DataFrame:
+    """Return positions on one clock: the first camera's, averaged where both see, and the second's between."""
+    parts = []
+    for robot in sorted({*first["robot"].unique().to_list(), *second["robot"].unique().to_list()}):
+        own = first.filter(pl.col("robot") == robot)
+        time_s = own["time_s"].to_numpy()
+        other = interpolated(second, robot, time_s)
+        both = np.asarray(np.isfinite(other).all(axis=1))
+        share = np.where(both, other[:, 3] / (other[:, 3] + own["weight"].to_numpy()), 0.0)
+        other = np.where(both[:, None], other, 0.0)
+        mean = {
+            name: (1.0 - share) * own[name].to_numpy() + share * other[:, column]
+            for column, name in enumerate(("x_m", "y_m"))
+        }
+        turned = (1.0 - share) * np.exp(1j * own["heading_rad"].to_numpy()) + share * np.exp(1j * other[:, 2])
+        weight = own["weight"].to_numpy() + other[:, 3]
+        parts.append(
+            own.with_columns(
+                x_m=pl.Series(mean["x_m"]), y_m=pl.Series(mean["y_m"]), heading_rad=pl.Series(np.angle(turned)),
+                weight=pl.Series(weight),
+            )
+        )  # fmt: skip
+        new = second.filter(pl.col("robot") == robot)
+        times = new["time_s"].to_numpy()
+        alone = ~np.isfinite(interpolated(first, robot, times)[:, 0]) & (
+            _to_nearest(times, time_s) > 0.5 * _usual(times)
+        )
+        parts.append(new.filter(pl.Series(alone, dtype=pl.Boolean)).select(own.columns))
+    return pl.concat(parts).sort("robot", "time_s")
+
+
+def _to_nearest(times: Floats, others: Floats) -> Floats:
+    """Return the time to the nearest of others, (times,)."""
+    if not others.size:
+        return np.full(times.size, np.inf)
+    after = np.clip(np.searchsorted(others, times), 1, max(others.size - 1, 1))
+    after = np.minimum(after, others.size - 1)
+    return np.minimum(np.abs(times - others[after]), np.abs(times - others[after - 1]))
+
+
+def _usual(times: Floats) -> float:
+    return float(np.median(np.diff(times))) if times.size > 1 else 0.0
