@@ -11,7 +11,7 @@ A marker on a robot stands above the floor. Its place is where the ray meets the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -126,6 +126,70 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
     return Lens(matrix, distortion.ravel()[:5], float(error)), size
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """What a camera is fitted to; parameters ``at`` are its turn (3) and shift (3), the lens unless it is given (log of
+    the focal length, centre, k1, k2), and how far outwards edges of black squares are seen, px."""
+
+    size_px: tuple[int, int]
+    floor_m: Floats
+    floor_px: Floats
+    robots_px: Floats
+    robot_size_m: float
+    robot_height_m: float
+    lens: Lens | None
+    camera_height_m: float | None
+
+    def camera(self, at: Floats) -> Camera:
+        """Return the camera of some parameters."""
+        cv2 = opencv()
+        used = self.lens
+        if used is None:
+            width, height = self.size_px
+            centre = (np.array([width, height]) - 1) / 2 + width * at[7:9]
+            distortion = np.array([at[9], at[10], 0.0, 0.0, 0.0])
+            used = Lens(matrix_of(width * np.exp(at[6]), centre), distortion, np.nan)
+        rotation, _ = cv2.Rodrigues(at[:3])
+        return Camera(used, rotation, -rotation.T @ at[3:6], np.nan, self.lens is not None)
+
+    def floor_errors(self, at: Floats) -> Floats:
+        """Return by how much the floor's corners are seen elsewhere, (points, 2), px."""
+        lens = self.camera(at).lens
+        shown, _ = opencv().projectPoints(self.floor_m, at[:3], at[3:6], lens.matrix, lens.distortion)
+        out = outwards(self.floor_px.reshape(-1, 4, 2)).reshape(-1, 2)
+        return np.asarray(shown.reshape(-1, 2) - (self.floor_px - at[-1] * out))
+
+    def errors(self, at: Floats) -> Floats:
+        """Return all errors and priors, in standard deviations."""
+        parts = [self.floor_errors(at).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
+        if self.lens is None:
+            now = self.camera(at)
+            per_m = now.lens.matrix[0, 0] / max(now.position_m[2] - self.robot_height_m, 1e-3)
+            corners = now.at_height(self.robots_px - at[-1] * outwards(self.robots_px), self.robot_height_m)
+            parts.append((square_errors(corners, self.robot_size_m) * per_m / CORNER_PX).ravel())
+            parts.append(
+                at[6:11] / np.array([FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD])
+            )
+            if self.camera_height_m is not None:
+                parts.append(np.array([(now.position_m[2] / self.camera_height_m - 1.0) / HEIGHT_SHARE]))
+        return np.concatenate(parts)
+
+    def start(self, focal: float) -> Floats | None:
+        """Return parameters to start from, at a focal length as a share of the image's width; None: no pose fits."""
+        cv2 = opencv()
+        width, height = self.size_px
+        matrix, distortion = matrix_of(focal * width, (np.array([width, height]) - 1) / 2), np.zeros(5)
+        if self.lens is not None:
+            matrix, distortion = self.lens.matrix, self.lens.distortion
+        solved, turn, shift = cv2.solvePnP(
+            self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+        )
+        if not solved:
+            return None
+        own = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
+        return np.concatenate([turn.ravel(), shift.ravel(), own, [0.0]])
+
+
 def fit_camera(
     size_px: tuple[int, int],
     floor_m: Floats,
@@ -147,77 +211,35 @@ def fit_camera(
     Raises:
         InputError: fewer than 4 floor corners, or no camera explains them.
     """
-    cv2 = opencv()
     if len(floor_m) < 4:
         raise InputError(
             "no marker of the floor was found in the video; at least one is needed", field="VIDEO"
         )
-    width, height = size_px
-    middle = (np.array([width, height]) - 1) / 2
-
-    def camera_of(at: Floats) -> Camera:
-        used = lens
-        if used is None:
-            focal, centre = width * np.exp(at[6]), middle + width * at[7:9]
-            used = Lens(matrix_of(focal, centre), np.array([at[9], at[10], 0.0, 0.0, 0.0]), np.nan)
-        rotation, _ = cv2.Rodrigues(at[:3])
-        return Camera(used, rotation, -rotation.T @ at[3:6], np.nan, lens is not None)
-
-    floor_in_px = outwards(floor_px.reshape(-1, 4, 2))
-    robots_in_px = outwards(robots_px)
-
-    def floor_errors(at: Floats) -> Floats:
-        now = camera_of(at)
-        seen, _ = cv2.projectPoints(floor_m, at[:3], at[3:6], now.lens.matrix, now.lens.distortion)
-        return np.asarray(seen.reshape(-1, 2) - (floor_px - at[-1] * floor_in_px.reshape(-1, 2)))
-
-    def errors(at: Floats) -> Floats:
-        parts = [floor_errors(at).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
-        if lens is None:
-            now = camera_of(at)
-            per_m = now.lens.matrix[0, 0] / max(now.position_m[2] - robot_height_m, 1e-3)
-            corners = now.at_height(robots_px - at[-1] * robots_in_px, robot_height_m)
-            parts.append((square_errors(corners, robot_size_m) * per_m / CORNER_PX).ravel())
-            priors = [FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD]
-            parts.append(at[6:11] / np.array(priors))
-            if camera_height_m is not None:
-                share = now.position_m[2] / camera_height_m - 1.0
-                parts.append(np.array([share / HEIGHT_SHARE]))
-        return np.concatenate(parts)
-
-    fits = []
-    for focal in (1.0,) if lens is not None else FOCAL_STARTS:
-        matrix = matrix_of(focal * width, middle) if lens is None else lens.matrix
-        distortion = np.zeros(5) if lens is None else lens.distortion
-        solved, turn, shift = cv2.solvePnP(floor_m, floor_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
-        if solved:
-            start = np.concatenate([turn.ravel(), shift.ravel()])
-            if lens is None:
-                start = np.concatenate([start, [np.log(focal), 0.0, 0.0, 0.0, 0.0]])
-            start = np.concatenate([start, [0.0]])
-            fits.append(least_squares(errors, start, x_scale="jac", loss="soft_l1", max_nfev=200))
+    seen = _Seen(size_px, floor_m, floor_px, robots_px, robot_size_m, robot_height_m, lens, camera_height_m)
+    starts = [seen.start(focal) for focal in ((1.0,) if lens is not None else FOCAL_STARTS)]
+    fits = [
+        least_squares(seen.errors, start, x_scale="jac", loss="soft_l1", max_nfev=200)
+        for start in starts
+        if start is not None
+    ]
     if not fits:
         raise InputError(
             "the floor markers' places do not fit the picture; check their file", field="--markers"
         )
     found = min(fits, key=lambda fit: float(fit.cost))
-    camera = camera_of(found.x)
-    floor_error = float(np.sqrt(np.mean(np.sum(floor_errors(found.x) ** 2, axis=1))))
-    if not np.isfinite(found.x).all() or camera.position_m[2] <= robot_height_m or floor_error > 0.02 * width:
+    camera = seen.camera(found.x)
+    error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x) ** 2, axis=1))))
+    below = camera.position_m[2] <= robot_height_m
+    if not np.isfinite(found.x).all() or below or error_px > 0.02 * size_px[0]:
         raise InputError(
-            f"the floor markers' places do not fit the picture (by {floor_error:.0f} px); check their file, and that "
+            f"the floor markers' places do not fit the picture (by {error_px:.0f} px); check their file, and that "
             "y grows upwards",
             field="--markers",
         )
-    used = camera.lens
-    return Camera(
-        Lens(used.matrix, used.distortion, floor_error if lens is None else lens.error_px),
-        camera.rotation,
-        camera.position_m,
-        floor_error,
-        lens is not None,
-        float(found.x[-1]),
-    )
+    if lens is None:
+        lens_error = replace(camera.lens, error_px=error_px)
+        return replace(camera, lens=lens_error, floor_error_px=error_px)
+    return replace(camera, floor_error_px=error_px)
 
 
 def matrix_of(focal_px: float, centre_px: Floats) -> Floats:
