@@ -21,8 +21,8 @@ def walls_xml(scenario: Scenario) -> str:
         (f"0 {arena.height_m!r} 0", "0 -1 0"),
     )
     return "".join(
-        f'<geom type="plane" size="0 0 1" pos="{place}" zaxis="{inwards}" group="{WALLS}"/>'
-        for place, inwards in walls
+        f'<geom name="wall{k}" type="plane" size="0 0 1" pos="{place}" zaxis="{inwards}" group="{WALLS}"/>'
+        for k, (place, inwards) in enumerate(walls)
     )
 
 

@@ -28,7 +28,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 STEP_MS: Final = 5.0
 WHEEL_M: Final = 0.006
-ROLLING_M: Final = 0.00593
+ROLLING_M: Final = 0.00586
 """Radius on which wheels roll: the magnets press them a little into the soft floor. Fitted to the speed."""
 BASE_M: Final = 0.018
 TRACK_M: Final = 0.036
@@ -40,8 +40,13 @@ ROTOR_KG_M2: Final = 3e-5
 SERVO_N_M_S: Final = 3e-3
 TORQUE_N_M: Final = 0.01
 MARGIN_M: Final = 0.0004
+FLOOR_STEPS: Final = 4.0
+BODY_STEPS: Final = 2.0
+"""Time constants of contacts, in steps. Wheels on a floor as stiff as walls would never come to rest."""
 SENSOR_HEIGHT_M: Final = 0.012
-SUNK_M: Final = 0.00015
+TOLERANCE: Final = 1e-6
+"""Of the solver. Conjugate gradients take less time than Newton's method, whose Hessian of elliptic cones is dear."""
+SUNK_M: Final = 0.00026
 """How deep wheels stand in the floor at rest."""
 CONE_DEG: Final = 27.0
 CONE_RAYS: Final = 5
@@ -72,23 +77,41 @@ def wheels_xml(scenario: Scenario, step_s: float) -> str:
         sensors += [f'<gyro site="imu{i}"/><accelerometer site="imu{i}"/>']
     return f"""<mujoco model="robots on magnetic wheels">
   <compiler autolimits="true"/>
-  <option timestep="{step_s!r}" integrator="Euler" cone="elliptic" impratio="{IMPRATIO}">
-    <flag autoreset="disable" eulerdamp="disable"/>
+  <option timestep="{step_s!r}" integrator="Euler" cone="elliptic" impratio="{IMPRATIO}" solver="CG" tolerance="{TOLERANCE}">
+    <flag autoreset="disable" eulerdamp="disable" midphase="disable" spring="disable" damper="disable"/>
   </option>
   <size memory="{max(2, robots)}M"/>
   <default>
-    <geom condim="1" margin="{MARGIN_M}" solref="{2.0 * step_s!r} 1" solimp="0.95 0.99 0.0005"/>
-    <default class="wheel">
-      <geom type="sphere" size="{WHEEL_M}" mass="0.002" condim="3" margin="0" contype="4" conaffinity="0" priority="1"/>
-    </default>
+    <geom contype="0" conaffinity="0"/>
+    <pair solimp="0.95 0.99 0.0005"/>
+    <default class="wheel"><geom type="sphere" size="{WHEEL_M}" mass="0.002"/></default>
   </default>
   <worldbody>
-    <geom type="plane" size="0 0 1" condim="3" margin="0" contype="0" conaffinity="4" group="{BODIES}"/>
+    <geom name="floor" type="plane" size="0 0 1" group="{BODIES}"/>
     {walls_xml(scenario)}{"".join(_robot(scenario, i) for i in range(robots))}
   </worldbody>
+  <contact>{_contacts(robots, step_s)}</contact>
   <actuator>{"".join(actuators)}</actuator>
   <sensor>{"".join(sensors)}</sensor>
 </mujoco>"""
+
+
+def _contacts(robots: int, step_s: float) -> str:
+    """Return the pairs of geoms that may touch: wheels and floor, chassis and walls, chassis and chassis."""
+    floor = f'condim="3" solref="{FLOOR_STEPS * step_s!r} 1"'
+    others = f'condim="1" margin="{MARGIN_M}" solref="{BODY_STEPS * step_s!r} 1"'
+    pairs = []
+    for i in range(robots):
+        for name, _, _, driven in WHEELS:
+            friction = DRIVEN if driven else PASSIVE
+            pairs.append(f'<pair geom1="floor" geom2="{name}{i}" friction="{friction} {friction} 0 0 0" {floor}/>')
+        pairs += [f'<pair geom1="{other}" geom2="chassis{i}" {others}/>' for other in _others(i)]
+    return "".join(pairs)
+
+
+def _others(i: int) -> list[str]:
+    """Return what the chassis of robot ``i`` may touch, other than those of robots after it."""
+    return [f"wall{k}" for k in range(4)] + [f"chassis{j}" for j in range(i)]
 
 
 def _robot(scenario: Scenario, i: int) -> str:
@@ -97,12 +120,12 @@ def _robot(scenario: Scenario, i: int) -> str:
     wheels = "".join(
         f"""<body pos="{x * BASE_M / 2} {y * TRACK_M / 2} {WHEEL_M}" name="{name}{i}">
           <joint name="{name}{i}" type="hinge" axis="0 1 0" armature="{ROTOR_KG_M2 if driven else 1e-7}"/>
-          <geom class="wheel" friction="{DRIVEN if driven else PASSIVE} 0 0" group="{BODIES}"/></body>"""
+          <geom name="{name}{i}" class="wheel" group="{BODIES}"/></body>"""
         for name, x, y, driven in WHEELS
     )
     spin = 0.5 * 0.032 * 0.015**2
     return f"""<body><freejoint/>
       <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>
       <site name="imu{i}" pos="0 0 {SENSOR_HEIGHT_M}"/>
-      <geom type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>{target_xml(scenario)}{wheels}
+      <geom name="chassis{i}" type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>{target_xml(scenario)}{wheels}
     </body>"""
