@@ -88,6 +88,17 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     )
     apart = np.hypot(near["x_m"] - near["x_m_right"], near["y_m"] - near["y_m_right"])
     assert np.quantile(apart, 0.9) < 0.004
+    # The log of the folder, alone or with those of other sessions, gives the same recording.
+    floor = ["--floor", str(session / "floor.txt"), "--tiles", "5x5", "--any-floor"]
+    assert main(["lab", "import", str(out), str(out), *floor, "--out", str(session / "both")]) == 0
+    both = Recording.read(session / "both")
+    for run in range(2):
+        own = both.motion.filter(pl.col("run") == run)
+        for column in ("robot", "sample", "time_s", "x_m", "y_m", "heading_rad"):
+            assert own[column].to_numpy() == pytest.approx(
+                recording.motion[column].to_numpy(), abs=1e-6, nan_ok=True
+            )
+    capsys.readouterr()
     again = [*given, "--force"]
     assert main(again) == 0
     assert "The robots' clock is +12." in " ".join(capsys.readouterr().out.split())

@@ -111,7 +111,7 @@ def test_a_counter_that_runs_ahead_of_time_is_set_null_there() -> None:
 
 def test_no_log_at_all(tmp_path: Path) -> None:
     (tmp_path / "some.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match=r"is not in a known log format \(rugbot, webots\)"):
+    with pytest.raises(InputError, match=r"is not in a known log format \(rugbot, webots, camera\)"):
         read_log(tmp_path / "some.csv")
     with pytest.raises(InputError, match="there is no such file"):
         read_log(tmp_path / "none.csv")

@@ -20,6 +20,7 @@ EPILOG = """\
 examples:
   vibroswarm lab import day1.csv day2.csv --floor world.txt --tiles 5x5 --out lab
   vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
+  vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
 """
 
 
@@ -48,7 +49,9 @@ def _add_import(tasks: Any) -> None:
         description="Read logs of sessions (one file each) of the same robots on one floor.",
         epilog=EPILOG,
     )
-    parser.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="one log per session")
+    parser.add_argument(
+        "logs", metavar="LOG", nargs="+", type=Path, help="one log per session, or folder of 'lab track'"
+    )
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="save the recording here")
     parser.add_argument("--force", action="store_true", help="replace DIR if it holds something else")
     add_open(parser, "open the page of the first session in the browser")
@@ -84,6 +87,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.recordings.camera_log import log_file, named_by_folder
     from vibroswarm.recordings.readers import read_log
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
@@ -95,9 +99,13 @@ def run_import(arguments: argparse.Namespace) -> int:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    logs = [read_log(path, arguments.reader, arguments.columns) for path in arguments.logs]
+    files_of = [log_file(path) for path in arguments.logs]
+    logs = [
+        named_by_folder(read_log(file, arguments.reader, arguments.columns), path, file)
+        for path, file in zip(arguments.logs, files_of, strict=True)
+    ]
     logs, computed = _with_energies(logs, scenario, arguments.acceleration)
-    paths = [*arguments.logs, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
+    paths = [*files_of, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
     files = [path.read_bytes() for path in paths]
     work = hash_of(
         scenario.hash, stated, arguments.reader, arguments.known_robots, arguments.any_floor, files

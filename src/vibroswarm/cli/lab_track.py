@@ -109,6 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.core.tables import csv_bytes
+    from vibroswarm.recordings.camera_log import NAME, camera_log_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking.camera import lens_from_chessboard
@@ -163,6 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
             recording_of(
                 [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
             ).write_into(part)
+            (part / NAME).write_bytes(camera_log_bytes(tracked.log))
         tracking.positions.write_parquet(part / "positions.parquet")
         tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
         write_review(part / REVIEW, tracking, tracked, samples)

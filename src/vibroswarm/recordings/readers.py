@@ -21,6 +21,7 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
+from vibroswarm.recordings.camera_log import looks_like_camera, read_camera_log
 from vibroswarm.recordings.column_map import (
     check_values,
     column_map,
@@ -193,3 +194,11 @@ register(
     )
 )
 register(Reader("webots", "console log of the study's simulator", looks_like_webots, read_webots))
+register(
+    Reader(
+        "camera",
+        "CSV of 'lab track' (positions by an overhead camera, and samples)",
+        looks_like_camera,
+        read_camera_log,
+    )
+)

@@ -86,12 +86,20 @@ def _opened(path: Path) -> Any:
     name = str(path)
     if not path.exists():
         raise InputError("does not exist", field=name)
+    if path.is_dir():
+        raise InputError("is a folder; give a video", field=name)
     if not path.is_file():
         raise InputError("is not a file", field=name)
     if path.stat().st_size == 0:
         raise InputError("is empty: 0 bytes; copy it from the camera again", field=name)
-    # One thread: the work is divided by video, and results must not depend on processors.
-    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    logging = cv2.utils.logging
+    level = logging.getLogLevel()
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
+    try:
+        # One thread: the work is divided by video, and results must not depend on processors.
+        capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    finally:
+        logging.setLogLevel(level)
     if not capture.isOpened():
         raise InputError(
             "cannot be read as a video: it is damaged, cut off before its index was written, or no video; "
@@ -146,10 +154,16 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     Args:
         partial: whether a video that ends early is accepted.
     Raises:
-        InputError: no frames, or fewer than the file's head states.
+        InputError: no frames, fewer than the file's head states, or a head that states none.
     """
     cv2 = opencv()
     info = video_info(path)
+    if info.frames == 0 and not partial:
+        raise InputError(
+            "states neither its length nor its number of frames: its head is damaged, or it was cut off. Times are then "
+            f"a guess ({info.frames_per_s:g} frames/s); copy it again, or add --partial to use it as it is",
+            field=str(path),
+        )
     capture = _opened(path)
     count, first_s, last_s = 0, 0.0, -1.0
     try:
