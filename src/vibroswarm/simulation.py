@@ -19,6 +19,7 @@ from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, check_callable, check_kind, shown, whole_number_of
 from vibroswarm.faults.assignment import fault_frame
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
@@ -69,6 +70,7 @@ def simulate(
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     readings_boundary(scenario)  # refuse early
+    strategy_used(scenario)
     floors = floors_of(scenario, seed, chosen)
     parts = Wanted(segments, moves or needs_moves(scenario))
     if steers(scenario):

@@ -6,6 +6,7 @@
 | spread | sqrt(p (1 - p)) |
 | pooled | p from what each robot knows by its own samples, all of them trusted |
 | at a time | from the samples taken by then, and all messages about them |
+| draws of places | p is the mean over the maps of all draws |
 | pairs of rates | p is the mean over them, by the robot's probabilities; pooled: by the mean of these |
 """
 
@@ -23,7 +24,8 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import replay_to_end
+from vibroswarm.inference.replay import bits_and_energies, replay_to_end
+from vibroswarm.localisation.locate import draws_read, estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 from vibroswarm.strategies.place_map import PAIRS
@@ -57,9 +59,10 @@ def floor_maps(result: Result) -> pl.DataFrame:
     timeline = timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     by_robot, pooled = _beliefs(
-        replay_to_end(scenario, seed, timeline, result.observations["observation"].to_numpy()),
+        replay_to_end(scenario, seed, timeline, *bits_and_energies(result.observations)),
         len(runs),
         robots,
+        draws_read(scenario),
     )
     frames = []
     for r, run in enumerate(runs):
@@ -82,7 +85,8 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     of_run = pl.col("run") == run
     samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
     moves = None if result.moves is None else result.moves.filter(of_run)
-    observation = result.observations.filter(of_run)["observation"].to_numpy()
+    seen = result.observations.filter(of_run)
+    observation, energy = bits_and_energies(seen)
     whole = timeline_of(scenario, Motion(samples, ends, None, moves))
     estimates = whole.estimates(scenario, seed)  # of the past alone, so the same for any later end
     taken_s, maps = samples["time_s"].to_numpy(), []
@@ -90,10 +94,13 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
         known = taken_s <= now_s
         until = timeline_of(scenario, Motion(samples.filter(known), ends, None, moves))
         if estimates.size:
-            cache = {(scenario.odometry, scenario.localisation, seed): read_only(estimates[known])}
+            cache: dict[Any, NDArray[np.float64]] = {
+                estimates_key(scenario, seed): read_only(estimates[known])
+            }
             until = replace(until, _estimates=cache)
-        swarm = replay_to_end(scenario, seed, until, read_only(observation[known]))
-        by_robot, pooled = _beliefs(swarm, 1, robots)
+        told = None if energy is None else energy[known]
+        swarm = replay_to_end(scenario, seed, until, read_only(observation[known]), told)
+        by_robot, pooled = _beliefs(swarm, 1, robots, draws_read(scenario))
         maps.append(np.concatenate([by_robot[0], pooled]))
     return np.array(maps)
 
@@ -110,11 +117,17 @@ def _check_maps(result: Result) -> int:
     return result.seed
 
 
-def _beliefs(swarm: Swarm, runs: int, robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _beliefs(
+    swarm: Swarm, runs: int, robots: int, draws: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the maps by robot, (runs, robots, tiles), and pooled, (runs, tiles)."""
-    odds = swarm.arrays.odds.reshape(runs, robots, PAIRS, robots, -1)
+    has_pairs = hasattr(swarm.arrays, "credence")
+    maps = PAIRS if has_pairs else max(draws, 1)
+    odds = swarm.arrays.odds.reshape(runs, robots, maps, robots, -1)
     weight = swarm.arrays.weight.reshape(runs, robots, 1, robots, 1)
-    credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
+    credence = np.full((runs, robots, maps, 1), 1.0 / maps)
+    if has_pairs:
+        credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
     by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
     own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
     pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)

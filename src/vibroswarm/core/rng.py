@@ -105,6 +105,8 @@ OF_TOLD_X: Final = _number(2)
 OF_TOLD_Y: Final = _number(4)
 OF_TOLD_HEADING: Final = _number(6)
 """Peers of the pairs of numbers of the errors of a start as a robot is told it."""
+OF_PATHS: Final = _number(8)
+"""Peer of the number that begins the draws of a robot's paths."""
 
 _M0: Final = 0xD2511F53
 _M1: Final = 0xCD9E8D57

@@ -10,7 +10,8 @@ import numpy as np
 
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
-from vibroswarm.inference.agents import sizes_of, world_of
+from vibroswarm.export.source import source_of
+from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
@@ -54,6 +55,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
         InputError: robots of this kind cannot be exported.
     """
     strategy = strategy_of(scenario.strategy.name)
+    refuse_options(scenario, strategy)
     read = fields_read(strategy) & set(PLACE)
     localiser, mixture = None, None
     if read and not is_estimated(scenario):
@@ -82,6 +84,29 @@ def parts_of(scenario: Scenario) -> RobotParts:
         rms_threshold=float(scenario.sensor.rms_threshold),
         blind_ms=float(setup["blind_ms"]),
     )
+
+
+def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
+    """Refuse parameters for which another variant of the strategy runs.
+
+    Raises:
+        InputError: that names the first of them, and the functions that run.
+    """
+    used, params = strategy_used(scenario), scenario.strategy.params
+    if used is strategy:
+        return
+    for name, field in type(params).model_fields.items():
+        value = getattr(params, name)
+        plain_choice = scenario.with_values({f"strategy.{strategy.name}.{name}": field.default})
+        if value != field.default and strategy_used(plain_choice) != used:
+            functions = source_of(used.on_sample)
+            shown = str(value).lower() if isinstance(value, bool) else value
+            raise InputError(
+                f"{shown}: robots with this option cannot be exported yet, for their messages and readings have no "
+                f"form there (see {functions.file}, line {functions.before + 1}); leave it at "
+                f"{str(field.default).lower()}",
+                field=f"strategy.{strategy.name}.{name}",
+            )
 
 
 def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:

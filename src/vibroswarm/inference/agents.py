@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -83,6 +84,19 @@ class Swarm(NamedTuple):
     """``FAILURE``."""
 
 
+def strategy_used(scenario: Scenario) -> Strategy:
+    """Return the scenario's strategy, or the variant of it that its parameters ask for.
+
+    Raises:
+        InputError: these parameters do not go together.
+    """
+    named, arena = strategy_of(scenario.strategy.name), scenario.arena
+    if named.variant is None:
+        return named
+    longest_mm = math.ceil(1000.0 * max(arena.width_m, arena.height_m))
+    return named.variant(scenario.strategy.params, sizes_of(scenario) | {"longest_mm": longest_mm})
+
+
 def world_of(scenario: Scenario, counts: int) -> World:
     """Return the world as robot 0 knows it.
 
@@ -94,7 +108,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
     decision, arena = scenario.decision, scenario.arena
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
     positive, negative = 0.0, 0.0
-    if decision.boundary_of == "tiles" or strategy_of(scenario.strategy.name).knows_error_rates:
+    if decision.boundary_of == "tiles" or strategy_used(scenario).knows_error_rates:
         own = error_rates(scenario.sensor)
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
         positive, negative = (

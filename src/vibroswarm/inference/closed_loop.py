@@ -14,19 +14,21 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
+from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replayer import NO_VALUES, replayer_of
 from vibroswarm.inference.sample_rows import Readings, Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
-from vibroswarm.localisation.locate import is_estimated
+from vibroswarm.localisation.locate import draws_read, is_estimated
 from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.observe import SensedFloor, read
+from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.observe import SensedFloor, energies_at, read, reads_energies
+from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import strategy as strategy_of
 
 
 class SampleBuffer(NamedTuple):
@@ -128,10 +130,12 @@ class ClosedLoop:
     def __init__(self, scenario: Scenario, seed: int) -> None:
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
-        self.strategy = strategy_of(scenario.strategy.name)
+        self.strategy = strategy_used(scenario)
         self.buffer = empty_sample_buffer(robots, capacity)
         self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
-        self.estimates = np.zeros((capacity if self.localisation else 0, len(ESTIMATE)))
+        width = len(ESTIMATE) + width_of(draws_read(scenario))
+        self.estimates = np.zeros((capacity if self.localisation else 0, width))
+        self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
         self.ends_s: list[float] = []
         """Ends of its runs, for callers."""
         self.entry: Callable[..., int] | None = None
@@ -144,6 +148,7 @@ class ClosedLoop:
             buffer.heading_rad,
             NO_VALUES,
             read_only(self.estimates),
+            read_only(self.log_ratios),
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
@@ -214,21 +219,30 @@ class ClosedLoop:
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
+        new = slice(self.located, int(self.bounds[1]))
+        if self.log_ratios.size > 0:
+            self._weigh_energies(new)
         if self.localisation is not None:
-            new = slice(self.located, int(self.bounds[1]))
             self.localisation.locate(
                 self.buffer.robot[new],
                 self.buffer.stop_tick[new],
                 self.buffer.time_s[new],
                 self.estimates[new],
             )
-            self.located = int(self.bounds[1])
+        self.located = new.stop
         if self.replayer.reads_positions:
             self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
         )
         self.is_new = False
+
+    def _weigh_energies(self, new: slice) -> None:
+        """Write the log likelihood ratios of new samples' energies."""
+        buffer = self.buffer
+        columns = (buffer.robot[new], buffer.sample[new], buffer.x_m[new], buffer.y_m[new])
+        energy = energies_at(self.scenario, self.ground, self.seed, int(self.runs[0]), *columns)
+        self.log_ratios[new] = log_ratios(self.scenario.sensor, buffer.observation[new], energy)
 
     def rewind_to(self, time_s: float) -> None:
         """Return the swarm to its state at ``time_s``, including the samples taken at that time."""

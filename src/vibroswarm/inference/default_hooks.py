@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from vibroswarm.inference.sample_rows import Readings, own_reading
 from vibroswarm.strategies.world import Draws, Reading, World
 
 Row = Any
@@ -66,6 +67,11 @@ def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
 
 def opposite(m: Row) -> None:
     """Turn a message into its opposite; without effect on messages that have none."""
+
+
+def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
+    """Return the reading of row ``k`` as the strategy is given it, in more or less detail."""
+    return own_reading(readings, k, time_s, number)
 
 
 def views(arrays: Any, i: int) -> Any:

@@ -22,7 +22,7 @@ from vibroswarm.core.rng import ALONE, MESSAGE, uniform
 from vibroswarm.inference.agents import loss_uniform
 from vibroswarm.inference.sample_rows import NO_ESTIMATES, Deliveries, Rows, Stops
 from vibroswarm.inference.sender_positions import Tracks, tracks_of
-from vibroswarm.localisation.locate import estimate, is_estimated
+from vibroswarm.localisation.locate import estimate, estimates_key, is_estimated
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network
 from vibroswarm.scenario.scenario import Scenario
@@ -150,7 +150,7 @@ class Timeline:
         """
         if not is_estimated(scenario):
             return NO_ESTIMATES
-        key = (scenario.odometry, scenario.localisation, seed)
+        key = estimates_key(scenario, seed)
         if key not in self._estimates:
             self._estimates[key] = read_only(
                 estimate(scenario, seed, self.samples, self.stop_start_s, self.time_s, self.moves, self.ends)

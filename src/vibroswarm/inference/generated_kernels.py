@@ -24,6 +24,7 @@ import numpy as np
 from vibroswarm.core.jit import inlined_uncached, register_source, source_hash
 from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
+from vibroswarm.inference.sample_rows import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.world import u
@@ -204,6 +205,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
             if hook in space:
                 continue
             space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
+    space["reading_of"] = detailed_reading if strategy.reads_details else own_reading
     space["HAS_TIMER"] = strategy.on_timer is not None
     space["HAS_STEER"] = strategy.steer is not None
     space["IS_OPINION"] = strategy.decides == "opinion"

@@ -9,7 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
-from vibroswarm.inference.agents import Swarm, as_column, final_frame
+from vibroswarm.inference.agents import Swarm, as_column, final_frame, strategy_used
 from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
 from vibroswarm.inference.replayer import NO_VALUES, MessagesReplayer, Replayer, counts_only, replayer_of
@@ -17,8 +17,9 @@ from vibroswarm.inference.sample_rows import Log, Readings, empty_log
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import strategy as strategy_of
 
 INFERENCE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -46,7 +47,7 @@ def infer(
         CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)
-    strategy = strategy_of(scenario.strategy.name)
+    strategy = strategy_used(scenario)
     log = empty_log(timeline.robot.size, strategy.state_type)
     messages = zero_rows(timeline.robot.size, strategy.message_type)
     swarm = _replayed(scenario, seed, timeline, observations, messages, log)
@@ -63,13 +64,19 @@ def outcomes(
     return final_frame(timeline.ends, _replayed(scenario, seed, timeline, observations, None, None))
 
 
-def replay_to_end(scenario: Scenario, seed: int, timeline: Timeline, observation: NDArray[np.uint8]) -> Swarm:
+def replay_to_end(
+    scenario: Scenario,
+    seed: int,
+    timeline: Timeline,
+    observation: NDArray[np.uint8],
+    energy: NDArray[np.float32] | None = None,
+) -> Swarm:
     """Replay whole runs; return the rows of the robots at their end.
 
     Args:
-        observation: (rows,), of the timeline's samples.
+        observation: (rows,), of the timeline's samples. energy: likewise; read if the strategy reads energies.
     """
-    return _replay(scenario, seed, timeline, observation, None, None)
+    return _replay(scenario, seed, timeline, observation, energy, None, None)
 
 
 def sent_messages(
@@ -80,7 +87,7 @@ def sent_messages(
     Args:
         timeline, observations: of that run alone.
     """
-    if counts_only(strategy_of(scenario.strategy.name)):  # a message at every sample
+    if counts_only(strategy_used(scenario)):  # a message at every sample
         return timeline.robot.astype(np.int64), timeline.stops.tick
     replayer = MessagesReplayer(
         scenario,
@@ -92,7 +99,7 @@ def sent_messages(
         None,
         network_of(scenario.network.name),
     )
-    _advance(replayer, scenario, seed, timeline, observations["observation"].to_numpy())
+    _advance(replayer, scenario, seed, timeline, *bits_and_energies(observations))
     buffer = replayer.buffer
     sent = int(buffer.filled[0])
     return buffer.sender[:sent].copy(), buffer.tick[:sent].copy()
@@ -109,7 +116,14 @@ def _replayed(
     """Replay after checking that the observations match the motion."""
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table does not have the rows of the motion table")
-    return _replay(scenario, seed, timeline, observations["observation"].to_numpy(), messages, log)
+    return _replay(scenario, seed, timeline, *bits_and_energies(observations), messages, log)
+
+
+def bits_and_energies(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
+    """Return the bits and the energies, if there are any, of an observation table."""
+    energy = observations["energy"]
+    known = energy.null_count() == 0
+    return observations["observation"].to_numpy(), energy.to_numpy() if known else None
 
 
 def _replay(
@@ -117,6 +131,7 @@ def _replay(
     seed: int,
     timeline: Timeline,
     observation: NDArray[np.uint8],
+    energy: NDArray[np.float32] | None,
     messages: NDArray[np.void] | None,
     log: Log | None,
 ) -> Swarm:
@@ -126,15 +141,20 @@ def _replay(
         scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,
         log=log, timeline=timeline,
     )  # fmt: skip
-    _advance(replayer, scenario, seed, timeline, observation)
+    _advance(replayer, scenario, seed, timeline, observation, energy)
     return replayer.swarm
 
 
 def _advance(
-    replayer: Replayer, scenario: Scenario, seed: int, timeline: Timeline, observation: NDArray[np.uint8]
+    replayer: Replayer,
+    scenario: Scenario,
+    seed: int,
+    timeline: Timeline,
+    observation: NDArray[np.uint8],
+    energy: NDArray[np.float32] | None,
 ) -> None:
     """Replay all runs of a timeline from their start to their end."""
-    strategy = strategy_of(scenario.strategy.name)
+    strategy = strategy_used(scenario)
     numbers = timeline.message_uniforms(seed) if uses_uniforms(strategy) else NO_VALUES
     readings = Readings(
         read_only(observation),
@@ -143,6 +163,7 @@ def _advance(
         timeline.heading_rad,
         read_only(numbers),
         timeline.estimates(scenario, seed),
+        read_only(_log_ratios(scenario, observation, energy)),
     )
     replayer.advance(
         rows_of(timeline),
@@ -152,6 +173,17 @@ def _advance(
         to_end=True,
         tracks=timeline.tracks if replayer.reads_positions else NO_TRACKS,
     )
+
+
+def _log_ratios(
+    scenario: Scenario, observation: NDArray[np.uint8], energy: NDArray[np.float32] | None
+) -> NDArray[np.float64]:
+    """Return the log likelihood ratio of each sample's energy, of no rows if the strategy does not read it."""
+    if not reads_energies(scenario):
+        return NO_VALUES
+    if energy is None:
+        raise ValueError("the strategy reads energies, and the observation table has none")
+    return log_ratios(scenario.sensor, observation, energy)
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

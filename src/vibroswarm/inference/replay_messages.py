@@ -42,6 +42,7 @@ from vibroswarm.inference.default_hooks import (
     on_sample,
     on_timer,
     opposite,
+    reading_of,
     send,
     steer,
     views,
@@ -58,7 +59,6 @@ from vibroswarm.inference.sample_rows import (
     Readings,
     Rows,
     Stops,
-    own_reading,
 )
 from vibroswarm.inference.sender_positions import Tracks, positions_at
 from vibroswarm.strategies.world import World
@@ -294,7 +294,7 @@ def replay(
             else:
                 t_s, number = rows.time_s[k], signed(rows.sample[k])
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
-                x = own_reading(readings, k, t_s, number)
+                x = reading_of(readings, k, t_s, number)
                 known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
                 sends = on_sample(s, a, x, out, sample_draws(seed, run, i, number, known_uniform), p, w)
                 row.samples += 1

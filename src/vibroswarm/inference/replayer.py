@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, read_only, zero_rows
 from vibroswarm.errors import CodeError
-from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, world_of
+from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, strategy_used, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import NO_REACH, Timeline
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
@@ -36,7 +36,6 @@ from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import Strategy
-from vibroswarm.strategies import strategy as strategy_of
 
 NO_VALUES: Final = read_only(np.empty(0))
 
@@ -63,7 +62,7 @@ class Replayer(ABC):
         log: Log | None,
         network: Network,
     ) -> None:
-        self.strategy, self.network = strategy_of(scenario.strategy.name), network
+        self.strategy, self.network = strategy_used(scenario), network
         self.module = kernels(self.strategy, network, self.template)
         self.seed, self.world = seed, world_of(scenario, longest)
         self.scenario, self.swarm = scenario, empty_swarm(self.strategy, network, scenario, runs)
@@ -272,7 +271,7 @@ def replayer_of(
         see ``Replayer``; timeline: given if whole runs are replayed.
     """
     network = network_of(scenario.network.name)
-    if counts_only(strategy_of(scenario.strategy.name)) and not scenario.faults.radio_dead:
+    if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:
         if network.name in ("ideal", "loss"):
             return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)
         deliveries = None if timeline is None else deliveries_of(scenario, seed, timeline)

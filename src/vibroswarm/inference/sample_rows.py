@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, read_only, signed, zero_rows
 from vibroswarm.inference.inbox import Inbox
-from vibroswarm.strategies.world import Reading
+from vibroswarm.strategies.world import DetailedReading, Reading
 
 DONE: Final = 0
 DOES_NOT_SEND: Final = 1
@@ -53,8 +53,10 @@ class Readings(NamedTuple):
     uniforms: NDArray[np.float64]
     """Uniform number 0 of each sample."""
     estimates: NDArray[np.float64]
-    """(rows, 9): places as robots estimate them (``robot.pose_mixture.ESTIMATE``); of no rows if they know the true
-    ones."""
+    """(rows, 9 and more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then their draws
+    (``robot.place_draws``); of no rows if they know the true ones."""
+    log_ratios: NDArray[np.float64]
+    """Log likelihood ratio of each sample's energy (``observation.energy_ratio``)."""
 
 
 NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
@@ -73,6 +75,19 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
     y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
     heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
     return Reading(bit, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
+
+
+@inlined
+def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
+    """Return the reading of row ``k`` for a strategy that ``reads_details``."""
+    x = own_reading(readings, k, time_s, number)
+    log_ratio = readings.log_ratios[k] if readings.log_ratios.size > 0 else np.nan
+    estimates = readings.estimates
+    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.log_ratios[:0]
+    return DetailedReading(
+        x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
+        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, draws_m,
+    )  # fmt: skip
 
 
 class Stops(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
-from vibroswarm.inference.agents import sizes_of, world_of
+from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import Timeline, rows_of
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
@@ -34,7 +34,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
     most = timeline.robot.size * max(robots - 1, 0)
     if most > MAX_DELIVERIES:
         return None
-    network, strategy = network_of(scenario.network.name), strategy_of(scenario.strategy.name)
+    network, strategy = network_of(scenario.network.name), strategy_used(scenario)
     world = world_of(scenario, timeline.longest)
     # The last field of the world is a table that depends only on the others.
     key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
@@ -60,7 +60,7 @@ def compute_deliveries(
     Raises:
         CodeError: the network raised.
     """
-    robots, strategy = scenario.swarm.robots, strategy_of(scenario.strategy.name)
+    robots, strategy = scenario.swarm.robots, strategy_used(scenario)
     network, sizes = network_of(scenario.network.name), sizes_of(scenario)
     deliveries = Deliveries(
         np.empty(rows.robot.size * max(robots - 1, 0), dtype=np.int32),

@@ -16,6 +16,7 @@ as the robots turn away from each other, and makes the filter careful.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from functools import lru_cache
 from typing import Any, Final
 
@@ -24,10 +25,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only
-from vibroswarm.core.rng import ALONE, FIRST, LOCALISATION, OF_TOLD_HEADING, OF_TOLD_X, OF_TOLD_Y, uniform
+from vibroswarm.core.rng import (
+    ALONE,
+    FIRST,
+    LOCALISATION,
+    OF_PATHS,
+    OF_TOLD_HEADING,
+    OF_TOLD_X,
+    OF_TOLD_Y,
+    uniform,
+)
 from vibroswarm.localisation.odometry import known_moves, measure_moves, normal
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
+from vibroswarm.robot.place_draws import Paths, begin_paths, draw_places, empty_paths, width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, begin, empty_mixture
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP
 from vibroswarm.scenario.fields import Robot
@@ -79,6 +90,16 @@ def is_estimated(scenario: Scenario) -> bool:
     return scenario.localisation.method != "true"
 
 
+def draws_read(scenario: Scenario) -> int:
+    """Return how many draws of each place the strategy's parameters say that robots read."""
+    return int(getattr(scenario.strategy.params, "draws", 0))
+
+
+def estimates_key(scenario: Scenario, seed: int) -> Hashable:
+    """Return what estimates over a motion depend on."""
+    return scenario.odometry, scenario.localisation, draws_read(scenario), seed
+
+
 def estimate(
     scenario: Scenario,
     seed: int,
@@ -88,7 +109,8 @@ def estimate(
     moves: pl.DataFrame | None,
     ends: pl.DataFrame,
 ) -> NDArray[np.float64]:
-    """Return the columns of ``ESTIMATE`` as one array, (samples, 9); the lagged sample is -1 where there is none.
+    """Return the columns of ``ESTIMATE`` as one array, (samples, 9), and of draws if the strategy reads them: (samples,
+    11 + 2 draws); the lagged sample is -1 where there is none.
 
     Args:
         samples: run and robot of each. stop_start_s, time_s: when it stopped for it, and when it was taken. moves,
@@ -99,7 +121,8 @@ def estimate(
     moves, robots = known_moves(moves), scenario.swarm.robots
     odometer = measure_moves(scenario, seed, moves, ends)
     starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
-    out = np.full((samples.height, len(ESTIMATE)), np.nan)
+    draws = draws_read(scenario)
+    out = np.full((samples.height, len(ESTIMATE) + width_of(draws)), np.nan)
     whose = samples["run"].to_numpy().astype(np.int64) * robots + samples["robot"].to_numpy()
     rows = np.argsort(whose, kind="stable")
     moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
@@ -114,12 +137,14 @@ def estimate(
     bounds = np.stack(
         [np.searchsorted(of, agents + after) for of in (moved, whose[rows]) for after in (0, 1)], axis=1
     )
-    mixture, program = empty_mixture(components, scenario.localisation.lag), program_of(scenario)
+    mixture, program = empty_mixture(components, scenario.localisation.lag, draws > 0), program_of(scenario)
+    paths = empty_paths(draws, components)
     forward_m = ray_forward_m(scenario)
     for each_m in np.unique(forward_m):  # robots with the same rays together
         of = np.flatnonzero(forward_m[agents % robots] == each_m)
         locate_robots(
             mixture,
+            paths,
             program._replace(ray_forward_m=float(each_m)),
             seed,
             robots,
@@ -198,6 +223,7 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
 @kernel
 def locate_robots(
     f: Mixture,
+    paths: Paths,
     program: LocalisationProgram,
     seed: int,
     robots: int,
@@ -223,14 +249,16 @@ def locate_robots(
         agents: run * robots + robot of each. starts: (agents, 3): true poses at time 0. bounds: (agents, 4): the moves
             of an agent are the rows from the first to the second, its samples in ``rows`` those from the third to the
             fourth. from_start: begin at ``starts``, not where ``f`` is, just after a stop. sampled_s: (agents,): time
-            of each one's last sample so far, changed. out: (samples, 9), written. kind to ray_m: (moves,). rows: of the
-            other columns, by agent. stop_start_s, time_s: (samples,).
+            of each one's last sample so far, changed. out: (samples, 9 or more), written. kind to ray_m: (moves,).
+            rows: of the other columns, by agent. stop_start_s, time_s: (samples,).
     """
     for e in range(agents.size):
         run, i = agents[e] // robots, agents[e] % robots
         first, end, k, last = bounds[e]
         if from_start:
             begin_robot(f, program, seed, run, i, starts[e, 0], starts[e, 1], starts[e, 2])
+            if paths.component.size > 0:
+                begin_paths(f, paths, random_word(seed, run, i, OF_PATHS))
             sampled_s[e] = 0.0
         for m in range(first, end):
             if kind[m] == DRIVE:
@@ -242,6 +270,8 @@ def locate_robots(
                     obstacle(f, program, ray_m[m], after_drive)
                 turn(f, program, duration_s[m], gyro_rad[m])
             elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
+                if paths.component.size > 0:
+                    draw_places(f, program, paths, out[rows[k], 9:])
                 sampled(f, program, out[rows[k]])
                 sampled_s[e] = time_s[rows[k]]
                 k += 1
@@ -259,10 +289,15 @@ def begin_robot(
     heading_rad: float,
 ) -> None:
     """Begin a robot's filter at its start, as it is told."""
-    word = 1 + int(uniform(seed, run, i, LOCALISATION, FIRST, ALONE) * 4294967295.0)
     x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
     heading_rad += program.start_heading_spread_rad * normal(
         seed, run, i, LOCALISATION, FIRST, OF_TOLD_HEADING
     )
-    begin(f, program, min(word, 4294967295), x_m, y_m, heading_rad)
+    begin(f, program, random_word(seed, run, i, ALONE), x_m, y_m, heading_rad)
+
+
+@inner
+def random_word(seed: int, run: int, i: int, peer: int) -> int:
+    """Return a word from which a robot's random numbers begin, from 1 to 2^32 - 1."""
+    return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, peer) * 4294967295.0), 4294967295)

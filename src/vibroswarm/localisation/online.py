@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
-from vibroswarm.localisation.locate import locate_robots, program_of, ray_forward_m
+from vibroswarm.localisation.locate import draws_read, locate_robots, program_of, ray_forward_m
 from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, merged_moves
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.moves import MOVE_ROW
 from vibroswarm.motion.recorder import joined
+from vibroswarm.robot.place_draws import empty_paths
 from vibroswarm.robot.pose_mixture import empty_mixture
 from vibroswarm.scenario.scenario import Scenario
 
@@ -23,7 +24,9 @@ class OnlineLocalisation:
         components = told.components if told.method == "mixture" else 1
         program, forward_m = program_of(scenario), ray_forward_m(scenario)
         self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
-        self.filters = [empty_mixture(components, told.lag) for _ in range(robots)]
+        draws = draws_read(scenario)
+        self.filters = [empty_mixture(components, told.lag, draws > 0) for _ in range(robots)]
+        self.paths = [empty_paths(draws, components) for _ in range(robots)]
         self.errors, self.tick_s = gyro_errors(scenario), scenario.tick_s
         self.tick_ms, self.robots, self.seed = scenario.run.control_period_ms, robots, seed
 
@@ -49,7 +52,7 @@ class OnlineLocalisation:
 
         Args:
             robot, stop_tick, time_s: (samples,), in order of time; the moves up to the stop of each have been added.
-            out: (samples, 9), written: ``pose_mixture.ESTIMATE``.
+            out: (samples, 9 or more), written: ``pose_mixture.ESTIMATE``, and draws.
         """
         moves = joined([zero_rows(0, MOVE_ROW), *self.given])
         stop_s = stop_tick * self.tick_ms / 1000.0
@@ -96,6 +99,7 @@ class OnlineLocalisation:
         pose = (float(rows["x_m"][0]), float(rows["y_m"][0]), wrapped_rad(float(rows["heading_rad"][0])))
         locate_robots(
             self.filters[i],
+            self.paths[i],
             self.programs[i],
             self.seed,
             self.robots,

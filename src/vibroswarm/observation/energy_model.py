@@ -21,9 +21,9 @@ from vibroswarm.scenario.fields import Sensor
 def share_below(sensor: Sensor, vibrating: bool) -> float:
     """Return F(theta_E): the probability that a tile of this kind reads as still."""
     if sensor.model == "energies":
-        energies = np.sort(_measured(sensor, vibrating))
+        energies = np.sort(measured_of(sensor, vibrating))
         return float(np.searchsorted(energies, sensor.rms_threshold, side="right")) / energies.size
-    return _gamma_below(sensor.rms_threshold, *_gamma(sensor, vibrating))
+    return _gamma_below(sensor.rms_threshold, *gamma_of(sensor, vibrating))
 
 
 @lru_cache(maxsize=64)
@@ -50,22 +50,22 @@ def shares_below(sensor: Sensor, vibrating: bool, factors: NDArray[np.float64]) 
     """Return ``share_below`` with energies multiplied by these factors (above 0), shape as ``factors``."""
     thresholds = sensor.rms_threshold / factors
     if sensor.model == "energies":
-        energies = np.sort(_measured(sensor, vibrating))
+        energies = np.sort(measured_of(sensor, vibrating))
         return np.asarray(np.searchsorted(energies, thresholds, side="right") / energies.size)
     from scipy.special import gammainc
 
-    shape, scale, location = _gamma(sensor, vibrating)
+    shape, scale, location = gamma_of(sensor, vibrating)
     return np.asarray(gammainc(shape, np.maximum(thresholds - location, 0.0) / scale))
 
 
 def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the energies at quantiles ``u`` on a tile of this kind, shape as ``u``."""
     if sensor.model == "energies":
-        energies = np.sort(_measured(sensor, vibrating))
+        energies = np.sort(measured_of(sensor, vibrating))
         return energies[(u * energies.size).astype(np.int64)].astype(np.float32)
     from scipy.special import gammaincinv
 
-    shape, scale, location = _gamma(sensor, vibrating)
+    shape, scale, location = gamma_of(sensor, vibrating)
     return (scale * gammaincinv(shape, u) + location).astype(np.float32)  # Eq. 20
 
 
@@ -82,13 +82,15 @@ def energies_of(
     return energy if factors is None else (energy * factors).astype(np.float32)
 
 
-def _gamma(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
+def gamma_of(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
+    """Return shape, scale and location of the Gamma law of a kind of tile."""
     if vibrating:
         return sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location
     return sensor.still_shape, sensor.still_scale, sensor.still_location
 
 
-def _measured(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
+def measured_of(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
+    """Return the measured energies of a kind of tile, if the sensor draws from these."""
     values = sensor.vibrating_energies if vibrating else sensor.still_energies
     assert values is not None, "checked by Scenario"
     return np.asarray(values, dtype=np.float64)

@@ -272,10 +272,52 @@ def observe(
     Args:
         samples: the motion table; its order is kept.
         floors: the floor of each run.
-        energies: also compute the energies (else null); the bits are the same.
+        energies: also compute the energies (else null, unless the strategy reads them); the bits are the same.
     """
+    energies = energies or reads_energies(scenario)
     read = Places(seed, samples).read(scenario, floors, energies)
     return observation_frame(scenario, samples, read, energies)
+
+
+def reads_energies(scenario: Scenario) -> bool:
+    """Return whether the strategy's parameters say that robots read energies."""
+    return bool(getattr(scenario.strategy.params, "energies", False))
+
+
+def energies_at(
+    scenario: Scenario,
+    ground: SensedFloor,
+    seed: int,
+    run: int,
+    robot: NDArray[np.uint16],
+    sample: NDArray[np.uint32],
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Return the energies of samples of one run, (samples,): those that ``observe`` gives.
+
+    Args:
+        robot, sample, x_m, y_m: (samples,).
+    """
+    vibrating, numbers, factors = (
+        np.empty(robot.size, dtype=np.bool_),
+        np.empty(robot.size),
+        np.empty(robot.size),
+    )
+    for k in range(robot.size):
+        i, number = int(robot[k]), int(sample[k])
+        _, _, sensed, row = read(ground, x_m[k], y_m[k], 0.0, seed, run, i, number)
+        vibrating[k] = sensed >= 0 and ground.tiles[sensed] == 1
+        numbers[k] = uniform(seed, run, i, SENSING, number, ALONE)
+        factors[k] = ground.response.factors[row]
+    differ = factors if factors_differ(scenario.sensor) else None
+    return energies_of(scenario.sensor, vibrating, numbers, differ)
+
+
+def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
+    """Return the energies of readings that were requested with energies, (rows,)."""
+    differ = read.factors if factors_differ(scenario.sensor) else None
+    return energies_of(scenario.sensor, read.vibrating, read.numbers, differ)
 
 
 def observation_frame(
@@ -284,8 +326,7 @@ def observation_frame(
     """Return the observation table of a motion table's readings."""
     energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, samples.height)
     if energies:
-        differ = read.factors if factors_differ(scenario.sensor) else None
-        energy = pl.Series("energy", energies_of(scenario.sensor, read.vibrating, read.numbers, differ))
+        energy = pl.Series("energy", energies_read(scenario, read))
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),

@@ -103,7 +103,8 @@ class Mixture(NamedTuple):
     past_covariances: NDArray[np.float64]
     """(components, lag, 2, 6): of these places with the state."""
     copies: NDArray[np.int64]
-    """(components,): scratch of ``resample``."""
+    """(components,): scratch of ``resample``. With draws of paths (2 components,): then from which component at the
+    last sample each one descends."""
     rows: NDArray[np.float64]
     """(4, 6): scratch: P H' for walls in x and y, derivatives of a move."""
     numbers: NDArray[np.int64]
@@ -112,8 +113,12 @@ class Mixture(NamedTuple):
     """(2,): see ``UNEXPECTED``: what was unexpected, and obstacles, of which older ones count less."""
 
 
-def empty_mixture(components: int, lag: int) -> Mixture:
-    """Allocate a robot's memory."""
+def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixture:
+    """Allocate a robot's memory.
+
+    Args:
+        with_paths: also keep from which component each one descends (``place_draws``).
+    """
     return Mixture(
         np.zeros((components, STATES)),
         np.zeros((components, STATES, STATES)),
@@ -121,7 +126,7 @@ def empty_mixture(components: int, lag: int) -> Mixture:
         np.zeros((components, lag, 2)),
         np.zeros((components, lag, 2)),
         np.zeros((components, lag, 2, STATES)),
-        np.zeros(components, dtype=np.int64),
+        np.zeros(2 * components if with_paths else components, dtype=np.int64),
         np.zeros((4, STATES)),
         np.zeros(2, dtype=np.int64),
         np.zeros(2),
@@ -229,6 +234,8 @@ def resample(f: Mixture) -> None:
 @inlined
 def copy_component(f: Mixture, i: int, to: int) -> None:
     """Overwrite component ``to`` by component ``i``."""
+    if f.copies.size > f.weights.size:
+        f.copies[f.weights.size + to] = f.copies[f.weights.size + i]
     for j in range(STATES):
         f.means[to, j] = f.means[i, j]
         for k in range(STATES):

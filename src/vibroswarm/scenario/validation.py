@@ -238,6 +238,13 @@ def _check_faults(s: Sections) -> None:
         )
 
 
+def _check_strategy(s: Sections) -> None:
+    """Refuse parameters of the strategy that do not go together."""
+    known = strategies.known().get(s.strategy.name)
+    if known is not None and known.variant is not None:
+        known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
+
+
 ALL = (
     _check_ranges,
     _check_each,
@@ -250,4 +257,5 @@ ALL = (
     _check_floor,
     _check_network,
     _check_faults,
+    _check_strategy,
 )

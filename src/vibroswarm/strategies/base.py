@@ -42,7 +42,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
 from vibroswarm.strategies.static_checks import check_function
-from vibroswarm.strategies.world import Reading, World
+from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
 
@@ -120,6 +120,10 @@ class Strategy(Plugin):
         boundary_half: it works only for a boundary of readings of 1/2.
         told: what its parameters tell a robot of the task, such as "accuracy"; see ``told`` for the rest.
         knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
+        reads_details: ``on_sample`` is given a ``DetailedReading``.
+        variant: given the parameters, and sizes (those that arrays may have, and the arena's ``longest_mm``), returns
+            the strategy that runs in this one's place: itself, or one with the same parameters and other functions, so
+            that what is off costs nothing.
     """
 
     state: type
@@ -140,6 +144,8 @@ class Strategy(Plugin):
     boundary_half: bool = False
     told: tuple[str, ...] = ()
     knows_error_rates: bool = False
+    reads_details: bool = False
+    variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -151,7 +157,7 @@ class Strategy(Plugin):
             "m": self.message_type.names,
             "p": self.params_type.names,
             "w": World._fields,
-            "x": Reading._fields,
+            "x": DetailedReading._fields if self.reads_details else Reading._fields,
             "a": tuple(arrays_of(self.arrays)),
         }
         for hook in HOOKS:
@@ -278,7 +284,7 @@ def fields_of(declared: type) -> dict[str, type]:
 
 @cache
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
-    """Return the row type of a class's fields.
+    """Return the row type of a class's fields, and of its arrays of fixed size.
 
     Raises:
         InputError: a field of another type than int, float or bool, or with a name that NumPy's rows have.
@@ -290,8 +296,10 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     for name in fields:
         if hasattr(np.record, name):  # plain Python would find the row's method in place of the field
             raise InputError(f"'{name}' is a word of NumPy's rows; choose another name", field=what)
+    parts: list[Any] = [(name, KINDS[kind]) for name, kind in fields.items()]
+    parts += [(name, value.kind, (value.size({}),)) for name, value in arrays_of(declared).items()]
     # NumPy rows need a field: one that is not used if the class declares none.
-    return np.dtype([(name, KINDS[kind]) for name, kind in fields.items()] or [("unused", np.int64)])
+    return np.dtype(parts or [("unused", np.int64)])
 
 
 def as_params(declared: type, name: str) -> type[BaseModel]:

@@ -69,7 +69,7 @@ class Choice:
     ] = 0.15
 
 
-class Params(places.Params, Choice):
+class Params(places.MapParams, Choice):
     """Those of ``places``, and how to choose a direction."""
 
 

@@ -22,7 +22,7 @@ The estimated places are those of ``localisation``: a sample is sent ``localisat
 Of surprise and suspicion 1 / ``trust_memory`` is forgotten at each reading. From the share ``falls_from`` of the run
 on, the score needed falls to 0 at its end, so that nobody stays undecided.
 
-- Message: see ``place_message``: 8 bytes.
+- Message: see ``place_message``: 8 bytes. With options: ``place_samples``, ``place_summaries``.
 - Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1, and how far
   beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - The prior is that each tile vibrates or not as a coin falls. Floors near the boundary are harder than that: errors
@@ -32,11 +32,12 @@ on, the score needed falls to 0 at its end, so that nobody stays undecided.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.base import Strategy, array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import (
     RATE,
@@ -53,7 +54,7 @@ from vibroswarm.strategies.world import Draws, Reading, World
 __all__ = ["Message", "decision", "places"]
 
 
-class Params:
+class MapParams:
     """Caution, patience and trust."""
 
     variance_factor: Annotated[
@@ -94,6 +95,41 @@ class Params:
             description="How far beyond the edges of a tile its vibration is felt, as robots are told.",
         ),
     ] = 0.0
+
+
+class Options:
+    """What else messages may hold."""
+
+    energies: Annotated[
+        bool,
+        Field(
+            description="Whether messages hold the log likelihood ratio of a reading's energy, whose laws on both "
+            "kinds of tile robots know, in place of a bit."
+        ),
+    ] = False
+    draws: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=4,
+            description="Draws of the place in each message, each along one path, and as many maps: 2 to 4; 0: mean "
+            "and spread.",
+        ),
+    ] = 0
+    share_map: Annotated[
+        bool,
+        Field(
+            description="Whether robots send their own map, a byte a tile, in place of samples: at most 139 tiles."
+        ),
+    ] = False
+    map_every: Annotated[
+        int,
+        Field(ge=1, le=10**6, description="With share_map, a map is sent after each so many own samples."),
+    ] = 1
+
+
+class Params(MapParams, Options):
+    """Caution, patience and trust, and what else messages may hold."""
 
 
 class State:
@@ -197,12 +233,28 @@ def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
         a.weight[j] = 0.0
 
 
+def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
+    """Return the strategy that runs with these parameters: ``places``, or the one that has their functions.
+
+    Args:
+        p: of ``Params``. sizes: tiles of the grid, and the arena's longer side, ``longest_mm``.
+    Raises:
+        InputError: options that do not go together, or do not fit into a message.
+    """
+    if not (p.energies or p.draws or p.share_map):
+        return places
+    from vibroswarm.strategies.place_options import with_options
+
+    return with_options(places, p, sizes)
+
+
 places = register(
     strategy_in(
         __name__,
         "places",
         bytes_on_air=8,
         knows_error_rates=True,
+        variant=variant,
         about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
     )
 )

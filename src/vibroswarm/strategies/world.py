@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroswarm.core.jit import inlined
 from vibroswarm.core.rng import uniform
 from vibroswarm.strategies.belief_cache import Beliefs, belief_of
@@ -74,6 +77,29 @@ class Reading(NamedTuple):
     lagged_spread_x_m: float
     lagged_spread_y_m: float
     """Standard deviations of that, m."""
+
+
+class DetailedReading(NamedTuple):
+    """An own sample for a strategy that ``reads_details``: a ``Reading``, its energy and draws of its place."""
+
+    reading: int
+    t_s: float
+    number: int
+    x_m: float
+    y_m: float
+    heading_rad: float
+    spread_m: float
+    lagged_number: int
+    lagged_x_m: float
+    lagged_y_m: float
+    lagged_spread_x_m: float
+    lagged_spread_y_m: float
+    log_ratio: float
+    """ln of the density of the sample's energy on vibrating over that on still tiles; nan if it is not computed."""
+    draws_m: NDArray[np.float64]
+    """(2 draws + 2,): x and y of the lagged sample on each of several paths that the robot may have gone, then the
+    spreads in x and y that are left (``robot.place_draws``); empty if robots know their true positions, or if the
+    strategy reads none."""
 
 
 class Draws(NamedTuple):

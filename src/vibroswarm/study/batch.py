@@ -28,7 +28,14 @@ from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truths
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
-from vibroswarm.observation.observe import OBSERVATIONS, Places, Readings, observation_frame
+from vibroswarm.observation.observe import (
+    OBSERVATIONS,
+    Places,
+    Readings,
+    energies_read,
+    observation_frame,
+    reads_energies,
+)
 from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
@@ -134,11 +141,13 @@ class _SharedMotion:
         """Compute outcomes of scenarios that differ only in strategy, network and decision."""
         seen, runs, seed = scenarios[0], self.request.runs, self.request.seed
         floors = self._floors_of(seen)
-        read = self.places.read(seen, floors, self.request.samples)
+        energies = self.request.samples or any(map(reads_energies, scenarios))
+        read = self.places.read(seen, floors, energies)
+        energy = energies_read(seen, read) if energies else None
         each = []
         for scenario in scenarios:
             self.request.check()
-            each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation)))
+            each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation, energy)))
         shape = (len(runs), self.timeline.robots)
         finals = {name: np.stack([columns[name].reshape(shape) for columns in each]) for name in each[0]}
         fills = np.array(fill_ratios(floors, list(runs), seen.arena.width_m, seen.arena.height_m))

@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.faults.assignment import onset_s, working
-from vibroswarm.inference.agents import sizes_of, world_of
+from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import Strategy
-from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import arrays_of
-from vibroswarm.strategies.world import Draws, Reading, World
+from vibroswarm.strategies.world import DetailedReading, Draws, Reading, World
 
 
 @dataclass
@@ -110,7 +111,7 @@ class _Plain:
     ) -> None:
         self.moves = [] if moves is None else moves.to_dicts()
         self.scenario, self.seed, self.number = scenario, seed, int(ends["run"][0])
-        self.strategy: Strategy = strategy_of(scenario.strategy.name)
+        self.strategy: Strategy = strategy_used(scenario)
         self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
         self.network = network_of(scenario.network.name)
         self.of_network = SimpleNamespace(**scenario.network.params.model_dump())
@@ -130,6 +131,10 @@ class _Plain:
                 first = self.tick(row["stop_start_s"])
                 self.standing |= {(row["robot"], tick) for tick in range(first, self.end + 1)}
         self.samples, self.observation = samples, observations["observation"].to_list()
+        self.log_ratios = [math.nan] * samples.height
+        if reads_energies(scenario):
+            bits, energy = (observations[name].to_numpy() for name in ("observation", "energy"))
+            self.log_ratios = log_ratios(scenario.sensor, bits, energy).tolist()
         self.rows: list[dict[str, Any]] = []
         world = world_of(scenario, samples.height)
         self.robots = [self._robot(i, world._replace(robot=i)) for i in range(scenario.swarm.robots)]
@@ -280,10 +285,12 @@ class _Plain:
         row, number = self.samples.row(k, named=True), robot.samples
         out = self._row(self.strategy.message_type)
         draws = Draws(self.seed, self.number, robot.number, int(Purpose.MESSAGE), number, 0, 0, -1.0)
-        x = Reading(
+        x: Any = Reading(
             self.observation[k], row["time_s"], number, row["x_m"], row["y_m"], row["heading_rad"], 0.0,
             number, row["x_m"], row["y_m"], 0.0, 0.0,
         )  # fmt: skip
+        if self.strategy.reads_details:
+            x = DetailedReading(*x, self.log_ratios[k], np.empty(0))
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])

@@ -1,0 +1,83 @@
+"""What an energy says for a vibrating tile, against the laws from which energies are drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import gamma
+
+from vibroswarm.observation.energy_model import energies_of, error_rates, typical_factors
+from vibroswarm.observation.energy_ratio import MOST, log_ratios
+from vibroswarm.scenario.fields import Sensor
+
+U = (np.arange(200_000) + 0.5) / 200_000
+
+
+def drawn(sensor: Sensor, vibrating: bool) -> np.ndarray:
+    """Energies at even quantiles."""
+    return energies_of(sensor, np.full(U.size, vibrating), U)
+
+
+def ratios(sensor: Sensor, energy: np.ndarray) -> np.ndarray:
+    return log_ratios(sensor, (energy > np.float32(sensor.rms_threshold)).astype(np.uint8), energy)
+
+
+def test_it_is_the_ratio_of_gamma_densities() -> None:
+    sensor, energy = Sensor(), np.linspace(0.3, 6.0, 300).astype(np.float32)
+    laws = [
+        gamma(
+            getattr(sensor, f"{kind}_shape"),
+            getattr(sensor, f"{kind}_location"),
+            getattr(sensor, f"{kind}_scale"),
+        )
+        for kind in ("vibrating", "still")
+    ]
+    of_each = [law.logpdf(energy.astype(np.float64)) for law in laws]
+    expected = np.clip(of_each[0] - of_each[1], -MOST, MOST)
+    known = np.isfinite(of_each[0]) | np.isfinite(of_each[1])
+    assert known.sum() > 200
+    assert ratios(sensor, energy)[known] == pytest.approx(expected[known], abs=1e-5)
+
+
+@pytest.mark.parametrize("spread", [None, 0.2])
+def test_readings_of_a_ratio_are_as_much_likelier_on_vibrating_tiles(spread: float | None) -> None:
+    """In every bin of the ratio; a law with factors is not that without them."""
+    sensor = Sensor(tile_spread=spread)
+    factors, weights = typical_factors(sensor)
+    chances = []
+    for kind in (True, False):
+        energy, weight = drawn(sensor, kind).astype(np.float64), np.ones(U.size)
+        found = [ratios(sensor, (energy * factor).astype(np.float32)) for factor in factors]
+        hit = [np.histogram(each, np.arange(-4.0, 4.5, 0.5), weights=weight)[0] for each in found]
+        chances.append(np.einsum("k,kb->b", weights, np.array(hit)) / U.size)
+    middle = np.arange(-3.75, 4.0, 0.5)
+    common = (chances[0] > 1e-3) & (chances[1] > 1e-3)
+    assert common.sum() >= 8
+    assert np.log(chances[0] / chances[1])[common] == pytest.approx(middle[common], abs=0.26)
+
+
+def test_measured_energies_give_shares_of_bins() -> None:
+    rng = np.random.default_rng(1)
+    still, vibrating = rng.gamma(4.0, 0.25, 4000), rng.gamma(6.0, 0.4, 4000)
+    sensor = Sensor(
+        model="energies", still_energies=tuple(still.tolist()), vibrating_energies=tuple(vibrating.tolist())
+    )
+    energy = np.linspace(0.6, 3.0, 50).astype(np.float32)
+    expected = gamma(6.0, 0.0, 0.4).logpdf(energy) - gamma(4.0, 0.0, 0.25).logpdf(energy)
+    found, clear = ratios(sensor, energy), np.abs(expected) < 2.0
+    assert clear.sum() > 15
+    assert np.abs(found - expected)[clear].mean() < 0.4
+    assert (np.sign(found) == np.sign(expected))[np.abs(expected) > 1.0].all()
+
+
+def test_a_bit_that_is_not_the_energys_counts_as_a_bit() -> None:
+    """A sensor stuck at 1 reads still energies; only its bit says so."""
+    sensor = Sensor()
+    positive, negative = error_rates(sensor)
+    energy = drawn(sensor, False)[:100]
+    assert (energy < sensor.rms_threshold).all()
+    stuck = log_ratios(sensor, np.ones(100, dtype=np.uint8), energy)
+    assert stuck == pytest.approx(np.log((1.0 - negative) / positive))
+    sound = log_ratios(sensor, np.zeros(100, dtype=np.uint8), energy)
+    assert np.unique(sound).size > 90
+    assert sound.max() < stuck.min()
