@@ -1,108 +1,184 @@
 """Measure what places decide, beside soft feedback on the same motion and readings: the tables of docs/places.md.
 
-    python benchmarks/places_outcomes.py --runs 1000 --seed 9001
-    python benchmarks/places_outcomes.py --runs 1000 --seed 9002 --cases "speed told 0.9,speed told 1.3"
+    python benchmarks/places_outcomes.py --runs 1000 --seed 9001 --out out/places
 
-Floors of 12 and 13 vibrating tiles of 25. Each cell: mean decision time in s (end of the run if undecided), % of robots
-wrong, % undecided. Half: that of the 95 % interval of % wrong over both floors, with the run as the unit. Forced: %
-whose belief at the end of the run is on the wrong side, decided or not. Less: % wrong of places less that of soft, over
-both floors, paired by run, with its 95 % interval. A case that has a threshold "felt" is told the preset's error rates.
+measures every case of ``places_cases.py``, about an hour of one core, and prints the tables in Markdown. A case that
+OUT holds is not measured again, so that a measurement that was cut off goes on. ``--tables reached,patterns`` and
+``--cases "poor gyro"`` measure some.
+
+A cell: mean decision time in s (end of the run if undecided)/% of robots wrong +- half-width of its 95 % interval, with
+the run as the unit/% undecided. Forced: % whose belief at the end of the run is on the wrong side, decided or not,
+over all floors of the case. Less: % wrong of places less that of soft, over all floors, paired by run, with its 95 %
+interval. Bytes: sent by a robot in a whole run. What a case has as "felt" robots are not told. The grid is known.
 """
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.inference.deliveries import timeline_of
+from places_cases import ROWS, TABLES, Case
+from vibroswarm.core.atomic_io import write_file
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.simulation import floors_of, summarise
+from vibroswarm.simulation import OF_MOTION, floors_of
+from vibroswarm.strategies import strategy
 
-POOR = {"odometry.level": "poor"}
-CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    "paper": ("paper", {}),
-    "poor gyro": ("paper", POOR),
-    "poor told good": ("paper", POOR | {"localisation.assumed_level": "good"}),
-    "constant speed": ("paper", {"robot.speed_redraw": "robot"}),
-    "calibrated": ("calibrated", {}),
-    "calibrated with reach told": ("calibrated", {"strategy.places.edge_reach_m": 0.01}),
-    "10 % loss": ("paper", {"network.name": "loss", "network.loss.share": 0.1}),
-    "optimised-places": ("optimised-places", {}),
-    "optimised-places with poor gyro": ("optimised-places", POOR),
-    "ten robots": ("paper", {"swarm.robots": 10}),
-    "speed told 0.9": ("paper", {"localisation.assumed_speed_factor": 0.9}),
-    "speed told 1.3": ("paper", {"localisation.assumed_speed_factor": 1.3}),
-    "spread told 0.03": ("paper", {"localisation.assumed_speed_spread": 0.03}),
-    "wheels slip 10 %": ("paper", {"localisation.assumed_speed_factor": 1.2}),
-    "theta_E 1.55 felt": ("paper", {}),
-    "theta_E 1.15 felt": ("paper", {}),
-    "one stuck at 1": ("paper", {"faults.stuck_at_1": 0.2}),
-}
-FELT = {"theta_E 1.55 felt": 1.55, "theta_E 1.15 felt": 1.15}
-FLOORS = ((0.48, 0), (0.52, 1))
+Array = NDArray[np.float64]
+SOFT = "soft"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=9001)
-    parser.add_argument("--cases", help=f"separated by commas: {', '.join(CASES)}")
-    parser.add_argument("--v", default="1,2", help="values of strategy.places.variance_factor")
-    parser.add_argument("--pairs", action="store_true", help="also with strategy.places.rate_pairs")
-    parser.add_argument("--without-monitor", action="store_true", help="also with localisation.monitor off")
+    parser.add_argument("--out", type=Path, required=True, help="folder of one CSV file per case")
+    parser.add_argument("--tables", default=",".join(TABLES), help="separated by commas")
+    parser.add_argument("--cases", help="separated by semicolons; default: all of these tables")
     given = parser.parse_args()
-    print(f"{given.runs} runs, seed {given.seed}; .48, .52: time s / % wrong / % undecided")
-    for name in given.cases.split(",") if given.cases else CASES:
-        of, values = CASES[name]
-        base = preset(of).with_values({"strategy.name": "places", "localisation.method": "mixture"} | values)
-        felt = {"sensor.rms_threshold": FELT[name]} if name in FELT else {}
-        motion = source("event").batch(base, given.seed, range(given.runs), False, True)
-        soft, _, text = outcome(base.with_values({"strategy.name": "soft"}), base, felt, given, motion)
-        print(f"{name:28s} {'soft':24s} {text}", flush=True)
-        for monitor in (True, False) if given.without_monitor else (True,):
-            for pairs in (False, True) if given.pairs else (False,):
-                for v in map(float, given.v.split(",")):
-                    options = {
-                        "strategy.places.variance_factor": v,
-                        "strategy.places.rate_pairs": pairs,
-                        "localisation.monitor": monitor,
-                    }
-                    wrong, _, text = outcome(base.with_values(options), base, felt, given, motion)
-                    less = 100.0 * (wrong - soft)
-                    half = 1.96 * less.std() / np.sqrt(less.size)
-                    label = f"v = {v:g}{', pairs' if pairs else ''}{'' if monitor else ', no monitor'}"
-                    print(f"{name:28s} {label:24s} {text}  less {less.mean():+.1f} +- {half:.1f}", flush=True)
+    given.out.mkdir(parents=True, exist_ok=True)
+    for table in given.tables.split(","):
+        cases = TABLES[table]
+        names = [name for name in cases if given.cases is None or name in given.cases.split(";")]
+        for number, name in enumerate(cases):
+            file = given.out / f"{table}-{number:02d}-{given.runs}-{given.seed}.csv"
+            if name in names and not file.exists():
+                print(f"{table}: {name}", flush=True)
+                write_file(file, csv_bytes(measured(name, cases[name], given.runs, given.seed)))
+        files = sorted(given.out.glob(f"{table}-*-{given.runs}-{given.seed}.csv"))
+        if files:
+            print(markdown(pl.concat([pl.read_csv(file) for file in files]), cases), flush=True)
 
 
-def outcome(
-    scenario: Scenario, base: Scenario, felt: dict[str, float], given: argparse.Namespace, motion: Motion
-) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
-    """Return by run over both floors which share of robots is wrong, and would be if forced; and both in words."""
-    runs, robots, end_s = list(range(given.runs)), base.swarm.robots, base.run.t_end_s
-    timeline = timeline_of(scenario, motion)
-    cells, all_wrong, all_forced = [], [], []
-    for fill, truth in FLOORS:
-        floor = base.with_values({"floor.source": f"random:{fill}"} | felt)
-        floors = floors_of(floor, given.seed, runs)
-        observations = observe(floor, given.seed, motion.samples, floors, energies=False)
-        found, _ = summarise(scenario, given.seed, floors, timeline, observations)
-        decision, time_s = found["decision"].to_numpy(), found["decision_time_s"].fill_null(end_s).to_numpy()
-        wrong = decision == 1 - truth
-        cells.append(f"{time_s.mean():.0f}/{100 * wrong.mean():.1f}/{100 * (decision == -1).mean():.0f}")
-        swarm = replay_to_end(scenario, given.seed, timeline, observations["observation"].to_numpy())
-        below = swarm.agents["belief"] > 0.5
-        all_wrong.append(wrong.reshape(-1, robots).mean(axis=1))
-        all_forced.append((below != (truth == 0)).reshape(-1, robots).mean(axis=1))
-    wrong, forced = np.concatenate(all_wrong), np.concatenate(all_forced)
-    half = 196.0 * wrong.std() / np.sqrt(wrong.size)
-    text = f"{'  '.join(f'{cell:14s}' for cell in cells)} half {half:.1f}  forced {100 * forced.mean():.1f}"
-    return wrong, forced, text
+def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
+    """Return a row per setting and floor of a case."""
+    base = preset(case.preset).with_values(
+        {"strategy.name": "places", "localisation.method": "mixture", "strategy.places.variance_factor": 1.0}
+        | case.values
+    )
+    timeline = moved(base, runs, seed)
+    wrong: dict[str, list[Array]] = {}
+    forced: dict[str, list[Array]] = {}
+    rows: list[dict[str, Any]] = []
+    for floor_source in case.floors:
+        floor = base.with_values({"floor.source": floor_source} | case.felt)
+        readings = read(floor, runs, seed)
+        truth = int(float(floor_source.partition(":")[2]) > base.decision.decision_boundary)
+        for label in (SOFT, *case.rows):
+            values = {"strategy.name": SOFT} if label == SOFT else ROWS[label]
+            scenario = base.with_values({"floor.source": floor_source} | values)
+            agents = ended(scenario, floor, runs, seed, timeline, readings)
+            decision = agents["decision"].reshape(runs, -1)
+            time_s = np.where(agents["decision"] == -1, base.run.t_end_s, agents["decided_s"])
+            side = agents["belief"].reshape(runs, -1) <= 0.5
+            wrong.setdefault(label, []).append((decision == 1 - truth).mean(axis=1))
+            forced.setdefault(label, []).append((side != truth).mean(axis=1))
+            less = wrong[label][-1] - wrong[SOFT][-1]
+            rows.append(
+                {
+                    "case": name,
+                    "row": label,
+                    "floor": floor_source,
+                    "runs": runs,
+                    "seed": seed,
+                    "time_s": time_s.mean(),
+                    **percent("wrong", wrong[label][-1]),
+                    "undecided": 100.0 * (decision == -1).mean(),
+                    **percent("forced", forced[label][-1]),
+                    **percent("less", less),
+                    "bytes": agents["sent"].mean() * strategy(scenario.strategy.name).bytes_on_air,
+                }
+            )
+    for label in (SOFT, *case.rows):
+        both = [np.concatenate(of[label]) for of in (wrong, forced)]
+        less = both[0] - np.concatenate(wrong[SOFT])
+        mine = [row for row in rows if row["row"] == label]
+        means = {key: float(np.mean([row[key] for row in mine])) for key in ("time_s", "undecided", "bytes")}
+        shares = percent("wrong", both[0]) | percent("forced", both[1]) | percent("less", less)
+        rows.append(
+            {"case": name, "row": label, "floor": "all", "runs": runs, "seed": seed, **means, **shares}
+        )
+    return pl.DataFrame([{key: row[key] for key in rows[0]} for row in rows])
+
+
+def moved(scenario: Scenario, runs: int, seed: int) -> Timeline:
+    """Return the motion of some runs, the same object for cases that move alike."""
+    key = repr([getattr(scenario, section) for section in OF_MOTION])
+    if key not in _moved:
+        _moved.clear()
+        _read.clear()
+        motion = source("event").batch(scenario, seed, range(runs), False, True)
+        _moved[key] = (motion, timeline_of(scenario, motion))
+    return _moved[key][1]
+
+
+def read(floor: Scenario, runs: int, seed: int) -> NDArray[np.uint8]:
+    """Return the readings on a floor; the motion is that of the last call of ``moved``."""
+    key = repr((floor.floor, floor.sensor, floor.faults))
+    if key not in _read:
+        ((motion, _),) = _moved.values()
+        floors = floors_of(floor, seed, list(range(runs)))
+        _read[key] = observe(floor, seed, motion.samples, floors, energies=False)["observation"].to_numpy()
+    return _read[key]
+
+
+def ended(
+    scenario: Scenario, floor: Scenario, runs: int, seed: int, timeline: Timeline, readings: NDArray[np.uint8]
+) -> NDArray[np.void]:
+    """Return the robots at the end; soft feedback on the same motion and readings is computed once."""
+    if scenario.strategy.name != SOFT:
+        return replay_to_end(scenario, seed, timeline, readings).agents.copy()
+    key = repr([getattr(floor, name) for name in (*OF_MOTION, "floor", "sensor", "faults", "network")])
+    if key not in _soft:
+        _soft[key] = replay_to_end(scenario, seed, timeline, readings).agents.copy()
+    return _soft[key]
+
+
+_moved: dict[str, tuple[Motion, Timeline]] = {}
+_read: dict[str, NDArray[np.uint8]] = {}
+_soft: dict[str, NDArray[np.void]] = {}
+
+
+def percent(name: str, of_runs: Array) -> dict[str, float]:
+    """Return the mean of a share over runs in %, and the half-width of its 95 % interval."""
+    return {
+        name: 100.0 * float(of_runs.mean()),
+        f"{name}_half": 196.0 * float(of_runs.std()) / of_runs.size**0.5,
+    }
+
+
+def markdown(found: pl.DataFrame, cases: dict[str, Case]) -> str:
+    """Return a table of what was measured: a line per case and floor."""
+    labels = list(dict.fromkeys(found["row"].to_list()))
+    head = ["case", "f", *labels, "forced", "less than soft", "bytes", "wanted"]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for name in dict.fromkeys(found["case"].to_list()):
+        of_case = found.filter(case=name)
+        last = {row["row"]: row for row in of_case.filter(floor="all").iter_rows(named=True)}
+        at_end = "; ".join(f"{row['forced']:.1f}" for row in last.values())
+        less = "; ".join(f"{row['less']:+.1f} +- {row['less_half']:.1f}" for row in list(last.values())[1:])
+        sent = " to ".join(f"{b:.0f}" for b in sorted({round(row["bytes"]) for row in last.values()}))
+        more, floors = [at_end, less, sent, cases[name].wanted], of_case["floor"].unique(maintain_order=True)
+        for k, floor in enumerate(each for each in floors if each != "all"):
+            cells = {row["row"]: cell(row) for row in of_case.filter(floor=floor).iter_rows(named=True)}
+            first = [name if k == 0 else "", floor.partition(":")[2].lstrip("0")]
+            lines.append("| " + " | ".join([*first, *(cells.get(label, "") for label in labels)])
+                         + " | " + " | ".join(more if k == 0 else [""] * 4) + " |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def cell(row: dict[str, float]) -> str:
+    """Return the words of one row."""
+    return f"{row['time_s']:.0f}/{row['wrong']:.1f} +- {row['wrong_half']:.1f}/{row['undecided']:.0f}"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,111 @@
+"""The cases that ``places_outcomes.py`` measures, and the tables of docs/places.md that show them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+HARD: Final = ("random:0.48", "random:0.52")
+ALL: Final = ("random:0.48", "random:0.52", "random:0.44", "random:0.56")
+POOR: Final = {"odometry.level": "poor"}
+REACH: Final = {"strategy.places.edge_reach_m": 0.01}
+PAIRS: Final = {"strategy.places.rate_pairs": True}
+SOUND: Final = {"strategy.places.broken_prior": 0.0}
+
+ROWS: Final[dict[str, dict[str, Any]]] = {
+    "true places, v = 1": {"localisation.method": "true"},
+    "true places, v = 2": {"localisation.method": "true", "strategy.places.variance_factor": 2.0},
+    "v = 1": {},
+    "v = 2": {"strategy.places.variance_factor": 2.0},
+    "v = 3": {"strategy.places.variance_factor": 3.0},
+    "v = 2, no monitor": {"localisation.monitor": False, "strategy.places.variance_factor": 2.0},
+    "falling": {"strategy.places.falls_from": 0.5},
+    "falling, true places": {"strategy.places.falls_from": 0.5, "localisation.method": "true"},
+}
+"""Settings of the strategy places, by the name of their column; what is not set is the case's."""
+USUAL: Final = ("true places, v = 1", "v = 1", "v = 2")
+BOTH: Final = ("v = 1", "v = 2")
+MONITORED: Final = ("v = 1", "v = 2, no monitor", "v = 2")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Robots, floors and settings that are measured together, on one motion.
+
+    Args:
+        preset: of the robots. values: by field of the scenario, for all rows. rows: names in ``ROWS``; ``soft`` is
+            always measured. floors: as ``floor.source``. felt: fields that readings are made with and robots are not
+            told. wanted: time s/% wrong/% undecided that the table shows beside.
+    """
+
+    preset: str = "paper"
+    values: dict[str, Any] = field(default_factory=dict)
+    rows: tuple[str, ...] = USUAL
+    floors: tuple[str, ...] = HARD
+    felt: dict[str, Any] = field(default_factory=dict)
+    wanted: str = ""
+
+
+def told(**values: Any) -> dict[str, Any]:
+    """Return fields of localisation."""
+    return {f"localisation.{name}": value for name, value in values.items()}
+
+
+def pattern(name: str) -> Case:
+    """Return the case of one of the paper's patterns."""
+    grid = {"floor.rows": 10, "floor.columns": 10}
+    return Case("paper", grid, ("falling", "v = 1", "falling, true places"), (f"{name}:0.48",))
+
+
+REACHED: Final[dict[str, Case]] = {
+    "`paper`": Case(floors=ALL, rows=(*USUAL, "v = 3"), wanted="600/7/2; easy floors 380/1.5/0"),
+    "poor gyro": Case(values=POOR, wanted="720/10/8"),
+    "10 % loss": Case(values={"network.name": "loss", "network.loss.share": 0.1}, wanted="630/7"),
+    "one robot stuck at 1": Case(values={"faults.stuck_at_1": 0.2}, rows=BOTH, wanted="720/9/6"),
+    "the same, `broken_prior` 0": Case(values=SOUND | {"faults.stuck_at_1": 0.2}, rows=BOTH),
+    "constant speed a robot": Case(values={"robot.speed_redraw": "robot"}, wanted="500/6/1"),
+    "`calibrated`": Case("calibrated", wanted="470/12/0, half of soft's errors"),
+    "`calibrated`, reach told": Case("calibrated", REACH, BOTH, wanted="the same"),
+    "`calibrated`, pairs": Case("calibrated", PAIRS, BOTH, wanted="the same"),
+    "`calibrated`, both": Case("calibrated", REACH | PAIRS, BOTH, wanted="the same"),
+    "motion that suits": Case(
+        "optimised-places",
+        rows=(*USUAL, "true places, v = 2", "v = 3"),
+        floors=ALL,
+        wanted="330/8/0; aim 384, 6.8",
+    ),
+    "motion that suits, poor gyro": Case("optimised-places", POOR, BOTH),
+    "ten robots": Case(values={"swarm.robots": 10}, wanted="report"),
+}
+PATTERNS: Final[dict[str, Case]] = {
+    name: pattern(name) for name in ("diagonal", "stripe", "block-diagonal", "alternating", "random-fixed")
+}
+WRONG: Final[dict[str, Case]] = {
+    "poor gyro": Case(values=POOR, rows=MONITORED),
+    "poor gyro told good": Case(values=POOR | told(assumed_level="good"), rows=MONITORED),
+    "mean speed told 0.9": Case(values=told(assumed_speed_factor=0.9), rows=MONITORED),
+    "mean speed told 1.3": Case(values=told(assumed_speed_factor=1.3), rows=MONITORED),
+    "spread told 0.03": Case(values=told(assumed_speed_spread=0.03), rows=MONITORED),
+    "wheels slip 10 %": Case(values=told(assumed_speed_factor=1.2), rows=MONITORED),
+}
+RATES: Final[dict[str, Case]] = {
+    "theta_E 1.55": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
+    "theta_E 1.55, pairs": Case(values=PAIRS, rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
+    "theta_E 1.15": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.15}),
+    "theta_E 1.15, pairs": Case(values=PAIRS, rows=BOTH, felt={"sensor.rms_threshold": 1.15}),
+    "right rates, pairs": Case(values=PAIRS, rows=BOTH),
+    "mean speed told 0.9, pairs": Case(values=PAIRS | told(assumed_speed_factor=0.9), rows=BOTH),
+    "mean speed told 1.3, pairs": Case(values=PAIRS | told(assumed_speed_factor=1.3), rows=BOTH),
+}
+OTHERS: Final[dict[str, Case]] = {
+    "Kalman filter": Case(values=told(method="kalman"), rows=BOTH),
+    "dead reckoning": Case(values=told(method="dead_reckoning"), rows=BOTH),
+}
+TABLES: Final[dict[str, dict[str, Case]]] = {
+    "reached": REACHED,
+    "patterns": PATTERNS,
+    "wrong": WRONG,
+    "rates": RATES,
+    "others": OTHERS,
+}
+"""Cases by table, and within it by the words of the row."""
