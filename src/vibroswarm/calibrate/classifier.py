@@ -166,6 +166,11 @@ def classifier_accuracy(
     Raises:
         InputError: fewer than two robots, or a session too short for one stretch of each.
     """
+    if any(session["avoid_s"].null_count() == session.height for session in (*real, *simulated)):
+        raise InputError(
+            "a session has no times spent avoiding, which the classifier needs; let robots log avoid_total_s",
+            field="sessions",
+        )
     a, b = [_by_robot(session) for session in real], [_by_robot(session) for session in simulated]
     robots = sorted(set.intersection(*(set(session) for session in (*a, *b))))
     if len(robots) < 2:

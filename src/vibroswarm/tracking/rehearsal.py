@@ -214,17 +214,27 @@ def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float)
 
     Args:
         clock_offset_s: time on the robots' clock when that of the run is 0.
-    Returns: robot (its name), time_s (rounded to ms), energy, observation, and what the run has of message, alpha,
-        beta, belief_below, decision, sent, messages_received.
+    Returns: robot (its name), time_s (rounded to ms), energy, observation, the times spent avoiding and standing so
+        far (s, rounded to ms), and what the run has of message, alpha, beta, belief_below, decision, sent,
+        messages_received.
     """
     key = ["run", "robot", "sample"]
-    table = result.motion.filter(pl.col("run") == run).select(*key, "time_s")
+    table = result.motion.filter(pl.col("run") == run).sort(*key)
+    table = table.select(
+        *key,
+        "time_s",
+        *(
+            pl.col(f"{name}_s").fill_null(0.0).cum_sum().over("robot").round(3).alias(f"{name}_total_s")
+            for name in ("avoid", "stop")
+        ),
+    )
     for other in (result.observations, result.inference):
         new = [name for name in other.columns if name not in table.columns or name in key]
         table = table.join(other.select(new), on=key, how="left", maintain_order="left")
     names = dict(enumerate(markers.robots.values()))
     wanted = (
         "energy", "observation", "message", "alpha", "beta", "belief_below", "decision", "messages_received",
+        "avoid_total_s", "stop_total_s",
     )  # fmt: skip
     return (
         table.with_columns(

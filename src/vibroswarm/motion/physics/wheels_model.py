@@ -104,7 +104,9 @@ def _contacts(robots: int, step_s: float) -> str:
     for i in range(robots):
         for name, _, _, driven in WHEELS:
             friction = DRIVEN if driven else PASSIVE
-            pairs.append(f'<pair geom1="floor" geom2="{name}{i}" friction="{friction} {friction} 0 0 0" {floor}/>')
+            pairs.append(
+                f'<pair geom1="floor" geom2="{name}{i}" friction="{friction} {friction} 0 0 0" {floor}/>'
+            )
         pairs += [f'<pair geom1="{other}" geom2="chassis{i}" {others}/>' for other in _others(i)]
     return "".join(pairs)
 
