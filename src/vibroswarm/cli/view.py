@@ -12,6 +12,7 @@ EPILOG = """\
 examples:
   vibroswarm view first
   vibroswarm view first --html first.html
+  vibroswarm view first --picture first.png --at 300
 """
 
 
@@ -21,7 +22,8 @@ def add_parser(commands: Any) -> None:
         "view",
         help="show a run in three dimensions, in a browser on this machine",
         description="Show a run of any source of motion in three dimensions: robots with their beliefs, floor and "
-        "samples; orbit, pause and scrub. Only this machine can reach the server. Needs the extra 'view'.",
+        "samples; orbit, pause and scrub. Only this machine can reach the server. Needs the extra 'view'; pictures "
+        "need 'physics'.",
         epilog=EPILOG,
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a result (run --out, lab import)")
@@ -37,6 +39,10 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--html", metavar="FILE", type=Path, help="write one file that plays the run back, and end"
     )
+    parser.add_argument(
+        "--picture", metavar="FILE", type=Path, help="write a picture (PNG), by EGL or OSMesa, and end"
+    )
+    parser.add_argument("--at", metavar="T", type=real, help="time of the picture, s (default: the end)")
     parser.add_argument("--force", action="store_true", help="replace FILE")
     parser.add_argument("--open", action="store_true", help="open a browser")
     parser.set_defaults(run=run)
@@ -49,14 +55,28 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not 1.0 <= arguments.speed <= 200.0:
         raise InputError(f"{arguments.speed:g} is not from 1 to 200", field="--speed")
-    if arguments.html is not None:
-        if arguments.html.suffix != ".html":
-            raise InputError(f"'{arguments.html}' does not end in .html", field="--html")
-        if arguments.html.is_dir() or (arguments.html.exists() and not arguments.force):
-            raise InputError("exists; add --force to replace it", field=str(arguments.html))
-    viser()
+    if arguments.html is not None and arguments.picture is not None:
+        raise InputError("conflicts with --html; use one of them", field="--picture")
+    if arguments.at is not None and arguments.picture is None:
+        raise InputError("needs --picture", field="--at")
+    for option, suffix in (("html", ".html"), ("picture", ".png")):
+        file = getattr(arguments, option)
+        if file is None:
+            continue
+        if file.suffix != suffix:
+            raise InputError(f"'{file}' does not end in {suffix}", field=f"--{option}")
+        if file.is_dir() or (file.exists() and not arguments.force):
+            raise InputError("exists; add --force to replace it", field=str(file))
+    if arguments.picture is None:
+        viser()
     result = read_result(arguments.folder)
     number = int(result.runs["run"][0]) if arguments.number is None else arguments.number
+    if arguments.picture is not None:
+        from vibroswarm.view.picture import write_picture
+
+        way = write_picture(result, number, arguments.picture, arguments.at)
+        print(f"Saved: {arguments.picture} (drawn by {way})")
+        return 0
     if arguments.html is not None:
         frames = write_html(result, number, arguments.html, arguments.speed)
         print(f"Saved: {arguments.html} ({frames} frames, {arguments.html.stat().st_size / 1e6:.1f} MB)")
@@ -66,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.open:
         import webbrowser
 
-        webbrowser.open(server.url)
+        if not webbrowser.open(server.url):
+            print("No browser could be opened here; open that address in one.", flush=True)
     try:
         server.serve()
     finally:

@@ -77,7 +77,8 @@ def wheels_xml(scenario: Scenario, step_s: float) -> str:
         sensors += [f'<gyro site="imu{i}"/><accelerometer site="imu{i}"/>']
     return f"""<mujoco model="robots on magnetic wheels">
   <compiler autolimits="true"/>
-  <option timestep="{step_s!r}" integrator="Euler" cone="elliptic" impratio="{IMPRATIO}" solver="CG" tolerance="{TOLERANCE}">
+  <option timestep="{step_s!r}" integrator="Euler" cone="elliptic" impratio="{IMPRATIO}"
+          solver="CG" tolerance="{TOLERANCE}">
     <flag autoreset="disable" eulerdamp="disable" midphase="disable" spring="disable" damper="disable"/>
   </option>
   <size memory="{max(2, robots)}M"/>
@@ -129,5 +130,6 @@ def _robot(scenario: Scenario, i: int) -> str:
     return f"""<body><freejoint/>
       <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>
       <site name="imu{i}" pos="0 0 {SENSOR_HEIGHT_M}"/>
-      <geom name="chassis{i}" type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>{target_xml(scenario)}{wheels}
+      <geom name="chassis{i}" type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>
+      {target_xml(scenario)}{wheels}
     </body>"""

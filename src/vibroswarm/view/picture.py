@@ -1,0 +1,197 @@
+"""Draw a run at a time as a picture, in three dimensions, without display or browser: by MuJoCo with EGL or OSMesa."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.errors import InputError
+from vibroswarm.result import Result
+from vibroswarm.view.playback import Playback
+from vibroswarm.view.scene import (
+    INK,
+    LESS,
+    MORE,
+    ROBOT_HEIGHT_M,
+    SAMPLE_M,
+    WALL_M,
+    colour_of,
+    floor_picture,
+)
+
+WIDTH, HEIGHT = 1280, 960
+WAYS: Final = ("egl", "osmesa")
+"""Ways to draw without a display that are tried, as ``MUJOCO_GL`` names them."""
+SECONDS: Final = 120
+FOV_DEG: Final = 57.0
+THICK_M: Final = 0.005
+
+
+def write_picture(result: Result, run: int, path: Path, time_s: float | None = None) -> str:
+    """Write a picture of a run at a time (default: its end) as PNG; return how it was drawn: egl or osmesa.
+
+    Raises:
+        InputError: MuJoCo is missing, or neither EGL nor OSMesa is there, or there is no such run or time.
+        RunError: the disk is full or failed.
+    """
+    if find_spec("mujoco") is None:
+        raise InputError(
+            "needs MuJoCo, which is not installed: pip install 'vibroswarm[physics]'", field="--picture"
+        )
+    playback = Playback(result, run)
+    at_s = playback.end_s if time_s is None else time_s
+    if not 0.0 <= at_s <= playback.end_s:
+        raise InputError(f"{at_s:g} is not from 0 to {playback.end_s:g} s", field="--at")
+    pixels, way = _drawn(scene_xml(playback, at_s), floor_picture(playback))
+    encoded = io.BytesIO()
+    Image.fromarray(pixels).save(encoded, "png")
+    with whole_file(path) as part:
+        part.write_bytes(encoded.getvalue())
+    return way
+
+
+def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
+    """Return the pixels of a scene, (HEIGHT, WIDTH, 3), and the way in which they were drawn."""
+    chosen = os.environ.get("MUJOCO_GL", "").lower()
+    reasons = []
+    with tempfile.TemporaryDirectory(prefix="vibroswarm-") as name:
+        folder = Path(name)
+        (folder / "scene.xml").write_text(xml, encoding="utf-8")
+        Image.fromarray(floor).save(folder / "floor.png")
+        for way in (chosen,) if chosen else WAYS:
+            command = [
+                sys.executable,
+                "-m",
+                "vibroswarm.view.render",
+                "scene.xml",
+                str(WIDTH),
+                str(HEIGHT),
+                "out.rgb",
+            ]
+            environment = {
+                **os.environ,
+                "MUJOCO_GL": way,
+                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            }
+            environment.pop("PYOPENGL_PLATFORM", None)
+            try:
+                done = subprocess.run(
+                    command, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS
+                )
+            except subprocess.TimeoutExpired:
+                reasons.append(f"{way}: no picture after {SECONDS} s")
+                continue
+            out = folder / "out.rgb"
+            if done.returncode == 0 and out.is_file() and out.stat().st_size == WIDTH * HEIGHT * 3:
+                return np.frombuffer(out.read_bytes(), dtype=np.uint8).reshape(HEIGHT, WIDTH, 3), way
+            said = done.stderr.strip().splitlines() or [f"ended with exit code {done.returncode}"]
+            reasons.append(f"{way}: {said[-1][:160]}")
+    raise InputError(
+        f"cannot be drawn here without a display ({'; '.join(reasons)}); install EGL or OSMesa (Debian: libegl1 or "
+        "libosmesa6), or use --html",
+        field="--picture",
+    )
+
+
+def camera_of(result: Result) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the camera is, m, and its axes right, up and back, (3, 3)."""
+    arena = result.scenario.arena
+    across_m = max(arena.width_m, arena.height_m)
+    middle = np.array([arena.width_m / 2.0, arena.height_m / 2.0, 0.0])
+    eye = middle + np.array([0.0, -0.55 * across_m, 0.95 * across_m])
+    back = (eye - middle) / np.linalg.norm(eye - middle)
+    right = np.array([1.0, 0.0, 0.0])
+    return eye, np.stack([right, np.cross(back, right), back])
+
+
+def scene_xml(playback: Playback, time_s: float) -> str:
+    """Return the scene at a time as MJCF; nothing in it moves."""
+    arena = playback.result.scenario.arena
+    eye, axes = camera_of(playback.result)
+    geoms = [*_walls(arena.width_m, arena.height_m)]
+    for robot in range(playback.robots):
+        geoms += _robot(playback, robot, time_s)
+    for k in range(playback.samples_by(time_s)):
+        x_m, y_m = playback.places[k]
+        colour = MORE if playback.readings[k] == 1 else LESS
+        geoms.append(_geom("cylinder", (SAMPLE_M / 2, 0.0005), (x_m, y_m, 0.0005), colour))
+    return f"""<mujoco>
+  <visual>
+    <global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
+    <headlight ambient="0.8 0.8 0.8" diffuse="0.2 0.2 0.2" specular="0 0 0"/>
+  </visual>
+  <asset>
+    <texture name="floor" type="2d" file="floor.png"/>
+    <texture name="sky" type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="16" height="16"/>
+    <material name="floor" texture="floor" texuniform="false" texrepeat="1 1"/>
+  </asset>
+  <worldbody>
+    <camera pos="{_numbers(eye)}" xyaxes="{_numbers(axes[:2].ravel())}" fovy="{FOV_DEG}"/>
+    <geom type="plane" size="{arena.width_m / 2!r} {arena.height_m / 2!r} 1" material="floor"
+          pos="{arena.width_m / 2!r} {arena.height_m / 2!r} 0"/>
+    {"".join(geoms)}
+  </worldbody>
+</mujoco>"""
+
+
+def _walls(width_m: float, height_m: float) -> list[str]:
+    """Return the four walls."""
+    half_m, high_m = THICK_M / 2.0, WALL_M / 2.0
+    return [
+        _geom("box", (size_x, size_y, high_m), (x_m, y_m, high_m), INK, alpha=0.35)
+        for x_m, y_m, size_x, size_y in (
+            (-half_m, height_m / 2, half_m, height_m / 2), (width_m + half_m, height_m / 2, half_m, height_m / 2),
+            (width_m / 2, -half_m, width_m / 2, half_m), (width_m / 2, height_m + half_m, width_m / 2, half_m),
+        )
+    ]  # fmt: skip
+
+
+def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:
+    """Return a robot in the colour of its belief, with its front; nothing where its place is not known."""
+    x_m, y_m, heading_rad = playback.poses(robot, time_s)[0].tolist()
+    if not math.isfinite(x_m):
+        return []
+    radius_m = playback.result.scenario.robot.body_radius_m
+    colour = colour_of(playback.belief(robot, time_s)[0])
+    front = (
+        x_m + radius_m / 2 * math.cos(heading_rad),
+        y_m + radius_m / 2 * math.sin(heading_rad),
+        ROBOT_HEIGHT_M,
+    )
+    size = (radius_m / 2, radius_m / 6, ROBOT_HEIGHT_M / 6)
+    return [
+        _geom("cylinder", (radius_m, ROBOT_HEIGHT_M / 2), (x_m, y_m, ROBOT_HEIGHT_M / 2), colour),
+        _geom("box", size, front, INK, turned_deg=math.degrees(heading_rad)),
+    ]
+
+
+def _geom(
+    kind: str,
+    size: tuple[float, ...],
+    at: tuple[float, float, float],
+    colour: tuple[int, int, int],
+    *,
+    alpha: float = 1.0,
+    turned_deg: float = 0.0,
+) -> str:
+    """Return a geom as MJCF."""
+    rgba = _numbers((*(part / 255.0 for part in colour), alpha))
+    place = f'pos="{_numbers(at)}" euler="0 0 {turned_deg:.6g}"'
+    return f'<geom type="{kind}" size="{_numbers(size)}" {place} rgba="{rgba}"/>'
+
+
+def _numbers(values: NDArray[np.float64] | tuple[float, ...]) -> str:
+    """Return numbers as MJCF has them."""
+    return " ".join(f"{float(value):.6g}" for value in values)

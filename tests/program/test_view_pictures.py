@@ -1,0 +1,153 @@
+"""Pictures of a run in three dimensions, without a display: what they show, and what is said where none is drawn."""
+
+from __future__ import annotations
+
+import math
+import sys
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vibroswarm import preset, simulate
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.result import Result
+from vibroswarm.view import picture
+from vibroswarm.view.picture import FOV_DEG, HEIGHT, WIDTH, camera_of, write_picture
+from vibroswarm.view.playback import Playback
+from vibroswarm.view.scene import ROBOT_HEIGHT_M, STILL, VIBRATING, colour_of
+from vibroswarm.view.server import Server
+
+QUICK = {"run.t_end_s": 60.0, "floor.source": "diagonal:0.46", "strategy.name": "soft"}
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return simulate(preset("paper").with_values(QUICK), 3, [2], segments=True)
+
+
+@pytest.fixture(scope="module")
+def folder(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pictures") / "run"
+    result.write(path)
+    return path
+
+
+@pytest.fixture
+def drawn(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> np.ndarray:
+    """A picture at 30 s; skips where neither EGL nor OSMesa is there."""
+    pytest.importorskip("mujoco")
+    path = tmp_path / "run.png"
+    if main(["view", str(folder), "--picture", str(path), "--at", "30"]) == 2:
+        words = capsys.readouterr().err
+        assert "cannot be drawn here without a display" in words
+        pytest.skip(words)
+    assert "drawn by" in capsys.readouterr().out
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def pixel(result: Result, x_m: float, y_m: float, z_m: float) -> tuple[int, int]:
+    """Row and column at which a point is seen."""
+    eye, axes = camera_of(result)
+    right, up, back = axes @ (np.array([x_m, y_m, z_m]) - eye)
+    focal = HEIGHT / 2.0 / math.tan(math.radians(FOV_DEG / 2.0))
+    return round(HEIGHT / 2.0 + focal * up / back), round(WIDTH / 2.0 - focal * right / back)
+
+
+def test_a_picture_shows_floor_and_robots_where_they_are(result: Result, drawn: np.ndarray) -> None:
+    assert drawn.shape == (HEIGHT, WIDTH, 3)
+    playback = Playback(result, 2)
+    tiles, (width_m, height_m, left_m, bottom_m) = playback.floor.tiles, playback.floor.geometry[2:]
+    rows, columns = tiles.shape
+    right = 0
+    for row in range(rows):
+        for column in range(columns):
+            x_m, y_m = left_m + (column + 0.5) * width_m, bottom_m + (rows - 0.5 - row) * height_m
+            colour = drawn[pixel(result, x_m, y_m, 0.0)]
+            right += np.abs(colour - np.array(VIBRATING if tiles[row, column] else STILL)).max() < 16
+    assert right >= tiles.size - 3  # robots or samples may hide some
+    for robot in range(5):
+        x_m, y_m, heading_rad = playback.poses(robot, 30.0)[0]
+        behind = (
+            x_m - 0.008 * math.cos(heading_rad),
+            y_m - 0.008 * math.sin(heading_rad),
+        )  # the front is dark
+        colour = drawn[pixel(result, *behind, ROBOT_HEIGHT_M)]
+        assert np.abs(colour - np.array(colour_of(playback.belief(robot, 30.0)[0]))).max() < 25
+    elsewhere = [
+        drawn[pixel(result, *Playback(result, 2).poses(i, 50.0)[0][:2], ROBOT_HEIGHT_M)] for i in range(5)
+    ]
+    assert any(
+        np.abs(c - np.array(colour_of(playback.belief(i, 30.0)[0]))).max() > 25
+        for i, c in enumerate(elsewhere)
+    )
+
+
+def test_where_nothing_can_draw_a_sentence_says_so(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All that is asked for is a way that MuJoCo does not know."""
+    pytest.importorskip("mujoco")
+    monkeypatch.setenv("MUJOCO_GL", "nowhere")
+    assert main(["view", str(folder), "--picture", str(tmp_path / "run.png")]) == 2
+    words = " ".join(capsys.readouterr().err.split())
+    assert "--picture: cannot be drawn here without a display (nowhere: " in words
+    assert "install EGL or OSMesa (Debian: libegl1 or libosmesa6), or use --html" in words
+    assert "Traceback" not in words
+    assert not list(tmp_path.iterdir())
+
+
+def test_all_ways_are_tried_and_named(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(picture, "WAYS", ("nowhere", "nothing"))
+    with pytest.raises(InputError, match=r"\(nowhere: .*; nothing: .*\)"):
+        write_picture(result, 2, tmp_path / "run.png")
+
+
+def test_missing_mujoco_is_named_with_its_extra(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(picture, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "viser", None)  # which pictures do not need
+    assert main(["view", str(folder), "--picture", str(tmp_path / "run.png")]) == 2
+    words = " ".join(capsys.readouterr().err.split())
+    assert "--picture: needs MuJoCo, which is not installed: pip install 'vibroswarm[physics]'" in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--picture", "run.jpg"], "--picture: 'run.jpg' does not end in .png"),
+        (["--picture", "run.png", "--html", "run.html"], "--picture: conflicts with --html"),
+        (["--picture", "run.png", "--at", "900"], "--at: 900 is not from 0 to 60 s"),
+        (["--at", "9"], "--at: needs --picture"),
+    ],
+)
+def test_bad_input(
+    arguments: list[str], words: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", str(folder), *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_where_no_browser_can_be_opened_the_address_is_left(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("viser")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(webbrowser, "open", lambda url: False)
+    monkeypatch.setattr(Server, "serve", lambda self: None)
+    assert main(["view", str(folder), "--port", "0", "--open"]) == 0
+    words = capsys.readouterr().out
+    assert "at http://127.0.0.1:" in words
+    assert "No browser could be opened here" in words
