@@ -72,9 +72,10 @@ class Tracking:
         found = []
         small = float(np.nanmin(self.detections.edge_px()))
         if small < SMALL_PX:
+            needed_mm = int(np.ceil(1000 * self.markers.size_m * SMALL_PX / small))
             found.append(
                 f"A robot's marker is {small:.0f} px wide; below {SMALL_PX:g} px markers are missed and headings are "
-                "rough: bring the camera nearer, or print larger markers."
+                f"rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
         never = [
             name

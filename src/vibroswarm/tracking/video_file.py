@@ -160,8 +160,8 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     info = video_info(path)
     if info.frames == 0 and not partial:
         raise InputError(
-            "states neither its length nor its number of frames: its head is damaged, or it was cut off. Times are then "
-            f"a guess ({info.frames_per_s:g} frames/s); copy it again, or add --partial to use it as it is",
+            "states neither its length nor its number of frames: its head is damaged, or it was cut off. Times are "
+            f"then a guess ({info.frames_per_s:g} frames/s); copy it again, or add --partial to use it as it is",
             field=str(path),
         )
     capture = _opened(path)
