@@ -146,6 +146,29 @@ def test_robots_that_know_their_places_are_refused(
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "functions"),
+    [
+        ("energies", "true", "place_samples.py"),
+        ("draws", "3", "place_samples.py"),
+        ("share_map", "true", "place_summaries.py"),
+    ],
+)
+@pytest.mark.parametrize("language", ["c", "python"])
+def test_options_of_places_are_refused_by_name(
+    option: str, value: str, functions: str, language: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the file and line of what would have to be exported, and the value that can be."""
+    set_to = ["--strategy", "places", "--set", "localisation.method=mixture"]
+    set_to += ["--set", f"strategy.places.{option}={value}", "--set", "strategy.places.map_every=2"]
+    assert main(["export", language, str(tmp_path / "x"), *set_to]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"strategy.places.{option}: {value}: " in said
+    assert f"see vibroswarm/strategies/{functions}, line" in said
+    assert f"leave it at {'0' if option == 'draws' else 'false'}" in said
+    assert not (tmp_path / "x").exists()
+
+
 STRANGE = '''
 """A strategy with a line that cannot be exported."""
 import numpy as np

@@ -290,7 +290,7 @@ class _Plain:
             number, row["x_m"], row["y_m"], 0.0, 0.0,
         )  # fmt: skip
         if self.strategy.reads_details:
-            x = DetailedReading(*x, self.log_ratios[k], np.empty(0))
+            x = DetailedReading(**x._asdict(), log_ratio=self.log_ratios[k], draws_m=np.empty(0))
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])
