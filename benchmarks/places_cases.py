@@ -109,3 +109,20 @@ TABLES: Final[dict[str, dict[str, Case]]] = {
     "others": OTHERS,
 }
 """Cases by table, and within it by the words of the row."""
+
+COLUMNS: Final[dict[str, tuple[str, ...]]] = {
+    "reached": ("soft", *USUAL),
+    "patterns": ("soft", "falling, true places", "v = 1", "falling"),
+    "wrong": ("soft", *MONITORED),
+    "rates": ("soft", *BOTH),
+    "others": ("soft", *BOTH),
+}
+"""What each table shows in columns; the last is compared with soft feedback."""
+RUNS: Final = {
+    "reached": (1000, 9001),
+    "patterns": (1000, 9001),
+    "wrong": (400, 9002),
+    "rates": (400, 9002),
+    "others": (400, 9001),
+}
+"""Runs of each cell, and seed."""

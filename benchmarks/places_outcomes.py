@@ -1,15 +1,16 @@
 """Measure what places decide, beside soft feedback on the same motion and readings: the tables of docs/places.md.
 
-    python benchmarks/places_outcomes.py --runs 1000 --seed 9001 --out out/places
+    python benchmarks/places_outcomes.py --out out/places --page docs/places.md
 
-measures every case of ``places_cases.py``, about an hour of one core, and prints the tables in Markdown. A case that
+measures every case of ``places_cases.py``, about an hour of one core, and writes the tables into the page. A case that
 OUT holds is not measured again, so that a measurement that was cut off goes on. ``--tables reached,patterns`` and
-``--cases "poor gyro"`` measure some.
+``--cases "poor gyro"`` measure some, ``--runs`` and ``--seed`` others than ``places_cases.RUNS``.
 
-A cell: mean decision time in s (end of the run if undecided)/% of robots wrong +- half-width of its 95 % interval, with
-the run as the unit/% undecided. Forced: % whose belief at the end of the run is on the wrong side, decided or not,
-over all floors of the case. Less: % wrong of places less that of soft, over all floors, paired by run, with its 95 %
-interval. Bytes: sent by a robot in a whole run. What a case has as "felt" robots are not told. The grid is known.
+A cell: mean decision time in s (end of the run if undecided)/% of robots wrong, with the half-width of its 95 %
+interval (the run is the unit)/% undecided. Forced: % whose belief at the end of the run is on the wrong side, decided
+or not, of soft and of the last column, over all floors of the case. Less: % wrong of the last column less that of soft,
+over all floors, paired by run, with its 95 % interval. Bytes: sent by a robot in a whole run, by soft and by places.
+What a case has as "felt" robots are not told. The grid is known.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from places_cases import ROWS, TABLES, Case
+from places_cases import COLUMNS, ROWS, RUNS, TABLES, Case
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.deliveries import Timeline, timeline_of
@@ -39,24 +40,29 @@ SOFT = "soft"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=9001)
+    parser.add_argument("--runs", type=int, help="of each cell")
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--out", type=Path, required=True, help="folder of one CSV file per case")
+    parser.add_argument("--page", type=Path, help="write the tables into this page, between its marks")
     parser.add_argument("--tables", default=",".join(TABLES), help="separated by commas")
     parser.add_argument("--cases", help="separated by semicolons; default: all of these tables")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     for table in given.tables.split(","):
-        cases = TABLES[table]
+        cases, runs, seed = TABLES[table], given.runs or RUNS[table][0], given.seed or RUNS[table][1]
         names = [name for name in cases if given.cases is None or name in given.cases.split(";")]
         for number, name in enumerate(cases):
-            file = given.out / f"{table}-{number:02d}-{given.runs}-{given.seed}.csv"
+            file = given.out / f"{table}-{number:02d}-{runs}-{seed}.csv"
             if name in names and not file.exists():
                 print(f"{table}: {name}", flush=True)
-                write_file(file, csv_bytes(measured(name, cases[name], given.runs, given.seed)))
-        files = sorted(given.out.glob(f"{table}-*-{given.runs}-{given.seed}.csv"))
+                write_file(file, csv_bytes(measured(name, cases[name], runs, seed)))
+        files = sorted(given.out.glob(f"{table}-*-{runs}-{seed}.csv"))
         if files:
-            print(markdown(pl.concat([pl.read_csv(file) for file in files]), cases), flush=True)
+            text = markdown(pl.concat([pl.read_csv(file) for file in files]), table)
+            print(text, flush=True)
+            if given.page is not None:
+                page = filled(given.page.read_text(encoding="utf-8"), table, text)
+                given.page.write_text(page, encoding="utf-8", newline="\n")
 
 
 def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
@@ -156,29 +162,50 @@ def percent(name: str, of_runs: Array) -> dict[str, float]:
     }
 
 
-def markdown(found: pl.DataFrame, cases: dict[str, Case]) -> str:
-    """Return a table of what was measured: a line per case and floor."""
-    labels = list(dict.fromkeys(found["row"].to_list()))
-    head = ["case", "f", *labels, "forced", "less than soft", "bytes", "wanted"]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+def markdown(found: pl.DataFrame, table: str) -> str:
+    """Return a table of what was measured, a line per case and floor; settings that few cases have are listed below."""
+    columns, cases = COLUMNS[table], TABLES[table]
+    shown = columns[-1]
+    head = ["case", "f", *columns, "forced", "less", "bytes", *(["wanted"] if table == "reached" else [])]
+    lines, more = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)], []
     for name in dict.fromkeys(found["case"].to_list()):
         of_case = found.filter(case=name)
-        last = {row["row"]: row for row in of_case.filter(floor="all").iter_rows(named=True)}
-        at_end = "; ".join(f"{row['forced']:.1f}" for row in last.values())
-        less = "; ".join(f"{row['less']:+.1f} +- {row['less_half']:.1f}" for row in list(last.values())[1:])
-        sent = " to ".join(f"{b:.0f}" for b in sorted({round(row["bytes"]) for row in last.values()}))
-        more, floors = [at_end, less, sent, cases[name].wanted], of_case["floor"].unique(maintain_order=True)
-        for k, floor in enumerate(each for each in floors if each != "all"):
+        of_all = {row["row"]: row for row in of_case.filter(floor="all").iter_rows(named=True)}
+        soft, last = of_all[SOFT], of_all[shown]
+        tail = [
+            f"{soft['forced']:.1f}; {last['forced']:.1f}",
+            f"{last['less']:+.1f}+-{last['less_half']:.1f}",
+            f"{soft['bytes']:.0f}; {last['bytes']:.0f}",
+            *([cases[name].wanted] if table == "reached" else []),
+        ]
+        for floor in (each for each in of_case["floor"].unique(maintain_order=True) if each != "all"):
             cells = {row["row"]: cell(row) for row in of_case.filter(floor=floor).iter_rows(named=True)}
-            first = [name if k == 0 else "", floor.partition(":")[2].lstrip("0")]
-            lines.append("| " + " | ".join([*first, *(cells.get(label, "") for label in labels)])
-                         + " | " + " | ".join(more if k == 0 else [""] * 4) + " |")  # fmt: skip
-    return "\n".join(lines) + "\n"
+            first = [name, floor.partition(":")[2].lstrip("0")]
+            lines.append(
+                "| " + " | ".join([*first, *(cells.get(label, "") for label in columns), *tail]) + " |"
+            )
+            name, tail = "", [""] * len(tail)
+            others = [f"{label} {text}" for label, text in cells.items() if label not in columns]
+            if others:
+                more.append(
+                    f"- {of_case['case'][0]}, {floor.partition(':')[2].lstrip('0')}: {'; '.join(others)}."
+                )
+    runs = sorted({f"{row[0]} runs a cell, seed {row[1]}" for row in found.select("runs", "seed").rows()})
+    return "\n".join([", ".join(runs) + ":", "", *lines, *(["", *more] if more else [])]) + "\n"
 
 
 def cell(row: dict[str, float]) -> str:
     """Return the words of one row."""
-    return f"{row['time_s']:.0f}/{row['wrong']:.1f} +- {row['wrong_half']:.1f}/{row['undecided']:.0f}"
+    return f"{row['time_s']:.0f}/{row['wrong']:.1f}+-{row['wrong_half']:.1f}/{row['undecided']:.0f}"
+
+
+def filled(page: str, name: str, text: str) -> str:
+    """Return a page with the text between two marks replaced."""
+    before, mark, rest = page.partition(f"<!-- made: {name} -->\n")
+    if not mark:
+        return page
+    _, end, after = rest.partition("<!-- end -->")
+    return f"{before}{mark}{text}{end}{after}"
 
 
 if __name__ == "__main__":
