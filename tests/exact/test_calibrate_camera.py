@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.calibrate.real_vs_simulated import compare
+from vibroswarm.calibrate.real_vs_simulated import camera_between, compare
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.readers import read_log
 from vibroswarm.recordings.recording import Recording, recording_of
@@ -87,3 +87,13 @@ def test_the_command_names_it(
     arguments = ["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"), "--no-camera"]
     assert main(arguments) == 0
     assert "camera" not in capsys.readouterr().out
+
+
+def test_recordings_of_a_tracked_video_have_places_that_are_right_already(
+    seen: Recording, made: Result
+) -> None:
+    simulated = replace(made, scenario=made.scenario.with_values(CAMERA.fields()))
+    assert camera_between(seen, simulated) == CAMERA
+    tracked = replace(seen, sessions=tuple({**session, "reader": "camera"} for session in seen.sessions))
+    assert tracked.places_corrected and not seen.places_corrected
+    assert camera_between(tracked, simulated) == RIGHT

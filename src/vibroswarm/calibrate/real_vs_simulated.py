@@ -63,10 +63,13 @@ class Comparison(NotebookView):
 
 
 def camera_between(real: Result, simulated: Result) -> Camera:
-    """Return the camera through which a simulation is compared with recordings: the one kept with its scenario."""
-    if isinstance(real, Recording) and not isinstance(simulated, Recording):
-        return Camera.of(simulated.scenario)
-    return RIGHT
+    """Return the camera through which a simulation is compared with recordings: the one kept with its scenario.
+
+    Recordings of ``lab track`` have places that are corrected for their own camera.
+    """
+    if not isinstance(real, Recording) or isinstance(simulated, Recording) or real.places_corrected:
+        return RIGHT
+    return Camera.of(simulated.scenario)
 
 
 def compare(

@@ -88,6 +88,11 @@ class Recording(Result):
 
     __repr__ = Result.__repr__  # a dataclass would write all tables
 
+    @property
+    def places_corrected(self) -> bool:
+        """Whether all places are from markers of known height through a fitted lens (``lab track``)."""
+        return bool(self.sessions) and all(session["reader"] == "camera" for session in self.sessions)
+
     def write_into(self, folder: Path) -> None:
         """Write the files of a result, ``recording.json``, and a Parquet file each for rows and tracks."""
         super().write_into(folder)
