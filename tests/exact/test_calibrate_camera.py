@@ -95,5 +95,6 @@ def test_recordings_of_a_tracked_video_have_places_that_are_right_already(
     simulated = replace(made, scenario=made.scenario.with_values(CAMERA.fields()))
     assert camera_between(seen, simulated) == CAMERA
     tracked = replace(seen, sessions=tuple({**session, "reader": "camera"} for session in seen.sessions))
-    assert tracked.places_corrected and not seen.places_corrected
+    assert tracked.places_corrected
+    assert not seen.places_corrected
     assert camera_between(tracked, simulated) == RIGHT
