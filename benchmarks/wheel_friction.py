@@ -9,10 +9,10 @@
 | spread of veer between robots | 2 v sd(m) / drive track: on passive friction |
 | avoidance time, of samples with any | on the turn track, thus on both frictions: a line |
 
-Effective tracks are those of one robot in an open arena with misalignment 0.05, on a grid of frictions; the line is
-through simulated inspections. The fit minimises the sum of squares of the differences in standard errors (robots are
-the unit, sessions are averaged first) on a fine grid between; errors of its parameters are those of 1,000 fits to
-values drawn about the measured ones.
+Effective tracks are those of one robot in an open arena with misalignment 0.05; the line is through simulated
+inspections. Both frictions change the same turn track, so the passive wheels' is fitted for each of several of the
+driven ones': it minimises the sum of squares of the differences in standard errors (robots are the unit, sessions are
+averaged first). Errors are those of 1,000 fits to values drawn about the measured ones.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from vibroswarm import simulate
 from vibroswarm.calibrate.dataset import dataset_of
@@ -37,15 +36,15 @@ from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
-DRIVEN = (0.2, 0.4, 0.8, 1.2)
-PASSIVE = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6)
+DRIVEN = (0.3, 0.5, 0.8, 1.2)
+PASSIVE = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 INSPECTED = tuple(product((0.4, 0.8), (0.05, 0.2, 0.4, 0.6)))
 """Frictions at which inspections are simulated."""
 OPEN = {
     "arena.width_m": 1000.0, "arena.height_m": 1000.0, "swarm.robots": 1, "run.t_end_s": 40.0,
     "robot.speed_redraw": "robot", "robot.misalignment_min": 0.05, "robot.misalignment_max": 0.05,
 }  # fmt: skip
-FINE = 61
+FINE = 159
 DRAWS = 1000
 LEAST_DRIVES = 10
 
@@ -133,41 +132,65 @@ def main() -> None:
         print(f"measured {name}: {value:.4g} +- {error:.2g}")
     spread = (scenario.robot.misalignment_max - scenario.robot.misalignment_min) / math.sqrt(12.0)
     speed = found["speed"][0]
-    table = np.array([[tracks(driven, passive) for passive in PASSIVE] for driven in DRIVEN])
-    print(f"speed over commanded speed: {table[..., 2].min():.4f} to {table[..., 2].max():.4f}")
     start, slope = avoidance_line(scenario, arguments.runs)
     print(f"avoidance: {start:.3f} s + {slope:.1f} s/m x turn track")
-    fine = np.linspace(DRIVEN[0], DRIVEN[-1], FINE), np.linspace(PASSIVE[0], PASSIVE[-1], FINE)
-    mesh = np.stack(np.meshgrid(*fine, indexing="ij"), axis=-1)
-    drive_m, turn_m = (RegularGridInterpolator((DRIVEN, PASSIVE), table[..., k])(mesh) for k in (0, 1))
-    predicted = {"veer spread": 2.0 * speed * spread / drive_m, "avoidance": start + slope * turn_m}
+    print(
+        "drive friction | passive friction | drive track, mm | turn track, mm | veer, rad/s | avoidance, s | chi2"
+    )
+    for driven in DRIVEN:
+        table = np.array([tracks(driven, passive) for passive in PASSIVE])
+        assert abs(table[:, 2] - 1.0).max() < 0.005, "speed over commanded speed: change the rolling radius"
+        fine = np.linspace(PASSIVE[0], PASSIVE[-1], FINE)
+        drive_m, turn_m = (np.interp(fine, PASSIVE, table[:, k]) for k in (0, 1))
+        print(row(driven, fine, fit(found, drive_m, turn_m, (speed, spread, start, slope))))
+    used = tracks(*in_use)
+    cost = costs(found, np.array(used[:1]), np.array(used[1:2]), (speed, spread, start, slope))
+    print(
+        f"in use: {in_use[0]:g}, {in_use[1]:g}: {1000 * used[0]:.1f} and {1000 * used[1]:.1f} mm, chi2 {cost[2][0]:.2f}"
+    )
 
-    def fitted(values: dict[str, float]) -> tuple[int, ...]:
-        cost = sum(((predicted[name] - values[name]) / found[name][1]) ** 2 for name in predicted)
-        return tuple(int(k) for k in np.unravel_index(np.argmin(cost), mesh.shape[:2]))
 
-    best = fitted({name: found[name][0] for name in predicted})
+Line = tuple[float, float, float, float]
+"""Speed, spread of misalignment, and the line of avoidance."""
+
+
+def costs(
+    found: dict[str, tuple[float, float]], drive_m: Floats, turn_m: Floats, line: Line
+) -> tuple[Floats, Floats, Floats]:
+    """Return veer spread, avoidance and the sum of squares at these tracks."""
+    speed, spread, start, slope = line
+    veer, avoidance = 2.0 * speed * spread / drive_m, start + slope * turn_m
+    squares = [
+        ((values - found[name][0]) / found[name][1]) ** 2
+        for name, values in (("veer spread", veer), ("avoidance", avoidance))
+    ]
+    return veer, avoidance, np.asarray(sum(squares))
+
+
+def fit(found: dict[str, tuple[float, float]], drive_m: Floats, turn_m: Floats, line: Line) -> list[Floats]:
+    """Return, of the fit and then of fits to drawn values: place, drive track, turn track, veer, avoidance, cost."""
     rng = np.random.default_rng(1)
-    again = np.array([fitted({name: rng.normal(*found[name]) for name in predicted}) for _ in range(DRAWS)])
-    for k, name in enumerate(("drive friction", "passive friction")):
-        draws = fine[k][again[:, k]]
-        low, high = np.quantile(draws, [0.025, 0.975])
-        at_edge = ((again[:, k] == 0) | (again[:, k] == FINE - 1)).mean()
-        print(
-            f"{name}: {fine[k][best[k]]:.3f} +- {draws.std():.3f} [{low:.3f}, {high:.3f}], "
-            f"{100 * at_edge:.0f} % of fits at an end of the grid; in use {in_use[k]:g}"
-        )
-    for name, field in (("drive track", drive_m), ("turn track", turn_m)):
-        draws = np.array([field[tuple(place)] for place in again])
-        print(f"{name}: {1000 * field[best]:.1f} +- {1000 * draws.std():.1f} mm")
-    used = RegularGridInterpolator((DRIVEN, PASSIVE), table)(in_use)[0]
-    print(f"in use: drive track {1000 * used[0]:.1f} mm, turn track {1000 * used[1]:.1f} mm")
-    for name, values in predicted.items():
-        at_use = {"veer spread": 2.0 * speed * spread / used[0], "avoidance": start + slope * used[1]}[name]
-        print(
-            f"{name}: measured {found[name][0]:.4g} +- {found[name][1]:.2g}, fitted {values[best]:.4g}, "
-            f"in use {at_use:.4g}"
-        )
+    fits = []
+    for k in range(DRAWS + 1):
+        values = found if k == 0 else {name: (rng.normal(*pair), pair[1]) for name, pair in found.items()}
+        veer, avoidance, cost = costs(values, drive_m, turn_m, line)
+        best = int(np.argmin(cost))
+        fits.append(np.array([best, drive_m[best], turn_m[best], veer[best], avoidance[best], cost[best]]))
+    return fits
+
+
+def row(driven: float, fine: Floats, fits: list[Floats]) -> str:
+    """Return a line of the table of fits, values with standard errors."""
+    drawn = np.array(fits[1:])
+    passive = fine[drawn[:, 0].astype(int)]
+    low, high = np.quantile(passive, [0.025, 0.975])
+    best = fits[0]
+    return (
+        f"{driven:g} | {fine[int(best[0])]:.3f} +- {passive.std():.3f} [{low:.3f}, {high:.3f}] "
+        f"| {1000 * best[1]:.1f} +- {1000 * drawn[:, 1].std():.1f} "
+        f"| {1000 * best[2]:.1f} +- {1000 * drawn[:, 2].std():.1f} "
+        f"| {best[3]:.4f} | {best[4]:.3f} | {best[5]:.2f}"
+    )
 
 
 if __name__ == "__main__":
