@@ -128,6 +128,8 @@ def run(arguments: argparse.Namespace) -> int:
     if samples is not None and scenario.floor.drawn_by_run:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
     videos: list[Path] = arguments.videos
+    if len({video.resolve() for video in videos}) < len(videos):
+        raise InputError("the same video is given twice", field="VIDEO")
     boards = _for_each(arguments.lens, len(videos), "--lens")
     heights = _for_each(arguments.camera_height, len(videos), "--camera-height")
     by_board = {
