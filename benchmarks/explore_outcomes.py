@@ -47,9 +47,12 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--seed", type=int, default=9302)
     parser.add_argument("--out", type=Path, required=True, help="folder of one CSV file per case")
+    parser.add_argument("--cases", help=f"separated by commas: {', '.join(CASES)}")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     for number, (name, (of, values, floors)) in enumerate(CASES.items()):
+        if given.cases is not None and name not in given.cases.split(","):
+            continue
         file = given.out / f"{number}-{given.runs}-{given.seed}.csv"
         if not file.exists():
             rows = [

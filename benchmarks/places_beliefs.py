@@ -53,9 +53,9 @@ def main() -> None:
             readings = observe(floor, given.seed, motion.samples, floors, energies=False)["observation"]
             agents = replay_to_end(scenario, given.seed, timeline, readings.to_numpy()).agents
             decided, below = agents["decision"] != -1, agents["belief_at_decision"]
-            sure = np.where(agents["decision"] == 0, below, 1.0 - below)
+            sure = np.where(decided, np.where(agents["decision"] == 0, below, 1.0 - below), 0.0)
             right = agents["decision"] == int(count > TILES / 2)
-            columns = np.stack([np.ones(below.size), decided, decided * sure, decided & right], axis=-1)
+            columns = np.stack([np.ones(below.size), decided, sure, decided & right], axis=-1)
             sums += weight * columns.reshape(given.runs, -1, 4).sum(axis=1)
         total = sums.sum(axis=0)
         robots, decided, sure, right = total

@@ -41,12 +41,12 @@ PLAYERS: dict[str, tuple[str, dict[str, Any]]] = {
         for told, values in (("", MIXTURE), (", true places", TRUE))
         for v in (1, 2, 3)
     },
-    "field": ("field", MIXTURE),
     **{
         name: (name, {})
         for name in ("soft", "totals", "positive", "none", "asdf", "bayes_cpf", "bayes_bots", "dbbs", "mcp",
                      "distrust", "dc", "dmvd", "dmmd", "three_valued")
     },
+    "field": ("field", MIXTURE | {"strategy.field.min_samples": 100}),
 }  # fmt: skip
 """Strategy and fixed settings by the name of the curve."""
 
@@ -161,9 +161,14 @@ def draw(found: pl.DataFrame) -> str:
         parts.append(f'<polyline points="{line}" style="stroke:{ink}" stroke-dasharray="{dash}"/>')
         parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.5" style="fill:{ink}"/>' for a, b in points]
         labels.append((points[-1][1], points[-1][0], name, ink))
-    low = TOP
-    for y, x, name, ink in sorted(labels):
-        low = max(y + 4.0, low + 13.0)
+    labels.sort()
+    heights = [y + 4.0 for y, *_ in labels]
+    for k in range(1, len(heights)):
+        heights[k] = max(heights[k], heights[k - 1] + 13.0)
+    heights[-1] = min(heights[-1], HEIGHT - BOTTOM + 4.0)
+    for k in range(len(heights) - 2, -1, -1):
+        heights[k] = min(heights[k], heights[k + 1] - 13.0)
+    for low, (y, x, name, ink) in zip(heights, labels, strict=True):
         parts.append(f'<text x="{WIDTH - RIGHT + 10}" y="{low:.1f}" style="fill:{ink}">{escape(name)}</text>')
         parts.append(
             f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{WIDTH - RIGHT + 7}" y2="{low - 4:.1f}" '
