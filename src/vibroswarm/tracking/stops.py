@@ -2,8 +2,8 @@
 
 | name | symbol | equation |
 |---|---|---|
-| noise of a coordinate | - | 1.4826 median of |second difference| / sqrt(6): of independent errors, of a robot that stands or goes evenly |
-| stands | - | within `NOISES` noises (at least `LEAST_M`, `LEAST_RAD`) of the medians over the next or last `SHORTEST_S` |
+| noise of a coordinate | - | 1.4826 median of |second difference| / sqrt(6), if it stands or goes evenly |
+| stands | - | within `NOISES` noises (or `LEAST_M`, `LEAST_RAD`) of the medians over the next or last `SHORTEST_S` |
 | moved since a stop | s | distance + `LEVER_M` times the angle |
 | end of a stop | - | where s, a line through the first frames after it, is 0 |
 | clock offset | - | median over matched pairs of (time of a sample in the log - end of a stop) + control period |
@@ -111,8 +111,8 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     """Match the samples of a log with the stops that a camera saw.
 
     Args:
-        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample. control_period_s: a robot that has
-            sampled drives on so much later.
+        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample.
+        control_period_s: a robot that has sampled drives on so much later.
     Raises:
         InputError: fewer than ``LEAST_PAIRS`` samples match.
     """
