@@ -51,6 +51,7 @@ NO_OBJECTS = (
         "Dice",
         "World",
         "Reading",
+        "DetailedReading",
     ),
     *("Draws", "Job", "StudyProgress", "Asked", "SensorFaults", "Picture", "TableView", "DrawnPicture"),
 )
