@@ -167,7 +167,8 @@ def markdown(found: pl.DataFrame, table: str) -> str:
     columns, cases = COLUMNS[table], TABLES[table]
     shown = columns[-1]
     head = ["case", "f", *columns, "forced", "less", "bytes", *(["wanted"] if table == "reached" else [])]
-    lines, more = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)], []
+    more: dict[str, list[str]] = {}
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for name in dict.fromkeys(found["case"].to_list()):
         of_case = found.filter(case=name)
         of_all = {row["row"]: row for row in of_case.filter(floor="all").iter_rows(named=True)}
@@ -187,11 +188,12 @@ def markdown(found: pl.DataFrame, table: str) -> str:
             name, tail = "", [""] * len(tail)
             others = [f"{label} {text}" for label, text in cells.items() if label not in columns]
             if others:
-                more.append(
-                    f"- {of_case['case'][0]}, {floor.partition(':')[2].lstrip('0')}: {'; '.join(others)}."
+                more.setdefault(of_case["case"][0], []).append(
+                    f"{floor.partition(':')[2].lstrip('0')} {', '.join(others)}"
                 )
     runs = sorted({f"{row[0]} runs a cell, seed {row[1]}" for row in found.select("runs", "seed").rows()})
-    return "\n".join([", ".join(runs) + ":", "", *lines, *(["", *more] if more else [])]) + "\n"
+    besides = [f"- {name}: {'; '.join(texts)}." for name, texts in more.items()]
+    return "\n".join([", ".join(runs) + ":", "", *lines, *(["", *besides] if besides else [])]) + "\n"
 
 
 def cell(row: dict[str, float]) -> str:
