@@ -226,3 +226,19 @@ def test_two_cameras_are_joined_by_the_robots_that_both_see(
     assert main([*given[:3], str(session / "v.avi"), *given[4:], *boards[:2], "--force"]) == 2
     assert main([*given, *boards, "--lens", boards[1], "--force"]) == 2
     assert "3 given for 2 videos; give one for all, or one each" in " ".join(capsys.readouterr().err.split())
+
+
+def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, capsys: Any) -> None:
+    given = ["lab", "track", str(session / "v.avi"), "--lens", str(session / "v.chessboard.avi")]
+    ids = [*given, "--markers", "0,1,2,3,4"]
+    assert main([*ids, "--out", str(tmp_path / "no")]) == 2
+    assert "--marker-size: is required with ids" in " ".join(capsys.readouterr().err.split())
+    ids += ["--marker-size", "50", "--marker-height", "30"]
+    assert main([*ids, "--out", str(tmp_path / "ids")]) == 0
+    by_file = [*given, "--markers", str(session / "v.markers.toml"), "--out", str(tmp_path / "file")]
+    assert main(by_file) == 0
+    found = [pl.read_parquet(tmp_path / name / "positions.parquet") for name in ("ids", "file")]
+    assert found[0].equals(found[1])
+    capsys.readouterr()
+    assert main([*by_file, "--marker-height", "30"]) == 2
+    assert "is for ids" in capsys.readouterr().err

@@ -11,6 +11,7 @@ from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.tracking.camera_clocks import Overlap
+    from vibroswarm.tracking.markers import Markers
     from vibroswarm.tracking.stitch import Stitched
     from vibroswarm.tracking.track import TrackedLog, Tracking
 
@@ -39,10 +40,16 @@ def add_parser(tasks: Any) -> None:
     )
     parser.add_argument(
         "--markers",
-        metavar="FILE",
-        type=Path,
+        metavar="FILE|IDS",
         required=True,
-        help="which markers are where (TOML, docs/camera.md)",
+        help="which markers are where (TOML, docs/camera.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
+        "floor markers as lab video has them",
+    )
+    parser.add_argument(
+        "--marker-size", metavar="MM", type=between(real, 2, 1000), help="of the robots, with IDS: outer edge"
+    )
+    parser.add_argument(
+        "--marker-height", metavar="MM", type=between(real, 0, 1000), help="above the floor, with IDS"
     )
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="save positions and recording here"
@@ -98,6 +105,23 @@ def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
     return given * videos if len(given) == 1 else given
 
 
+def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Markers:
+    """Return the markers of a file, or the usual ones of some ids."""
+    from vibroswarm.tracking.markers import read_markers, usual_markers
+
+    measured = {"--marker-size": arguments.marker_size, "--marker-height": arguments.marker_height}
+    if not all(part.isdecimal() for part in arguments.markers.split(",")):
+        for name, value in measured.items():
+            if value is not None:
+                raise InputError("is for ids; the file of --markers states it", field=name)
+        return read_markers(Path(arguments.markers))
+    for name, value in measured.items():
+        if value is None:
+            raise InputError(f"is required with ids ({arguments.markers}): measure it, in mm", field=name)
+    ids = [int(part) for part in arguments.markers.split(",")]
+    return usual_markers(ids, *arena_m, size_mm=arguments.marker_size, height_mm=arguments.marker_height)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Track, save and print what was found."""
     from polars.selectors import float as float_columns
@@ -113,15 +137,14 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking.camera import lens_from_chessboard
-    from vibroswarm.tracking.markers import read_markers
     from vibroswarm.tracking.opencv import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.stitch import stitch
     from vibroswarm.tracking.track import read_robot_log, track, with_positions
 
     opencv()
-    markers = read_markers(arguments.markers)
     scenario = scenario_from(arguments)
+    markers = _markers(arguments, (scenario.arena.width_m, scenario.arena.height_m))
     samples = None if arguments.log is None else read_robot_log(arguments.log)
     if samples is not None and arguments.floor is None and arguments.scenario is None:
         raise InputError("is required with --log: on which floor were the robots?", field="--floor")
