@@ -64,7 +64,8 @@ def left_out(ones: list[int], bits: list[int], threshold: float) -> set[int]:
 
 @given(
     sources=st.lists(st.tuples(st.integers(0, 25), st.floats(0, 1)), min_size=1, max_size=6),
-    threshold=st.sampled_from([0.3, 0.01, 1e-4]),
+    # No tail of few bits is one of these: at a tie, such as 3/10, rounding decides.
+    threshold=st.sampled_from([0.30000007, 0.01000003, 1.00000007e-4]),
 )
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 def test_what_is_left_out(sources: list[tuple[int, float]], threshold: float) -> None:
