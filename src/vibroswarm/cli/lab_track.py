@@ -10,6 +10,9 @@ from vibroswarm.cli.options import add_json, add_scenario_options, between, real
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    import polars as pl
+
+    from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.tracking.camera_clocks import Overlap
     from vibroswarm.tracking.markers import Markers
     from vibroswarm.tracking.stitch import Stitched
@@ -122,48 +125,87 @@ def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Mar
     return usual_markers(ids, *arena_m, size_mm=arguments.marker_size, height_mm=arguments.marker_height)
 
 
+def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame | None:
+    """Return the robots' log, if there is one, and refuse a floor that a recording cannot have."""
+    from vibroswarm.tracking.track import read_robot_log
+
+    if arguments.log is None:
+        return None
+    samples = read_robot_log(arguments.log)
+    if arguments.floor is None and arguments.scenario is None:
+        raise InputError("is required with --log: on which floor were the robots?", field="--floor")
+    if scenario.floor.drawn_by_run:
+        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    return samples
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Track, save and print what was found."""
-    from polars.selectors import float as float_columns
-
     from vibroswarm.cli.out_folder import claim, refuse_other
     from vibroswarm.cli.printed import deliver, hash_of
-    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.core.tables import csv_bytes
     from vibroswarm.recordings.camera_log import NAME, camera_log_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
-    from vibroswarm.tracking.camera import lens_from_chessboard
     from vibroswarm.tracking.opencv import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
-    from vibroswarm.tracking.stitch import stitch
-    from vibroswarm.tracking.track import read_robot_log, track, with_positions
+    from vibroswarm.tracking.track import with_positions
 
     opencv()
     scenario = scenario_from(arguments)
     markers = _markers(arguments, (scenario.arena.width_m, scenario.arena.height_m))
-    samples = None if arguments.log is None else read_robot_log(arguments.log)
-    if samples is not None and arguments.floor is None and arguments.scenario is None:
-        raise InputError("is required with --log: on which floor were the robots?", field="--floor")
-    if samples is not None and scenario.floor.drawn_by_run:
-        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    samples = _samples(arguments, scenario)
     videos: list[Path] = arguments.videos
     if len({video.resolve() for video in videos}) < len(videos):
         raise InputError("the same video is given twice", field="VIDEO")
     boards = _for_each(arguments.lens, len(videos), "--lens")
     heights = _for_each(arguments.camera_height, len(videos), "--camera-height")
-    by_board = {
-        board: lens_from_chessboard(board, arguments.board) for board in dict.fromkeys(boards) if board
-    }
     stated = [parse_setting(text)[0] for text in arguments.settings]
     work = hash_of(
         scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
         [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
     )  # fmt: skip
     claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
+    tracking = _tracking(arguments, markers, boards, heights)
+    period_s = scenario.run.control_period_ms / 1000.0
+    tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
+    with whole_folder(arguments.out, replace=True) as part:
+        if tracked is not None:
+            recording_of(
+                [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
+            ).write_into(part)
+            (part / NAME).write_bytes(camera_log_bytes(tracked.log))
+        _write_tables(part, tracking)
+        write_review(part / REVIEW, tracking, tracked, samples)
+        deliver(
+            arguments,
+            part,
+            "lab track",
+            lambda: _print_tracking(tracking, tracked),
+            lambda: document(tracking, tracked),
+            work=work,
+        )
+    print_saved(
+        arguments, "positions, stops, gaps, review page" + ("" if tracked is None else ", recording"), REVIEW
+    )
+    return 0
+
+
+def _tracking(
+    arguments: argparse.Namespace, markers: Markers, boards: list[Path | None], heights: list[float | None]
+) -> Stitched:
+    """Track each video, and join them."""
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.tracking.camera import lens_from_chessboard
+    from vibroswarm.tracking.stitch import stitch
+    from vibroswarm.tracking.track import track
+
+    videos: list[Path] = arguments.videos
+    by_board = {
+        board: lens_from_chessboard(board, arguments.board) for board in dict.fromkeys(boards) if board
+    }
     with progress_bar("tracking") as progress:
         cameras = []
         for number, (video, board, height) in enumerate(zip(videos, boards, heights, strict=True)):
@@ -181,32 +223,18 @@ def run(arguments: argparse.Namespace) -> int:
                     ),  # type: ignore[misc]
                 )
             )
-        tracking = stitch(cameras)
-    period_s = scenario.run.control_period_ms / 1000.0
-    tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
-    with whole_folder(arguments.out, replace=True) as part:
-        if tracked is not None:
-            recording_of(
-                [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
-            ).write_into(part)
-            (part / NAME).write_bytes(camera_log_bytes(tracked.log))
-        tracking.positions.write_parquet(part / "positions.parquet")
-        tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
-        write_review(part / REVIEW, tracking, tracked, samples)
-        for name, table in tables.items():
-            (part / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
-        deliver(
-            arguments,
-            part,
-            "lab track",
-            lambda: _print_tracking(tracking, tracked),
-            lambda: document(tracking, tracked),
-            work=work,
-        )
-    print_saved(
-        arguments, "positions, stops, gaps, review page" + ("" if tracked is None else ", recording"), REVIEW
-    )
-    return 0
+        return stitch(cameras)
+
+
+def _write_tables(folder: Path, tracking: Stitched) -> None:
+    from polars.selectors import float as float_columns
+
+    from vibroswarm.core.tables import csv_bytes
+
+    tracking.positions.write_parquet(folder / "positions.parquet")
+    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
+    for name, table in tables.items():
+        (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
 
 
 def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
