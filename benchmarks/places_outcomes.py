@@ -118,7 +118,7 @@ def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
 
 def moved(scenario: Scenario, runs: int, seed: int) -> Timeline:
     """Return the motion of some runs, the same object for cases that move alike."""
-    key = repr([getattr(scenario, section) for section in OF_MOTION])
+    key = repr((runs, seed, [getattr(scenario, section) for section in OF_MOTION]))
     if key not in _moved:
         _moved.clear()
         _read.clear()
@@ -129,7 +129,7 @@ def moved(scenario: Scenario, runs: int, seed: int) -> Timeline:
 
 def read(floor: Scenario, runs: int, seed: int) -> NDArray[np.uint8]:
     """Return the readings on a floor; the motion is that of the last call of ``moved``."""
-    key = repr((floor.floor, floor.sensor, floor.faults))
+    key = repr((runs, seed, floor.floor, floor.sensor, floor.faults))
     if key not in _read:
         ((motion, _),) = _moved.values()
         floors = floors_of(floor, seed, list(range(runs)))
@@ -143,7 +143,8 @@ def ended(
     """Return the robots at the end; soft feedback on the same motion and readings is computed once."""
     if scenario.strategy.name != SOFT:
         return replay_to_end(scenario, seed, timeline, readings).agents.copy()
-    key = repr([getattr(floor, name) for name in (*OF_MOTION, "floor", "sensor", "faults", "network")])
+    sections = (*OF_MOTION, "floor", "sensor", "faults", "network")
+    key = repr((runs, seed, [getattr(floor, name) for name in sections]))
     if key not in _soft:
         _soft[key] = replay_to_end(scenario, seed, timeline, readings).agents.copy()
     return _soft[key]
