@@ -9,7 +9,7 @@ As ``calibrate.fit_camera``, from where readings change at tile edges, with one 
 Corner markers on the floor fix the image there. So markers that stand higher than these have m > 1 everywhere and
 k = 0, about the point below the camera, c - shift / (m - 1). A barrel lens that is ignored has m = 1 at the corners and
 k < 0: most in between. Both are fitted, alone and together. A control shows the same places through such a
-lens: it must be told from a height. Standard errors: robots of sessions drawn again.
+lens: it must be distinguished from a height. Standard errors: robots of sessions are resampled.
 """
 
 from __future__ import annotations

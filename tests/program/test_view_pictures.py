@@ -89,7 +89,7 @@ def test_a_picture_shows_floor_and_robots_where_they_are(result: Result, drawn: 
 def test_where_nothing_can_draw_a_sentence_says_so(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All that is asked for is a way that MuJoCo does not know."""
+    """Only a way of drawing that MuJoCo does not know is asked for."""
     pytest.importorskip("mujoco")
     monkeypatch.setenv("MUJOCO_GL", "nowhere")
     assert main(["view", str(folder), "--picture", str(tmp_path / "run.png")]) == 2
