@@ -72,6 +72,8 @@ def calls() -> Calls:
     for file in files:
         library = ctypes.CDLL(str(file))
         if hasattr(library, "mj_step"):
+            # MuJoCo's module for Python reads the clock for MuJoCo's timers, in a tenth of the time of a step.
+            ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
             return Calls(*(_function(library, name) for name in SIGNATURES))
     raise InputError(f"there is no library of MuJoCo in '{folder}'; install it again", field="motion")
 

@@ -43,12 +43,16 @@ class MujocoRun(KernelRun):
     """Directions of the rays of a distance sensor about its axis, rad."""
 
     def prepare(self) -> None:
-        """Compile the model."""
+        """Compile the model, and make MuJoCo's data."""
         self.steps = math.ceil(self.tick_ms / self.step_ms)
         self.step_s = self.scenario.tick_s / self.steps
-        self.model: Any = mujoco().MjModel.from_xml_string(self.xml())
+        self.compile()
         self.opened = zero_rows(self.scenario.swarm.robots, OPEN_SEGMENT)
         self.connect()
+
+    def compile(self) -> None:
+        """Compile the model."""
+        self.model: Any = mujoco().MjModel.from_xml_string(self.xml())
 
     def connect(self) -> None:
         """Make MuJoCo's data, and views of it for kernels."""
@@ -57,8 +61,7 @@ class MujocoRun(KernelRun):
         groups[[WALLS, TARGETS]] = 1
         self.world = World(
             calls=calls(), model=self.model._address, data=data._address, qpos=data.qpos, qvel=data.qvel,
-            force=data.qfrc_applied, control=data.ctrl, sensors=data.sensordata, warnings=data.warning.number,
-            frozen=np.zeros(1, dtype=np.int64),
+            force=data.qfrc_applied, warnings=data.warning.number, frozen=np.zeros(1, dtype=np.int64),
             groups=groups, point=np.array([0.0, 0.0, self.ray_height_m()]), direction=np.zeros(3),
             cone_rad=np.array(self.cone_rad), bodies=self.bodies, steps=self.steps, step_s=self.step_s,
         )  # fmt: skip
@@ -96,9 +99,13 @@ class MujocoRun(KernelRun):
             warn_once(f"run {self.run} of seed {self.seed} failed at {at_s:g} s: {self.failure.reason}")
         return reached
 
+    def warned(self) -> NDArray[np.int32]:
+        """Return how often MuJoCo has warned, by kind."""
+        return self.data.warning.number
+
     def _reason(self) -> str:
         """Return what MuJoCo has warned of, in words."""
-        kinds = np.flatnonzero(self.data.warning.number)
+        kinds = np.flatnonzero(self.warned())
         return "MuJoCo warned of " + " and ".join(WARNINGS.get(int(kind), f"kind {kind}") for kind in kinds)
 
     def no_sample_before(self) -> int:

@@ -98,7 +98,7 @@ def planar_steps(
             stand(swarm)
         else:
             move_planar(world, body, swarm, setup)
-            if has_warned(world):
+            if has_warned(world.warnings):
                 freeze(world, swarm, now)
                 until = now + 1
         note_arcs(record, opened, swarm, setup, run, now)

@@ -28,9 +28,7 @@ class World(NamedTuple):
     qpos: NDArray[np.float64]
     qvel: NDArray[np.float64]
     force: NDArray[np.float64]
-    control: NDArray[np.float64]
-    sensors: NDArray[np.float64]
-    """Views of MuJoCo's memory: positions, velocities, generalised forces, controls of actuators, sensors."""
+    """Views of MuJoCo's memory: positions, velocities, generalised forces."""
     warnings: NDArray[np.int32]
     """How often MuJoCo has warned since its data were reset, by kind."""
     frozen: NDArray[np.int64]
@@ -50,11 +48,11 @@ class World(NamedTuple):
 
 
 @inner
-def has_warned(world: World) -> bool:
-    """Return whether MuJoCo has warned since its data were reset."""
+def has_warned(warnings: NDArray[np.int32]) -> bool:
+    """Return whether MuJoCo has warned since its data were reset, by the counts of ``World.warnings``."""
     count = 0
-    for kind in range(world.warnings.size):
-        count += world.warnings[kind]
+    for kind in range(warnings.size):
+        count += warnings[kind]
     return count > 0
 
 

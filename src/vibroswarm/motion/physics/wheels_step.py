@@ -22,6 +22,7 @@ from vibroswarm.motion.control_step import Swarm, account, control
 from vibroswarm.motion.fixed_step import sample
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.physics.arcs import fit_period, note_arcs
+from vibroswarm.motion.physics.groups import LARGEST, Model, copy_robot, members_of, rests, set_groups
 from vibroswarm.motion.physics.sensing import World, freeze, has_warned, sense, stand
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
@@ -29,26 +30,31 @@ from vibroswarm.robot.walk import DRIVE
 
 
 class Wheels(NamedTuple):
-    """Where a robot's numbers lie in MuJoCo's arrays."""
+    """What steps of robots on wheels need, beside ``World``."""
 
     rolling_m: float
-    positions: int
-    """Positions of a robot: x, y, z, a quaternion, the wheels."""
-    controls: int
-    """Controls of a robot: left and right motor, the magnets."""
-    sensors: int
-    """Numbers of a robot's sensors: gyro (x, y, z), accelerometer."""
+    gap_m: float
+    """Distance of centres within which two robots may touch in one control period."""
+    first: NDArray[np.int64]
+    members: NDArray[np.int64]
+    """Groups of robots, (robots,) each."""
+    all: Model
+    """All robots: their state is here."""
+    groups: tuple[Model, Model, Model]
+    """Models of 1, 2 and 3 robots."""
 
 
 @inner
-def turn_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
+def turn_wheels(wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
     """Set the wheels' speeds to those that the robots command."""
+    control = wheels.all.control
+    controls = control.size // swarm.size
     for i in range(swarm.size):
-        row, place = swarm[i], wheels.controls * i
+        row, place = swarm[i], controls * i
         track_m = setup.drive_track_m if row.mode == DRIVE else setup.turn_track_m
         apart_m_s = 0.5 * row.rate_rad_s * track_m
-        world.control[place] = (row.speed_m_s - apart_m_s) / wheels.rolling_m
-        world.control[place + 1] = (row.speed_m_s + apart_m_s) / wheels.rolling_m
+        control[place] = (row.speed_m_s - apart_m_s) / wheels.rolling_m
+        control[place + 1] = (row.speed_m_s + apart_m_s) / wheels.rolling_m
 
 
 @inner
@@ -59,21 +65,65 @@ def yaw_rad(qpos: NDArray[np.float64], place: int) -> float:
 
 
 @inner
+def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int64]) -> None:
+    """Step the robots ``members``, which ``group`` holds, through one control period; add up their gyros' readings."""
+    sensors = group.sensors.size // group.robots
+    for _ in range(world.steps):
+        world.calls.step(group.model, group.data)
+        for k in range(group.robots):
+            swarm[members[k]].gyro_deg += math.degrees(group.sensors[sensors * k + 2] * world.step_s)
+
+
+@inner
+def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
+    """Step the first ``size`` of ``wheels.members`` through one control period in a model of their own."""
+    every, group, members = wheels.all, wheels.groups[size - 1], wheels.members
+    controls = every.control.size // every.robots
+    standing = True
+    for k in range(size):
+        standing = standing and rests(every, members[k])
+    if standing:
+        return
+    for k in range(size):
+        copy_robot(every, members[k], group, k)
+        for c in range(2):
+            group.control[controls * k + c] = every.control[controls * members[k] + c]
+    step_group(world, group, swarm, members)
+    for k in range(size):
+        copy_robot(group, k, every, members[k])
+
+
+@inner
 def move_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
     """Let MuJoCo move the robots through one control period; set poses, gyro, and speeds as they were."""
-    turn_wheels(world, wheels, swarm, setup)
+    turn_wheels(wheels, swarm, setup)
     for i in range(swarm.size):
         swarm[i].gyro_deg = 0.0
-    for _ in range(world.steps):
-        world.calls.step(world.model, world.data)
+    if set_groups(swarm, wheels.gap_m, wheels.first) <= LARGEST:
         for i in range(swarm.size):
-            swarm[i].gyro_deg += math.degrees(world.sensors[wheels.sensors * i + 2] * world.step_s)
+            size = members_of(wheels.first, i, wheels.members)
+            if size > 0:
+                step_apart(world, wheels, swarm, size)
+    else:
+        for i in range(swarm.size):
+            wheels.members[i] = i
+        step_group(world, wheels.all, swarm, wheels.members)
+    positions = world.qpos.size // swarm.size
     for i in range(swarm.size):
-        row, place = swarm[i], wheels.positions * i
+        row, place = swarm[i], positions * i
         row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
         row.x_m, row.y_m = world.qpos[place], world.qpos[place + 1]
         row.heading_rad += wrapped_rad(yaw_rad(world.qpos, place + 3) - row.heading_rad)
     fit_period(swarm, setup)
+
+
+@inner
+def has_warned_in_groups(world: World, wheels: Wheels) -> bool:
+    """Return whether MuJoCo has warned of robots, together or apart."""
+    warned = has_warned(world.warnings)
+    for k in range(LARGEST):
+        warned = warned or has_warned(wheels.groups[k].warnings)
+    return warned
 
 
 @kernel
@@ -102,7 +152,7 @@ def wheels_steps(
             stand(swarm)
         else:
             move_wheels(world, wheels, swarm, setup)
-            if has_warned(world):
+            if has_warned_in_groups(world, wheels):
                 freeze(world, swarm, now)
                 until = now + 1
         note_arcs(record, opened, swarm, setup, run, now)

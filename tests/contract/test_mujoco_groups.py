@@ -1,0 +1,112 @@
+"""Robots on wheels that cannot touch are stepped apart: groups, rest, and the same motion as all stepped together."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import pdist, squareform
+
+from vibroswarm.core.jit import kernel, zero_rows
+from vibroswarm.motion.control_step import ROBOT, Swarm
+from vibroswarm.motion.physics.groups import members_of, set_groups
+from vibroswarm.motion.physics.library import calls
+from vibroswarm.motion.physics.wheels_run import WheelsRun
+from vibroswarm.scenario.scenario import Scenario
+
+CROWD = Scenario().with_values(
+    {"swarm.robots": 8, "arena.width_m": 0.35, "arena.height_m": 0.35, "run.t_end_s": 20.0}
+)
+"""Robots that push each other in two of three runs."""
+
+
+@kernel
+def largest_group(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
+    return set_groups(swarm, gap_m, first)
+
+
+@kernel
+def group_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> int:
+    return members_of(first, i, members)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(0.0, 0.3), st.floats(0.0, 0.3)), min_size=1, max_size=12),
+    st.floats(0.01, 0.2),
+)
+def test_groups_are_the_connected_components_of_robots_that_are_near(
+    places: list[tuple[float, float]], gap_m: float
+) -> None:
+    swarm = zero_rows(len(places), ROBOT)
+    swarm["x_m"], swarm["y_m"] = np.array(places).T
+    first, members = (np.zeros(len(places), dtype=np.int64) for _ in range(2))
+    largest = largest_group(swarm, gap_m, first)
+    near = (
+        squareform(pdist(np.array(places), "sqeuclidean")) < gap_m * gap_m
+        if len(places) > 1
+        else np.zeros((1, 1))
+    )
+    _, labels = connected_components(near, directed=False)
+    wanted = {tuple(np.flatnonzero(labels == label).tolist()) for label in labels}
+    sizes = [group_of(first, i, members) for i in range(len(places))]
+    found = {tuple(members[: group_of(first, i, members)].tolist()) for i, size in enumerate(sizes) if size}
+    assert found == wanted
+    assert largest == max(map(len, wanted))
+
+
+def path_of(run: int, gap_m: float | None = None) -> NDArray[np.float64]:
+    """Return the places of all robots in 10 s of ``CROWD``, (periods, robots, 2), m.
+
+    ``gap_m`` replaces the distance within which robots are stepped together.
+    """
+    state = WheelsRun(CROWD, 7, run)
+    if gap_m is not None:
+        state.wheels = state.wheels._replace(gap_m=gap_m)
+    places = []
+    for period in range(500):
+        state.advance(0.02 * (period + 1))
+        places.append(np.column_stack([state.swarm["x_m"], state.swarm["y_m"]]))
+    return np.array(places)
+
+
+@pytest.mark.parametrize("run", [0, 2])
+def test_robots_in_groups_move_as_all_together(run: int) -> None:
+    """Within 0.05 mm in 10 s in which robots push each other; the control: always apart, robots overlap."""
+    in_groups, together, apart = (path_of(run, gap_m) for gap_m in (None, np.inf, 0.0))
+    least_m = min(pdist(places).min() for places in together) - 2.0 * CROWD.robot.body_radius_m
+    assert least_m < 0.001, "no robots meet: the test would show nothing"
+    assert abs(in_groups - together).max() < 5e-5
+    assert abs(apart - together).max() > 1e-3
+    assert min(pdist(places).min() for places in apart) < 2.0 * CROWD.robot.body_radius_m - 0.0005
+
+
+def test_a_robot_at_rest_stays_where_it_is() -> None:
+    """It is not stepped: bit by bit the same place until its motors are on, as gyro says."""
+    state = WheelsRun(CROWD.with_values({"swarm.robots": 1}), 7, 0)
+    kept = []
+    for period in range(1000):
+        before, old = state.data.ctrl[:2].any(), state.data.qpos.copy()
+        state.advance(0.02 * (period + 1))
+        stands = not before and not state.data.ctrl[:2].any()
+        kept.append((stands, bool((old == state.data.qpos).all()), float(state.swarm["gyro_deg"][0])))
+    still = [gyro for stands, same, gyro in kept if stands and same]
+    assert len(still) > 60
+    assert set(still) == {0.0}
+    assert not any(same for stands, same, _ in kept if not stands)
+
+
+def test_mujoco_does_not_read_the_clock() -> None:
+    """Its timers would take a tenth of the time of a step."""
+    calls()
+    library = next(Path(mujoco.__file__).parent.glob("*mujoco*.so*"), None)
+    if library is None:
+        pytest.skip("no shared library of this name on this system")
+    assert ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value is None
