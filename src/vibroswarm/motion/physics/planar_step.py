@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel
-from vibroswarm.motion.control_step import Swarm, account, control
-from vibroswarm.motion.fixed_step import sample
-from vibroswarm.motion.physics.arcs import fit_period, note_arcs
-from vibroswarm.motion.physics.sensing import World, freeze, has_warned, sense, stand
+from vibroswarm.motion.control_step import Swarm, control
+from vibroswarm.motion.physics.arcs import fit_period
+from vibroswarm.motion.physics.sensing import World, end_period, has_warned, sense
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import STOP
@@ -93,18 +92,11 @@ def planar_steps(
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)
-        sampling = control(swarm, setup, seed, run, now)
-        if world.frozen[0]:
-            stand(swarm)
-        else:
+        sampling, warned = control(swarm, setup, seed, run, now), False
+        if not world.frozen[0]:
             move_planar(world, body, swarm, setup)
-            if has_warned(world.warnings):
-                freeze(world, swarm, now)
-                until = now + 1
-        note_arcs(record, opened, swarm, setup, run, now)
-        if sampling > 0:
-            sample(swarm, setup, speeds, record, seed, run, now)
-        account(swarm)
-        if now + 1 >= until:
-            break
+            warned = has_warned(world.warnings)
+        end_period(world, warned, swarm, setup, speeds, record, opened, seed, run, now, sampling)
+        if warned:
+            return now + 1
     return max(tick, until)

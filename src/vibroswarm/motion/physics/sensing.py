@@ -1,4 +1,4 @@
-"""What robots in MuJoCo sense: rays against walls and the discs that rays see of other robots.
+"""What robots in MuJoCo sense (rays against walls and the discs that rays see of other robots), and what ends a period.
 
 A ray is MuJoCo's (``mj_ray``). Robots near nothing cast none, as in the other engines.
 """
@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner
-from vibroswarm.motion.control_step import Swarm, is_blind, load
+from vibroswarm.motion.control_step import Swarm, account, is_blind, load
+from vibroswarm.motion.fixed_step import sample
+from vibroswarm.motion.physics.arcs import note_arcs
+from vibroswarm.motion.recorder import Record
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import looks
 
@@ -137,3 +140,33 @@ def sense(world: World, swarm: Swarm, setup: Setup) -> None:
                 for k in range(setup.ray_side_m.size):
                     shortest_m = min(shortest_m, shortest_ray_m(world, swarm, setup, i, k))
             swarm[i].nearest_mm = 1000.0 * shortest_m if shortest_m <= setup.look_m else math.inf
+
+
+@inner
+def end_period(
+    world: World,
+    warned: bool,
+    swarm: Swarm,
+    setup: Setup,
+    speeds: NDArray[np.float64],
+    record: Record,
+    opened: NDArray[np.void],
+    seed: int,
+    run: int,
+    tick: int,
+    sampling: int,
+) -> None:
+    """Write down a control period after its moves: fails, arcs, samples, what robots did.
+
+    Args:
+        warned: MuJoCo has warned in this period: it is undone, and from it on the robots stand.
+        sampling: robots that sample at its end.
+    """
+    if world.frozen[0]:
+        stand(swarm)
+    elif warned:
+        freeze(world, swarm, tick)
+    note_arcs(record, opened, swarm, setup, run, tick)
+    if sampling > 0:
+        sample(swarm, setup, speeds, record, seed, run, tick)
+    account(swarm)

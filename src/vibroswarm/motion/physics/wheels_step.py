@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel
-from vibroswarm.motion.control_step import Swarm, account, control
-from vibroswarm.motion.fixed_step import sample
+from vibroswarm.motion.control_step import Swarm, control
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.physics.arcs import fit_period, note_arcs
+from vibroswarm.motion.physics.arcs import fit_period
 from vibroswarm.motion.physics.groups import LARGEST, Model, copy_robot, members_of, rests, set_groups
-from vibroswarm.motion.physics.sensing import World, freeze, has_warned, sense, stand
+from vibroswarm.motion.physics.sensing import World, end_period, has_warned, sense
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE
@@ -147,18 +146,11 @@ def wheels_steps(
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)
-        sampling = control(swarm, setup, seed, run, now)
-        if world.frozen[0]:
-            stand(swarm)
-        else:
+        sampling, warned = control(swarm, setup, seed, run, now), False
+        if not world.frozen[0]:
             move_wheels(world, wheels, swarm, setup)
-            if has_warned_in_groups(world, wheels):
-                freeze(world, swarm, now)
-                until = now + 1
-        note_arcs(record, opened, swarm, setup, run, now)
-        if sampling > 0:
-            sample(swarm, setup, speeds, record, seed, run, now)
-        account(swarm)
-        if now + 1 >= until:
-            break
+            warned = has_warned_in_groups(world, wheels)
+        end_period(world, warned, swarm, setup, speeds, record, opened, seed, run, now, sampling)
+        if warned:
+            return now + 1
     return max(tick, until)
