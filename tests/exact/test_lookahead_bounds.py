@@ -91,6 +91,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "blind after turns": {"walk.blind_after_turn_ms": 730.0},
     "bodies only": {"walk.avoidance_threshold_mm": 0.0},
     "timer always on": {"sample.timer": "always", "run.control_period_ms": 50},
+    "turns of over a revolution in a tick": {
+        "robot.turn_track_m": 0.006, "robot.drive_track_m": 0.008, "robot.full_speed_m_s": 0.05,
+        "robot.misalignment_min": -0.7, "robot.misalignment_max": 0.7, "robot.body_radius_m": 0.045,
+        "run.control_period_ms": 300,
+    },
 }  # fmt: skip
 
 
@@ -428,7 +433,7 @@ def test_clear_ticks_of_a_pair(kind, roughly):
 
     def cases() -> Cases:
         for a, b, setup, a_first in pairs(
-            6, ALL, *((MODES, False, 300) if kind == "contact" else (LOOKING, False, 120))
+            6, ALL, *((MODES, False, 900) if kind == "contact" else (LOOKING, False, 120))
         ):
             last = min(a.self_event_tick, b.self_event_tick)
             found = matters(a, b, setup, last, a_first)[k]
@@ -605,7 +610,7 @@ def test_move_that_stays_blocked():
         for number, (row, other, setup, _) in enumerate(
             pairs(
                 13,
-                ("paper", "much bent"),
+                ("paper", "much bent", "turns of over a revolution in a tick"),
                 ((DRIVE, STOP), (TURN, STOP), (DRIVE, DRIVE), (AVOID, TURN)),
                 count=240,
             )

@@ -365,11 +365,19 @@ def along_arc(row: Planner, time_s: float) -> tuple[float, float, float, float, 
 
 
 @inlined
+def sinc(angle_rad: float) -> float:
+    """Return sin(angle) / angle; of small angles from its series, to 1e-11."""
+    if abs(angle_rad) > 0.05:
+        return math.sin(angle_rad) / angle_rad
+    return 1.0 - angle_rad * angle_rad / 6.0 * (1.0 - angle_rad * angle_rad / 20.0)
+
+
+@inlined
 def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
     """Return where the move of a blocked driver would end at this time after its plan's tick, m, m."""
     half = 0.5 * row.rate_rad_s * setup.tick_s
     sine, cosine = sin_cos((2 * ticks + 1) * half)
-    chord = row.intended_speed_m_s * setup.tick_s * (1.0 - half * half / 6.0 * (1.0 - half * half / 20.0))
+    chord = row.intended_speed_m_s * setup.tick_s * sinc(half)
     x_m = row.x_m + chord * (row.cos_h * cosine - row.sin_h * sine)
     return x_m, row.y_m + chord * (row.sin_h * cosine + row.cos_h * sine)
 
@@ -384,7 +392,7 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
     half = 0.5 * math.radians(gyro_deg)
     sine, cosine = sin_cos(math.radians(turned_deg) + half)
     pivot_m = 0.5 * row.misalignment * setup.turn_track_m
-    chord = 2.0 * half * pivot_m * (1.0 - half * half / 6.0 * (1.0 - half * half / 20.0))
+    chord = 2.0 * half * pivot_m * sinc(half)
     x_m = row.x_m + chord * (row.cos_h * cosine - row.sin_h * sine)
     return x_m, row.y_m + chord * (row.sin_h * cosine + row.cos_h * sine)
 
