@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -66,34 +67,46 @@ def of_motion(result: Result) -> pl.DataFrame:
     )
 
 
-def decisions(result: Result, floors: int) -> pl.DataFrame:
-    """One row per run and floor: mean decision time (undecided: the end), and the share of robots that decided."""
+def decisions(result: Result, floors: int, *, own_readings: bool = False) -> pl.DataFrame:
+    """One row per run and floor: mean decision time (undecided: the end), the shares of robots that decided, and wrong.
+
+    Args:
+        own_readings: draw the noise of readings for each floor, not once per motion.
+    """
     rows = []
     for k in range(floors):
         scenario = result.scenario.with_values({"floor.redraw": "study"})
         tiles = scenario.floor.tiles_for(FLOORS_SEED + k, 0)[0]
         fixed = scenario.with_values({"floor.tiles": tuple("".join(map(str, row)) for row in tiles.tolist())})
-        robots = replay(result, fixed).robots
+        replayed = replay(replace(result, seed=FLOORS_SEED + k) if own_readings else result, fixed)
         end_s = scenario.run.t_end_s
+        wrong = replayed.runs.select("run", wrong=pl.col("wrong") / scenario.swarm.robots)
         rows.append(
-            robots.group_by("run")
+            replayed.robots.group_by("run")
             .agg(
                 decision_time_s=pl.col("decision_time_s").fill_null(end_s).mean(),
                 decided=(pl.col("decision") >= 0).mean(),
             )
+            .join(wrong, on="run")
             .with_columns(floor=pl.lit(k))
         )
     return pl.concat(rows).sort("run", "floor")
 
 
-def relative(one: NDArray[np.float64], other: NDArray[np.float64]) -> dict[str, float | bool]:
-    """The relative difference of the means of two sets of motions, with its 90 % interval over motions."""
+def relative(
+    one: NDArray[np.float64], other: NDArray[np.float64], *, paired: bool = False
+) -> dict[str, float | bool]:
+    """The relative difference of the means of two sets of motions, with its 90 % interval over motions.
+
+    Args:
+        paired: the sets are of the same motions (runs), in the same order.
+    """
     rng = np.random.default_rng(7)
     if not other.mean() > 0:
         raise SystemExit("nothing to compare: the first source's mean is 0")
-    a, b = (
-        values[rng.integers(0, values.size, (DRAWS, values.size))].mean(axis=1) for values in (one, other)
-    )
+    drawn = rng.integers(0, one.size, (DRAWS, one.size))
+    a = one[drawn].mean(axis=1)
+    b = other[drawn if paired else rng.integers(0, other.size, (DRAWS, other.size))].mean(axis=1)
     low, high = np.quantile(a / b - 1.0, [0.05, 0.95]).tolist()
     estimate = float(one.mean() / other.mean() - 1.0)
     return {

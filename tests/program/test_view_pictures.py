@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import webbrowser
+from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
@@ -36,16 +37,27 @@ def folder(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def drawn(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> np.ndarray:
-    """A picture at 30 s; skips where neither EGL nor OSMesa is there."""
+OSMESA = find_library("OSMesa")
+needs_osmesa = pytest.mark.skipif(OSMESA is None, reason="OSMesa is not installed (Debian: libosmesa6)")
+
+
+@pytest.fixture(params=["either", pytest.param("osmesa", marks=needs_osmesa)])
+def drawn(
+    request: pytest.FixtureRequest, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> np.ndarray:  # fmt: skip
+    """A picture at 30 s, by EGL or OSMesa, and by OSMesa; skips where what it needs is not there."""
     pytest.importorskip("mujoco")
-    path = tmp_path / "run.png"
-    if main(["view", str(folder), "--picture", str(path), "--at", "30"]) == 2:
-        words = capsys.readouterr().err
-        assert "cannot be drawn here without a display" in words
-        pytest.skip(words)
-    assert "drawn by" in capsys.readouterr().out
+    path, way = tmp_path / "run.png", request.param
+    if way != "either":
+        monkeypatch.setenv("MUJOCO_GL", way)
+    ended = main(["view", str(folder), "--picture", str(path), "--at", "30"])
+    said = capsys.readouterr()
+    if ended == 2 and way == "either" and OSMESA is None:
+        assert "cannot be drawn here without a display" in said.err
+        pytest.skip(said.err)
+    assert ended == 0, said.err
+    assert ("drawn by" if way == "either" else f"drawn by {way}") in said.out
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
@@ -108,6 +120,16 @@ def test_all_ways_are_tried_and_named(
     monkeypatch.setattr(picture, "WAYS", ("nowhere", "nothing"))
     with pytest.raises(InputError, match=r"\(nowhere: .*; nothing: .*\)"):
         write_picture(result, 2, tmp_path / "run.png")
+
+
+@needs_osmesa
+def test_where_the_first_way_fails_osmesa_draws(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(picture, "WAYS", ("nowhere", "osmesa"))
+    assert write_picture(result, 2, tmp_path / "run.png") == "osmesa"
 
 
 def test_missing_mujoco_is_named_with_its_extra(
