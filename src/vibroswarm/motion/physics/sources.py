@@ -26,7 +26,7 @@ WHEELS: Final = register(
         WheelsRun,
         partial(batch_of, WheelsRun),
         "robots on magnetic wheels in MuJoCo, with cones of rays",
-        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.08),
+        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.15),
         is_ours=True,
     )
 )
