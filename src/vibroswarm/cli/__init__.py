@@ -285,7 +285,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
             stack.enter_context(plugins.trust_code())
         if terminal.printing.verbose:
-            from vibroswarm.cli.verbose import verbose
+            from vibroswarm.cli.terminal import verbose
 
             stack.enter_context(verbose())
         return int(arguments.run(arguments))

@@ -141,9 +141,8 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
 
 def run(arguments: argparse.Namespace) -> int:
     """Track, save and print what was found."""
-    from vibroswarm.cli.out_folder import claim, refuse_other
-    from vibroswarm.cli.printed import deliver, hash_of
-    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.recordings.camera_log import NAME, camera_log_bytes

@@ -17,7 +17,7 @@ from vibroswarm.cli.options import (
     real,
     whole,
 )
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
@@ -128,10 +128,9 @@ def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argpars
 
 def run(arguments: argparse.Namespace) -> int:
     """Play the league, print and save its tables."""
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.out_folder import claim, deliver
+    from vibroswarm.cli.output import check_open, print_saved
     from vibroswarm.cli.progress import study_progress
-    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration

@@ -14,7 +14,7 @@ from vibroswarm.cli.options import (
     add_seed,
     real,
 )
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ WIDEST_MAP: Final = 15
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, play back and print the verdict."""
     from vibroswarm.cli.out_folder import claim, refuse_other_run
-    from vibroswarm.cli.output import print_paragraph
-    from vibroswarm.cli.saved import check_open, print_saved
+    from vibroswarm.cli.output import check_open, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
 
     scenario = scenario_from(arguments)
