@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     import polars as pl
 
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.tracking.camera_clocks import Overlap
     from vibroswarm.tracking.markers import Markers
-    from vibroswarm.tracking.stitch import Stitched
+    from vibroswarm.tracking.stitch import Overlap, Stitched
     from vibroswarm.tracking.track import TrackedLog, Tracking
 
 EPILOG = """\
