@@ -112,8 +112,7 @@ def _save(result: Result, out: Path) -> None:
     """Write the folder of a result, completely or not at all."""
     from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.plots.floor_maps import write_maps_picture
-    from vibroswarm.plots.run import write_run_picture
+    from vibroswarm.plots.run import write_maps_picture, write_run_picture
     from vibroswarm.run_page.write import write_run_page
     from vibroswarm.study.summary import write_table
 

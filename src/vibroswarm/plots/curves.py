@@ -14,9 +14,9 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.direct_labels import label_ends
 from vibroswarm.plots.error_bars import checked_estimates, draw_estimates, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
+from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
     fitted,
@@ -31,8 +31,7 @@ from vibroswarm.plots.layout import (
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.strategy_looks import looks_of
-from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Look, Style, style_named
+from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Look, Style, looks_of, style_named
 
 STEPS_UP_TO = 1000
 """Rows of a curve; more are thinned evenly, with the first and the last kept."""

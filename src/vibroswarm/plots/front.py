@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
+from vibroswarm.plots.labels import label_points
 from vibroswarm.plots.layout import few_ticks, legend_below, legend_lines, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.point_labels import label_points
-from vibroswarm.plots.strategy_looks import row_looks
-from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, style_named
+from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, row_looks, style_named
 
 NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
 """Most points of the front that are numbered and named below, if their names do not fit beside them; of more, an even
