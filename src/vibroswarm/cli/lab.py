@@ -86,8 +86,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.camera_log import log_file, named_by_folder
-    from vibroswarm.recordings.readers import read_log
+    from vibroswarm.recordings.readers import log_file, named_by_folder, read_log
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 

@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.camera_log import NAME, camera_log_bytes
+    from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking.opencv import opencv
@@ -174,7 +174,7 @@ def run(arguments: argparse.Namespace) -> int:
             recording_of(
                 [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
             ).write_into(part)
-            (part / NAME).write_bytes(camera_log_bytes(tracked.log))
+            (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         _write_tables(part, tracking)
         write_review(part / REVIEW, tracking, tracked, samples)
         deliver(
