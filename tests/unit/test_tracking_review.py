@@ -13,8 +13,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.report.frames import ReportFrame, ReportFrames
 from vibroswarm.report.html import Report, Section, report_html
+from vibroswarm.report.parts import ReportFrame, ReportFrames
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of
 from vibroswarm.tracking.detection import Detections
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.report.frames import ReportFrame, ReportFrames
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
+from vibroswarm.report.parts import ReportFrame, ReportFrames
 from vibroswarm.simulation import versions
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
 from vibroswarm.tracking.doubts import (
