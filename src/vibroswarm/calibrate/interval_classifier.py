@@ -20,7 +20,7 @@ column.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, NamedTuple
@@ -105,26 +105,38 @@ def same_robots(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str] 
     """Return the accuracy on minutes not trained on, of the same robots; two sessions of ``undisturbed``."""
     rows = [session.select(features).to_numpy() for session in (one, other)]
     folds = [(session["time_s"] // MINUTE_S).to_numpy() % FOLDS for session in (one, other)]
-    shares = []
-    for fold in range(FOLDS):
-        train, test = (
+    return _mean_accuracy(
+        tuple(
             tuple(own[(of == fold) == held] for own, of in zip(rows, folds, strict=True))
             for held in (False, True)
         )
-        if min(map(len, (*train, *test))):
-            shares.append(boosted_accuracy((train[0], train[1]), (test[0], test[1])))
-    return float(np.mean(shares)) if shares else np.nan
+        for fold in range(FOLDS)
+    )
 
 
 def other_robots(one: pl.DataFrame, other: pl.DataFrame) -> float:
     """Return the accuracy on robots not trained on; two sessions of ``undisturbed``."""
-    shares = []
-    for robot in sorted(set(one["robot"]) & set(other["robot"])):
-        held = pl.col("robot") == robot
-        train = [session.filter(~held).select(FEATURES).to_numpy() for session in (one, other)]
-        test = [session.filter(held).select(FEATURES).to_numpy() for session in (one, other)]
-        if min(map(len, (*train, *test))):
-            shares.append(boosted_accuracy((train[0], train[1]), (test[0], test[1])))
+    robots = [pl.col("robot") == robot for robot in sorted(set(one["robot"]) & set(other["robot"]))]
+    return _mean_accuracy(
+        tuple(
+            tuple(session.filter(chosen).select(FEATURES).to_numpy() for session in (one, other))
+            for chosen in (~held, held)
+        )
+        for held in robots
+    )
+
+
+def _mean_accuracy(splits: Iterable[Sequence[Sequence[Floats]]]) -> float:
+    """Return the mean accuracy over splits in which no part is empty; nan without any.
+
+    Args:
+        splits: of each, the rows of both sessions to train on, and those to test on.
+    """
+    shares = [
+        boosted_accuracy((train[0], train[1]), (test[0], test[1]))
+        for train, test in splits
+        if min(map(len, (*train, *test)))
+    ]
     return float(np.mean(shares)) if shares else np.nan
 
 

@@ -86,7 +86,6 @@ def run_import(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.readers import log_file, named_by_folder, read_log
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 
@@ -97,14 +96,7 @@ def run_import(arguments: argparse.Namespace) -> int:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    files_of = [log_file(path) for path in arguments.logs]
-    logs = [
-        named_by_folder(read_log(file, arguments.reader, arguments.columns), path, file)
-        for path, file in zip(arguments.logs, files_of, strict=True)
-    ]
-    logs, computed = _with_energies(logs, scenario, arguments.acceleration)
-    paths = [*files_of, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
-    files = [path.read_bytes() for path in paths]
+    logs, computed, files = _logs_of(arguments, scenario)
     work = hash_of(
         scenario.hash, stated, arguments.reader, arguments.known_robots, arguments.any_floor, files
     )
@@ -141,6 +133,20 @@ def run_import(arguments: argparse.Namespace) -> int:
         deliver(arguments, part, "lab import", report, document, work=work)
     print_saved(arguments, f"tables, pictures, pages {', '.join(pages)}", pages[0])
     return 0
+
+
+def _logs_of(arguments: argparse.Namespace, scenario: Scenario) -> tuple[list[Log], list[str], list[bytes]]:
+    """Read the logs; return them, what was computed for them, and the bytes of all files that were read."""
+    from vibroswarm.recordings.readers import log_file, named_by_folder, read_log
+
+    files = [log_file(path) for path in arguments.logs]
+    logs = [
+        named_by_folder(read_log(file, arguments.reader, arguments.columns), path, file)
+        for path, file in zip(arguments.logs, files, strict=True)
+    ]
+    logs, computed = _with_energies(logs, scenario, arguments.acceleration)
+    paths = [*files, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
+    return logs, computed, [path.read_bytes() for path in paths]
 
 
 def _with_energies(

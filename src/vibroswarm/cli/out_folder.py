@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.cli.output import Block, collected, print_json, put
+from vibroswarm.cli.terminal import plain
 from vibroswarm.core.atomic_io import OURS, remove_folder, write_files
 from vibroswarm.core.untrusted_files import entry, read_json, words
 from vibroswarm.errors import InputError, check_format
@@ -187,15 +188,11 @@ def _block(given: Any, path: Path) -> Block:
     """Check a block; characters that a terminal would act on are replaced."""
     for kind in ("text", "line"):
         if isinstance(given, dict) and kind in given:
-            return {kind: _plain(entry(given, kind, str, path))}
-    columns = [_plain(name) for name in words(entry(given, "columns", list, path), "columns", path)]
-    rows = [[_plain(cell) for cell in words(row, "rows", path)] for row in entry(given, "rows", list, path)]
+            return {kind: plain(entry(given, kind, str, path))}
+    columns = [plain(name) for name in words(entry(given, "columns", list, path), "columns", path)]
+    rows = [[plain(cell) for cell in words(row, "rows", path)] for row in entry(given, "rows", list, path)]
     names, texts = entry(given, "names", int, path), entry(given, "texts", int, path)
     if any(len(row) != len(columns) for row in rows) or not 0 <= names <= len(columns):
         raise InputError("is damaged: a row has more or fewer cells than columns", field=str(path))
     more = words(entry(given, "more", list, path), "more", path)
     return {"columns": columns, "rows": rows, "names": names, "texts": texts, "more": more}
-
-
-def _plain(text: str) -> str:
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)

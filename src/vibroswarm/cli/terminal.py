@@ -63,6 +63,11 @@ def text_width() -> int:
     return min(TEXT_WIDTH, width())
 
 
+def plain(text: str) -> str:
+    """Return text as one printable line: it may quote a file, with characters that a terminal would act on."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+
+
 def report(text: str) -> None:
     """Print a line on stderr about what is being done, unless ``--quiet``."""
     if not printing.quiet:

@@ -1,5 +1,5 @@
-"""What the parts of a report hold and how they are written: columns of tables, small photographs, and the answers of the
-first screen, for each comparison a headline, its differences side by side, and a sentence.
+"""What the parts of a report hold and how they are written: columns of tables, small photographs, and the answers of
+the first screen, for each comparison a headline, its differences side by side, and a sentence.
 """
 
 from __future__ import annotations
