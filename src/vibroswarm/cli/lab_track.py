@@ -147,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
-    from vibroswarm.tracking.opencv import opencv
+    from vibroswarm.tracking import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.track import with_positions
 

@@ -115,8 +115,8 @@ def _size(text: str) -> tuple[int, int]:
 def run(arguments: argparse.Namespace) -> int:
     """Render the video and print what was written."""
     from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.tracking import opencv
     from vibroswarm.tracking.markers import usual_markers
-    from vibroswarm.tracking.opencv import opencv
     from vibroswarm.tracking.rehearsal import write_rehearsal
 
     opencv()

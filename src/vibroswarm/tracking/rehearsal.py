@@ -20,8 +20,8 @@ from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.opencv import opencv
 from vibroswarm.tracking.scene import OF_BOARD, SAMPLES, Look, Scene, poses_at, scene_of
 from vibroswarm.tracking.video_file import VideoWriter, check_suffix
 
