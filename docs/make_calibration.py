@@ -25,11 +25,11 @@ import vibroswarm.scenario.presets
 from vibroswarm.calibrate.camera import Camera, seen_through
 from vibroswarm.calibrate.cross_validation import folds, on_floor
 from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.drive import undisturbed
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.fit import fit
 from vibroswarm.calibrate.interval_classifier import other_robots, same_robots
 from vibroswarm.calibrate.real_vs_simulated import compare
-from vibroswarm.calibrate.undisturbed import undisturbed
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floor
 from vibroswarm.scenario.scenario import Scenario, preset

@@ -21,10 +21,10 @@ from vibroswarm.motion.source import Source, forget, join, register
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
-from vibroswarm.testing import motion_segments, motion_tables
-from vibroswarm.testing.motion import check_motion
+from vibroswarm.testing import motion as motion_checks
+from vibroswarm.testing import motion_tables
+from vibroswarm.testing.motion import check_bodies, check_ends, check_motion, check_segments_join
 from vibroswarm.testing.motion_cases import SHORT_CASE, Case, Check, motion_of, same
-from vibroswarm.testing.motion_segments import check_bodies, check_ends, check_segments_join
 from vibroswarm.testing.motion_tables import check_copies
 
 BRIEF = Case("brief crowd", SHORT_CASE.values | {"run.t_end_s": 20.0}, (0,))
@@ -43,7 +43,7 @@ def test_they_keep_the_contract(source: Source) -> None:
 @pytest.mark.parametrize("check", [check_copies, check_bodies, check_segments_join, check_ends])
 def test_they_keep_it_in_a_crowd(source: Source, check: Check, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copies are bit-equal, and bodies apart, where robots push each other most."""
-    monkeypatch.setattr(motion_segments, "CASES", (BRIEF,))
+    monkeypatch.setattr(motion_checks, "CASES", (BRIEF,))
     monkeypatch.setattr(motion_tables, "SHORT_CASE", BRIEF)
     check(source)
 

@@ -11,10 +11,9 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of
-from vibroswarm.tracking.camera_clocks import coarse_offset, fine_offset
 from vibroswarm.tracking.detection import Detections
 from vibroswarm.tracking.markers import usual_markers
-from vibroswarm.tracking.stitch import stitch, weights_of
+from vibroswarm.tracking.stitch import coarse_offset, fine_offset, stitch, weights_of
 from vibroswarm.tracking.stops import stops_of
 from vibroswarm.tracking.track import POSITIONS, Tracking
 

@@ -6,9 +6,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.calibrate.boosting import boosted_accuracy
-from vibroswarm.calibrate.interval_classifier import interval_accuracy, other_robots, same_robots
-from vibroswarm.calibrate.undisturbed import course_of, undisturbed
+from vibroswarm.calibrate.drive import course_of, undisturbed
+from vibroswarm.calibrate.interval_classifier import (
+    boosted_accuracy,
+    interval_accuracy,
+    other_robots,
+    same_robots,
+)
 
 
 def rows(seed: int, count: int = 1500) -> np.ndarray:

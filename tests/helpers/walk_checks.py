@@ -17,8 +17,7 @@ from vibroswarm.motion.pose import place_from_moves
 from vibroswarm.motion.source import Source
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import widest_veer_shift
-from vibroswarm.testing.motion_cases import CASES, Case, Check, motion_of, ticks_of
-from vibroswarm.testing.motion_segments import (
+from vibroswarm.testing.motion import (
     MOVE_CHECKS,
     NEAR_M,
     SEGMENT_CHECKS,
@@ -35,6 +34,7 @@ from vibroswarm.testing.motion_segments import (
     of_robot,
     tracks,
 )
+from vibroswarm.testing.motion_cases import CASES, Case, Check, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import (
     TABLE_CHECKS,
     check_copies,

@@ -11,7 +11,7 @@ import pytest
 
 from helpers.table_checks import check_table
 from vibroswarm.cli import main
-from vibroswarm.cli.printed import read
+from vibroswarm.cli.out_folder import read_printed
 from vibroswarm.cli.tables import table_of
 
 ROOT = Path(__file__).parents[2]
@@ -84,7 +84,7 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     assert shown[-len(printed) :] == printed
     assert main(["show", out_of(name), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)
-    for block in kept.blocks if (kept := read(Path(out_of(name)))) else ():
+    for block in kept.blocks if (kept := read_printed(Path(out_of(name)))) else ():
         if "columns" in block:
             check_table(table_of(block["columns"], block["rows"], names=block["names"], texts=block["texts"]))
     assert results(made(name, capsys)) == printed, "the same work is no obstacle"
@@ -207,10 +207,10 @@ def test_open(tmp_path, monkeypatch, capsys):
     (tmp_path / "a.csv").write_text("a\n1\n")
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
-    monkeypatch.setattr("vibroswarm.cli.saved.has_display", lambda: True)
+    monkeypatch.setattr("vibroswarm.cli.output.has_display", lambda: True)
     assert main(["show", str(tmp_path), "--open"]) == 0
     assert opened == [page.resolve().as_uri()]
-    monkeypatch.setattr("vibroswarm.cli.saved.has_display", lambda: False)
+    monkeypatch.setattr("vibroswarm.cli.output.has_display", lambda: False)
     assert main(["show", str(tmp_path), "--open"]) == 0
     assert len(opened) == 1
     assert f"no browser can be opened here; open {page}" in capsys.readouterr().err

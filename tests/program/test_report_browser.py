@@ -14,8 +14,8 @@ import pytest
 from vibroswarm.optimize import Search, run_search, truth_of
 from vibroswarm.optimize import write_report as write_search
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
-from vibroswarm.report.answer import ReportAnswer, ReportEffect
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
+from vibroswarm.report.parts import ReportAnswer, ReportEffect
 
 Open = Callable[..., Any]
 NASTY = "</script><img src=x onerror=alert(1)><script>alert(2)</script>"

@@ -22,8 +22,17 @@ from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
-from vibroswarm.view.playback import Playback
-from vibroswarm.view.scene import LESS, MORE, STILL, UNSURE, VIBRATING, colour_of, floor_picture, words_of
+from vibroswarm.view.scene import (
+    LESS,
+    MORE,
+    STILL,
+    UNSURE,
+    VIBRATING,
+    Playback,
+    colour_of,
+    floor_picture,
+    words_of,
+)
 from vibroswarm.view.server import HOST, Server, write_html
 
 QUICK = {

@@ -18,8 +18,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.view import picture
 from vibroswarm.view.picture import FOV_DEG, HEIGHT, WIDTH, camera_of, write_picture
-from vibroswarm.view.playback import Playback
-from vibroswarm.view.scene import ROBOT_HEIGHT_M, STILL, VIBRATING, colour_of
+from vibroswarm.view.scene import ROBOT_HEIGHT_M, STILL, VIBRATING, Playback, colour_of
 from vibroswarm.view.server import Server
 
 QUICK = {"run.t_end_s": 60.0, "floor.source": "diagonal:0.46", "strategy.name": "soft"}

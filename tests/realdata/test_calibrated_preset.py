@@ -14,11 +14,11 @@ import pytest
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.drive import course_of, undisturbed
 from vibroswarm.calibrate.features import sessions_of
 from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.interval_classifier import same_robots
 from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
-from vibroswarm.calibrate.undisturbed import course_of, undisturbed
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floor
 from vibroswarm.recordings.recording import Recording

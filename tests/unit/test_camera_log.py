@@ -10,9 +10,8 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.camera_log import NAME, camera_log_bytes, log_file, looks_like_camera
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
-from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes, log_file, looks_like_camera, read_log
 from vibroswarm.recordings.recording import Recording
 
 
@@ -42,8 +41,8 @@ def log_of(seed: int, robots: int = 2) -> Log:
 
 def test_a_log_is_read_back(tmp_path: Path) -> None:
     log = log_of(1)
-    (tmp_path / NAME).write_bytes(camera_log_bytes(log))
-    back = read_log(tmp_path / NAME)
+    (tmp_path / CAMERA_LOG).write_bytes(camera_log_bytes(log))
+    back = read_log(tmp_path / CAMERA_LOG)
     assert back.reader == "camera"
     for table, written in ((back.samples, log.samples), (back.tracks, log.tracks)):
         assert table.drop("line").columns == written.drop("line").columns
@@ -62,7 +61,7 @@ def test_sessions_of_several_folders_become_one_recording(
     for seed in (1, 2):
         folder = tmp_path / f"tracked {seed}"
         folder.mkdir()
-        (folder / NAME).write_bytes(camera_log_bytes(log_of(seed)))
+        (folder / CAMERA_LOG).write_bytes(camera_log_bytes(log_of(seed)))
         folders.append(str(folder))
     floor = tmp_path / "floor.txt"
     floor.write_text("10\n01\n", encoding="utf-8")

@@ -122,7 +122,7 @@ def test_every_public_class_has_a_view_and_no_text_with_all_its_values(kind: typ
 def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: Any) -> None:
     """Made of large and hostile values, of which only the general view and text may be given."""
     from vibroswarm.core.notebook_view import NotebookView
-    from vibroswarm.notebook.records import record
+    from vibroswarm.notebook.views import record
 
     value = object.__new__(kind)
     for place, field in enumerate(dataclasses.fields(kind)):
@@ -134,6 +134,13 @@ def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: A
     view = Markup(record(value))
     view.check_inert()
     assert len(view.text) < 20_000
+
+
+def test_views_that_are_found_by_name_are_of_classes_that_exist() -> None:
+    from vibroswarm.notebook.lazy_views import VIEWS
+
+    assert VIEWS
+    assert set(VIEWS) <= {f"{kind.__module__}.{kind.__qualname__}" for kind in CLASSES}
 
 
 def test_a_dataclass_without_it_is_seen() -> None:

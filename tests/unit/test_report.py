@@ -19,8 +19,6 @@ from hypothesis import strategies as st
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
-from vibroswarm.report.answer import ReportAnswer, ReportEffect
-from vibroswarm.report.columns import decimals_of, number_text
 from vibroswarm.report.html import (
     Column,
     Report,
@@ -31,8 +29,8 @@ from vibroswarm.report.html import (
     report_html,
     write_report,
 )
-from vibroswarm.report.svg import inline_svg
-from vibroswarm.report.text import escape
+from vibroswarm.report.markup import escape, inline_svg
+from vibroswarm.report.parts import ReportAnswer, ReportEffect, decimals_of, number_text
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter

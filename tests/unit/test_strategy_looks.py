@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from vibroswarm import strategies
 from vibroswarm.plots import draw_error_bars, draw_front
-from vibroswarm.plots.direct_labels import spread
-from vibroswarm.plots.strategy_looks import BUILT_IN, looks_of, strategy_in
-from vibroswarm.plots.style import MARKERS, SERIES, look
+from vibroswarm.plots.labels import spread
+from vibroswarm.plots.style import BUILT_IN, MARKERS, SERIES, look, looks_of, strategy_in
 
 
 def test_every_strategy_of_the_package_has_a_look_of_its_own() -> None:

@@ -13,17 +13,16 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.report.frames import ReportFrame, ReportFrames
 from vibroswarm.report.html import Report, Section, report_html
+from vibroswarm.report.parts import ReportFrame, ReportFrames
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of
-from vibroswarm.tracking.clock_residuals import match_samples
 from vibroswarm.tracking.detection import Detections
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of
 from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
 from vibroswarm.tracking.markers import Markers, corners_at, usual_markers
 from vibroswarm.tracking.review import REVIEW, answer, write_review
 from vibroswarm.tracking.stitch import stitch
-from vibroswarm.tracking.stops import ClockOffset, stops_of
+from vibroswarm.tracking.stops import ClockOffset, match_samples, stops_of
 from vibroswarm.tracking.track import POSITIONS, TrackedLog, Tracking
 from vibroswarm.tracking.video_file import VideoWriter
 

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.drive import CALM_S
-from vibroswarm.calibrate.undisturbed import course_of, undisturbed
+from vibroswarm.calibrate.drive import CALM_S, course_of, undisturbed
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.recordings.threshold import resample

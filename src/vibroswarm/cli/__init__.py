@@ -120,20 +120,19 @@ def parser() -> argparse.ArgumentParser:
         names[title] = tuple(commands.choices)[before:]
     vars(commands)["groups"] = names
     for command in commands.choices.values():
-        own = command.add_argument_group("user code")
-        own.add_argument(
-            "--trust",
-            action="store_true",
-            help="run code named in scenario and study files (FILE.py:NAME)",
-        )
-        own.add_argument(
-            PLAIN,
-            action="store_true",
-            help="run as plain, slow Python, for debuggers",
-        )
+        _add_user_code(command)
     for leaf in leaves(top):
         add_printing(leaf)
     return top
+
+
+def _add_user_code(command: argparse.ArgumentParser) -> None:
+    """Add the options for code of the user's."""
+    own = command.add_argument_group("user code")
+    own.add_argument(
+        "--trust", action="store_true", help="run code named in scenario and study files (FILE.py:NAME)"
+    )
+    own.add_argument(PLAIN, action="store_true", help="run as plain, slow Python, for debuggers")
 
 
 def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -285,7 +284,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
             stack.enter_context(plugins.trust_code())
         if terminal.printing.verbose:
-            from vibroswarm.cli.verbose import verbose
+            from vibroswarm.cli.terminal import verbose
 
             stack.enter_context(verbose())
         return int(arguments.run(arguments))
@@ -297,8 +296,10 @@ def _failed(message: str, code: int) -> int:
 
     if terminal.printing.verbose and sys.exc_info()[0] is not None:
         traceback.print_exc()
-    # One printable line: the message may quote the content of a file.
-    plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in message)
     with suppress(OSError):
-        print(f"vibroswarm: {'error: ' if code != 130 else ''}{plain}", file=sys.stderr, flush=True)
+        print(
+            f"vibroswarm: {'error: ' if code != 130 else ''}{terminal.plain(message)}",
+            file=sys.stderr,
+            flush=True,
+        )
     return code

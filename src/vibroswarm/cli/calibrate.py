@@ -1,84 +1,62 @@
-"""``vibroswarm calibrate``: compare recordings and simulations."""
+"""``vibroswarm calibrate``: compare recordings and simulations; its tasks ``figures``, ``effect`` and ``bursts``."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_json, read_result, real
+from vibroswarm.cli import calibrate_compare, calibrate_fit
+from vibroswarm.cli.calibrate_compare import over_sessions
+from vibroswarm.cli.calibrate_fit import scenario_of, share_done
+from vibroswarm.cli.options import add_json, add_settings, between, read_result, real, whole
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.analysis.intervals import Interval
-    from vibroswarm.calibrate.real_vs_simulated import Comparison
+    import numpy as np
+    from numpy.typing import NDArray
 
-EPILOG = """\
+    from vibroswarm.calibrate.effect import Effect
+    from vibroswarm.calibrate.message_loss import Bursts, Windows
+
+BURSTS_EPILOG = """\
 example:
-  vibroswarm calibrate compare lab simulated --json
-  vibroswarm calibrate compare lab by-event-engine by-mujoco   # which simplification matters
+  vibroswarm calibrate bursts lab --errors
 """
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
-    from vibroswarm.cli import calibrate_bursts, calibrate_effect, calibrate_fit
-
+    """Add the command and its tasks."""
     parser = commands.add_parser(
         "calibrate",
         help="compare a simulation with recordings, and fit it to them",
         description="Compare recordings and simulations.",
     )
     tasks = parser.add_subparsers(title="tasks", metavar="TASK", dest="task")
-    compare = tasks.add_parser(
-        "compare",
-        help="the paper's six similarities with their null values, and measures that discriminate",
-        description="Compare the samples of two results (lab import, run --out); each run is a session.",
-        epilog=EPILOG,
-    )
-    compare.add_argument("real", metavar="REAL", type=Path, help="folder of a recording")
-    compare.add_argument(
-        "simulated",
-        metavar="SIM",
-        type=Path,
-        nargs="+",
-        help="folder of a simulation, or of its imported log; several are shown side by side",
-    )
-    compare.add_argument(
-        "--picture", metavar="FILE", type=Path, help="draw both side by side (.png, .svg, .pdf)"
-    )
-    compare.add_argument(
-        "--pictures", metavar="DIR", type=Path, help="draw one file per feature into DIR, and one of all"
-    )
-    compare.add_argument(
-        "--no-camera",
-        action="store_true",
-        help="take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them",
-    )
-    compare.add_argument(
-        "--intervals",
-        action="store_true",
-        help="also tell undisturbed intervals apart by turn and distance, with boosted trees (half a minute)",
-    )
-    add_json(compare)
-    compare.set_defaults(run=run_compare)
-    figures = tasks.add_parser(
+    calibrate_compare.add_parser(tasks)
+    _add_figures(tasks)
+    calibrate_fit.add_parser(tasks)
+    _add_effect(tasks)
+    _add_bursts(tasks)
+    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
+
+
+def _add_figures(tasks: Any) -> None:
+    """Add the task ``figures``."""
+    parser = tasks.add_parser(
         "figures",
         help="how robots drive, avoid, spread and read, side by side with a simulation",
         description="Figures of one or more results (each run is a session) with 95 % intervals over sessions.",
     )
-    figures.add_argument(
+    parser.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="folders of recordings or simulations"
     )
-    figures.add_argument(
+    parser.add_argument(
         "--at", metavar="THETA", type=real, default=1.33, help="threshold for error rates (default 1.33)"
     )
-    add_json(figures)
-    figures.set_defaults(run=run_figures)
-    calibrate_fit.add_parser(tasks)
-    calibrate_effect.add_parser(tasks)
-    calibrate_bursts.add_parser(tasks)
-    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
+    add_json(parser)
+    parser.set_defaults(run=run_figures)
 
 
 def run_figures(arguments: argparse.Namespace) -> int:
@@ -95,7 +73,13 @@ def run_figures(arguments: argparse.Namespace) -> int:
         print_json({"rms_threshold": arguments.at, "figures": by_folder})
         return 0
     rows = [
-        [words, *(_scaled(folder_figures[place].interval, scale) for folder_figures in figures.values())]
+        [
+            words,
+            *(
+                over_sessions(folder_figures[place].interval, ".3g", scale=scale)
+                for folder_figures in figures.values()
+            ),
+        ]
         for place, (words, scale) in enumerate(FIGURES.values())
     ]
     print_table(["figure", *(Path(folder).name for folder in figures)], rows)
@@ -105,212 +89,211 @@ def run_figures(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _scaled(one: Interval | None, scale: float) -> str:
-    """Format an estimate in the figure's unit; without an interval if it is from one session."""
-    from vibroswarm.cli.output import with_interval
-
-    if one is not None and one.n < 2:
-        return f"{scale * one.estimate:.3g}"
-    return with_interval(one, ".3g", scale=scale)
-
-
-def run_compare(arguments: argparse.Namespace) -> int:
-    """Compare two results; print the comparison and draw it."""
-    from vibroswarm.calibrate.camera import RIGHT
-    from vibroswarm.calibrate.real_vs_simulated import (
-        compare,
-        write_comparison_picture,
-        write_comparison_pictures,
+def _add_effect(tasks: Any) -> None:
+    """Add the task ``effect``."""
+    parser = tasks.add_parser(
+        "effect",
+        help="effect of calibrated robots on decision time, accuracy and consensus",
+        description="Compare two presets or scenario files on the same floors, for three strategies; paired by run, "
+        "and repeated on other seeds.",
+        epilog="example:\n  vibroswarm calibrate effect paper calibrated --runs 1000",
     )
+    parser.add_argument(
+        "first", metavar="FIRST", nargs="?", default="paper", help="preset or file (default paper)"
+    )
+    parser.add_argument(
+        "second",
+        metavar="SECOND",
+        nargs="?",
+        default="calibrated",
+        help="preset or file (default calibrated)",
+    )
+    parser.add_argument(
+        "--runs",
+        metavar="N",
+        type=between(whole, 2, 100_000),
+        default=1000,
+        help="runs of each scenario and seed (default 1000)",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="S",
+        type=between(whole, 0, 2**62),
+        default=1,
+        help="first of two seeds (default 1)",
+    )
+    add_settings(parser, "set a field of both scenarios")
+    add_json(parser)
+    parser.set_defaults(run=run_effect)
+
+
+def run_effect(arguments: argparse.Namespace) -> int:
+    """Simulate both scenarios and print the comparison."""
+    from vibroswarm.calibrate.effect import effects
     from vibroswarm.cli.output import print_json
-    from vibroswarm.floors.io import check_suffix
 
-    if len(arguments.simulated) > 1:
-        return _compare_several(arguments)
-    real, simulated = read_result(arguments.real), read_result(arguments.simulated[0])
-    comparison = compare(
-        real, simulated, camera=RIGHT if arguments.no_camera else None, intervals=arguments.intervals
-    )
-    if arguments.picture is not None:
-        check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
-        write_comparison_picture(real, simulated, comparison, arguments.picture)
-    if arguments.pictures is not None:
-        if arguments.pictures.is_file():
-            raise InputError("is a file; give the name of a folder", field=str(arguments.pictures))
-        write_comparison_pictures(real, simulated, comparison, arguments.pictures)
+    first, second = (scenario_of(name, arguments.settings) for name in (arguments.first, arguments.second))
+    results = effects(first, second, arguments.runs, arguments.seed, progress=share_done("runs"))
     if arguments.json:
-        print_json(comparison.as_dict())
+        print_json([effect.as_dict() for effect in results])
     else:
-        print_comparison(comparison)
+        print_effects(results, (arguments.first, arguments.second))
     return 0
 
 
-def _compare_several(arguments: argparse.Namespace) -> int:
-    """Compare several simulations with the same recordings, side by side."""
-    from vibroswarm.calibrate.camera import RIGHT
-    from vibroswarm.calibrate.real_vs_simulated import compare
-    from vibroswarm.calibrate.similarity import RealCache
+def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
+    """Print the figures of both scenarios, and their differences."""
+    from vibroswarm.cli.output import print_paragraph, print_table, with_interval
+
+    print_table(
+        [
+            "strategy",
+            "scenario",
+            "decision time, s",
+            "belief in the truth",
+            "right, %",
+            "wrong, %",
+            "split, %",
+            "incomplete, %",
+        ],
+        [
+            [
+                effect.strategy,
+                name,
+                with_interval(figures["decision_time_s"], ".0f"),
+                with_interval(figures["belief_in_truth"], ".3f"),
+                *(f"{100 * share:.1f}" for share in shares.values()),
+            ]
+            for effect in found
+            for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
+        ],
+        names=2,
+    )
+    print()
+    print_paragraph(f"{names[1]} - {names[0]}, paired by run (95 %)")
+    print_table(
+        ["strategy", "figure", "difference", ""],
+        [
+            [
+                effect.strategy,
+                difference.first.figure,
+                with_interval(
+                    difference.first.difference, ".0f" if difference.first.figure.endswith("_s") else ".3f"
+                ),
+                difference.says,
+            ]
+            for effect in found
+            for difference in effect.differences
+        ],
+        names=2,
+        texts=4,
+    )
+
+
+def _add_bursts(tasks: Any) -> None:
+    """Add the task ``bursts``."""
+    parser = tasks.add_parser(
+        "bursts",
+        help="whether robots lose messages in bursts, and the network 'bursts' fitted to that",
+        description="Fit independent losses and bursts (Gilbert-Elliott, by receiver) to the counts of received "
+        "messages in recordings, and compare the gaps that both expect with those found. Takes about half a minute "
+        "for an hour of five robots.",
+        epilog=BURSTS_EPILOG,
+    )
+    parser.add_argument(
+        "folders", metavar="REAL", type=Path, nargs="+", help="folders of recordings (lab import)"
+    )
+    parser.add_argument(
+        "--errors",
+        action="store_true",
+        help="also standard errors, by leaving out one receiver at a time (minutes)",
+    )
+    add_json(parser)
+    parser.set_defaults(run=run_bursts)
+
+
+def run_bursts(arguments: argparse.Namespace) -> int:
+    """Fit, compare and print."""
+    from vibroswarm.calibrate import message_loss
     from vibroswarm.cli.output import print_json
 
-    for option in ("picture", "pictures"):
-        if getattr(arguments, option) is not None:
-            raise InputError("draws one simulation; give one SIM", field=f"--{option}")
-    if arguments.intervals:
-        raise InputError("is for one simulation; give one SIM", field="--intervals")
-    if len({str(folder) for folder in arguments.simulated}) < len(arguments.simulated):
-        raise InputError("names a folder twice", field="SIM")
-    real, known = read_result(arguments.real), RealCache()
-    camera = RIGHT if arguments.no_camera else None
-    found = {
-        str(folder): compare(real, read_result(folder), known, camera=camera)
-        for folder in arguments.simulated
+    windows = [one for folder in arguments.folders for one in message_loss.windows_of(read_result(folder))]
+    if not windows:
+        raise InputError("counts no received messages", field=str(arguments.folders[0]))
+    if all(message_loss.lost_for_good(one).sum() == 0 for one in windows):
+        raise InputError("no message is lost; there is nothing to fit", field=str(arguments.folders[0]))
+    models = {
+        "independent": message_loss.fit_independent(windows),
+        "bursts": message_loss.fit_bursts(windows),
     }
+    found = message_loss.by_size(windows)
+    expected = {name: message_loss.expected_by_size(windows, model) for name, model in models.items()}
+    errors = message_loss.jackknife(windows, models["bursts"]) if arguments.errors else {}
+    lost_in_long, sent_in_long = message_loss.lost_in_long_windows(windows)
     if arguments.json:
-        print_json({folder: comparison.as_dict() for folder, comparison in found.items()})
-    else:
-        print_comparisons(found)
+        fits = {name: {**asdict(model), "aic": model.aic} for name, model in models.items()}
+        gaps = {
+            "from": message_loss.STEPS,
+            "found": found.tolist(),
+            "expected": {name: counts[0].tolist() for name, counts in expected.items()},
+        }
+        long = {"lost": lost_in_long, "sent": sent_in_long}
+        print_json({"fits": fits, "standard_errors": errors, "gaps": gaps, "long_intervals": long})
+        return 0
+    _print_models(windows, models, errors)
+    print()
+    _print_gaps(found, expected, lost_in_long, sent_in_long)
     return 0
 
 
-def print_comparisons(found: dict[str, Comparison]) -> None:
-    """Print energy distances and what a classifier recognises, a column for each simulation."""
-    from vibroswarm.calibrate.features import FEATURES, WORDS
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+def _print_models(windows: list[Windows], models: dict[str, Bursts], errors: dict[str, float]) -> None:
+    """Print the fitted models side by side, and standard errors if there are any."""
+    from vibroswarm.cli.output import print_paragraph, print_table
 
-    names = [Path(folder).name for folder in found]
-    names = list(found) if len(set(names)) < len(names) else names
-    by_folder = [{row.feature: row for row in comparison.distances} for comparison in found.values()]
-    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
-    rows = []
-    for feature in FEATURES:
-        each = [rows_of.get(feature) for rows_of in by_folder]
-        real = next((row.real for row in each if row is not None), None)
-        cells = ["-" if row is None else _estimate(row.effect, ".4f") for row in each]
-        rows.append([WORDS[feature], _estimate(real, ".4f"), *cells])
-    print_table(["feature", "real - real", *(f"real - {name}" for name in names)], rows)
-    print_line()
-    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
-    shares = [comparison.classifier for comparison in found.values()]
-    print_table(
-        ["recognised", *names],
-        [
-            [words, *("-" if share is None else _estimate(share, ".3f") for share in each)]
-            for words, each in (
-                ("real or simulated, robots and sessions not trained on", [one.simulated for one in shares]),
-                ("real or simulated, robots not trained on", [one.simulated_by_robot for one in shares]),
-            )
-        ],
+    print(
+        f"{len(windows)} receivers, {sum(int(one.sent.sum()) for one in windows):,} messages addressed to them"
     )
-
-
-def _estimate(one: Interval | None, form: str) -> str:
-    """Format an estimate with its interval, which one session has not."""
-    from vibroswarm.cli.output import with_interval
-
-    return f"{one.estimate:{form}}" if one is not None and one.n < 2 else with_interval(one, form)
-
-
-def print_comparison(found: Comparison) -> None:
-    """Print similarities, energy distances and what a classifier can tell apart."""
-    from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
-
-    without = {similarity.feature: similarity for similarity in found.without_camera}
-    if without:
-        print_paragraph(
-            f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); "
-            "--no-camera takes them as they are."
-        )
-        print_line()
-    print_paragraph("Cosine similarity (published: of all samples; here: at equal counts)")
     print_table(
-        [
-            "feature",
-            "published",
-            "null",
-            "here",
-            *(["without camera"] if without else []),
-            "ceiling",
-            "session, real-sim",
-            "session, real-real",
-            "",
-        ],
+        ["model", "lost, %", "bad_share", "bad_s", "lost_in_bad", "lost_in_good", "log likelihood", "AIC"],
         [
             [
-                WORDS[similarity.feature],
-                f"{similarity.as_published:.3f}",
-                f"{similarity.null:.3f}",
-                f"{similarity.at_equal_counts:.3f}",
-                *([f"{without[similarity.feature].at_equal_counts:.3f}"] if without else []),
-                f"{similarity.ceiling:.3f}",
-                _spread(similarity.by_session),
-                "-" if similarity.real_by_session is None else _spread(similarity.real_by_session),
-                "" if similarity.at_equal_counts > similarity.null else "below its null",
+                name, f"{100 * model.lost:.2f}", f"{model.bad_share:.4f}", f"{model.bad_s:.1f}",
+                f"{model.lost_in_bad:.3f}", f"{model.lost_in_good:.4f}", f"{model.log_likelihood:.1f}",
+                f"{model.aic:.1f}",
             ]
-            for similarity in found.similarities
+            for name, model in models.items()
         ],
-    )
-    print_line()
-    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
-    print_table(
-        ["feature", "real - simulated", "real - real"],
-        [
-            [
-                WORDS[distance.feature],
-                with_interval(distance.effect, ".4f"),
-                with_interval(distance.real, ".4f"),
-            ]
-            for distance in found.distances
-        ],
-    )
-    classifier = found.classifier
-    print_line()
-    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
-    recognised = {
-        "real or simulated, robots and sessions not trained on": classifier.simulated,
-        "real or simulated, robots not trained on": classifier.simulated_by_robot,
-        "which real session, robots not trained on": classifier.real,
-    }
-    print_table(
-        ["recognised", "share"],
-        [[name, with_interval(share, ".3f")] for name, share in recognised.items() if share is not None],
-    )
-    _print_intervals(found)
-    if found.missing:
+    )  # fmt: skip
+    if errors:
         print_paragraph(
-            f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}"
+            "standard errors: " + ", ".join(f"{name} {value:.2g}" for name, value in errors.items())
         )
 
 
-def _print_intervals(found: Comparison) -> None:
-    """Print how well undisturbed intervals are told apart by turn and distance."""
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+def _print_gaps(
+    found: NDArray[np.int64],
+    expected: dict[str, NDArray[np.float64]],
+    lost_in_long: float,
+    sent_in_long: float,
+) -> None:
+    """Print the gaps found beside those that each model expects, and what long intervals hold."""
+    from vibroswarm.calibrate.message_loss import STEPS
+    from vibroswarm.cli.output import print_paragraph, print_table
 
-    if found.intervals is None:
-        return
-    intervals = found.intervals
-    alone = " and ".join(
-        f"{share:.3f} by {name.partition('_')[0]}" for name, share in intervals.by_feature.items()
-    )
-    print_line()
-    print_paragraph("Share of undisturbed intervals that boosted trees recognise by turn and distance")
+    print_paragraph("Gaps (messages lost in a row) by size, all receivers; expected +- standard deviation")
     print_table(
-        ["recognised", "same robots", "other robots"],
+        ["messages", "found", *expected],
         [
-            [name, *(_mean_and_range(shares) for shares in (told.same_robots, told.other_robots))]
-            for name, told in (
-                ("real or simulated", intervals.simulated),
-                ("which real session", intervals.real),
-            )
-            if told.same_robots
+            [
+                f"{size}" if upper == size + 1 else f"{size} to {upper - 1}" if upper else f"{size} or more",
+                str(found[k]),
+                *(f"{counts[0, k]:.1f} +- {counts[1, k]:.1f}" for counts in expected.values()),
+            ]
+            for k, (size, upper) in enumerate(zip(STEPS, [*STEPS[1:], 0], strict=True))
         ],
+        texts=1,
     )
-    print_paragraph(f"Real or simulated, same robots, by one feature alone: {alone}.")
-
-
-def _mean_and_range(shares: tuple[float, ...]) -> str:
-    return f"{sum(shares) / len(shares):.3f} ({min(shares):.3f}-{max(shares):.3f})"
-
-
-def _spread(one: Any) -> str:
-    return f"{one.mean:.3f} ({one.least:.3f}-{one.most:.3f})"
+    print_paragraph(
+        f"Intervals of more than twice the median between a robot's own samples hold {100 * sent_in_long:.1f} % of the "
+        f"messages and {100 * lost_in_long:.1f} % of the lost ones."
+    )

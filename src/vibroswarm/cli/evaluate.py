@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_motion, add_out, add_scenario_options, add_seed, whole
-from vibroswarm.cli.study_options import add_outcome_options, add_running_options, do_study
+from vibroswarm.cli.studies import add_outcome_options, add_running_options, do_study
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:

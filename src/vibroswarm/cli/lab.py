@@ -1,4 +1,4 @@
-"""``vibroswarm lab``: recordings of real robots, read, replayed and measured."""
+"""``vibroswarm lab``: recordings of real robots, imported, and exported as a log or as CSV."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli import lab_export, lab_replay, lab_threshold, lab_track, lab_video
+from vibroswarm.cli import lab_replay, lab_threshold, lab_track, lab_video
 from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
     )
     tasks = parser.add_subparsers(title="tasks", metavar="TASK", dest="task")
     _add_import(tasks)
-    lab_export.add_parser(tasks)
+    _add_export(tasks)
     lab_replay.add_parser(tasks)
     lab_threshold.add_parser(tasks)
     lab_track.add_parser(tasks)
@@ -82,13 +82,10 @@ def _add_import(tasks: Any) -> None:
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Read and check the logs, save the recording and print what it holds."""
-    from vibroswarm.cli.out_folder import claim, refuse_other
-    from vibroswarm.cli.printed import deliver, hash_of
-    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.camera_log import log_file, named_by_folder
-    from vibroswarm.recordings.readers import read_log
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 
@@ -99,14 +96,7 @@ def run_import(arguments: argparse.Namespace) -> int:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    files_of = [log_file(path) for path in arguments.logs]
-    logs = [
-        named_by_folder(read_log(file, arguments.reader, arguments.columns), path, file)
-        for path, file in zip(arguments.logs, files_of, strict=True)
-    ]
-    logs, computed = _with_energies(logs, scenario, arguments.acceleration)
-    paths = [*files_of, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
-    files = [path.read_bytes() for path in paths]
+    logs, computed, files = _logs_of(arguments, scenario)
     work = hash_of(
         scenario.hash, stated, arguments.reader, arguments.known_robots, arguments.any_floor, files
     )
@@ -143,6 +133,20 @@ def run_import(arguments: argparse.Namespace) -> int:
         deliver(arguments, part, "lab import", report, document, work=work)
     print_saved(arguments, f"tables, pictures, pages {', '.join(pages)}", pages[0])
     return 0
+
+
+def _logs_of(arguments: argparse.Namespace, scenario: Scenario) -> tuple[list[Log], list[str], list[bytes]]:
+    """Read the logs; return them, what was computed for them, and the bytes of all files that were read."""
+    from vibroswarm.recordings.readers import log_file, named_by_folder, read_log
+
+    files = [log_file(path) for path in arguments.logs]
+    logs = [
+        named_by_folder(read_log(file, arguments.reader, arguments.columns), path, file)
+        for path, file in zip(arguments.logs, files, strict=True)
+    ]
+    logs, computed = _with_energies(logs, scenario, arguments.acceleration)
+    paths = [*files, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
+    return logs, computed, [path.read_bytes() for path in paths]
 
 
 def _with_energies(
@@ -227,3 +231,37 @@ def _inferred_value(recording: Recording, setting: Any) -> str:
         setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
     )
     return f"{value} (stated: {stated}{'' if fits else ', WHICH DOES NOT FIT'})"
+
+
+def _add_export(tasks: Any) -> None:
+    """Add the subcommand ``export``."""
+    parser = tasks.add_parser(
+        "export",
+        help="write a result as a log of the robots or of the simulator, or as CSV",
+        description="Write one run of a result (vibroswarm run --out) as a log, or all its tables as CSV.",
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a result or recording")
+    parser.add_argument(
+        "--format",
+        metavar="NAME",
+        choices=("rugbot", "webots", "csv"),
+        default="rugbot",
+        help="rugbot (default), webots or csv",
+    )
+    parser.add_argument(
+        "--session", metavar="N", type=whole, default=1, help="run to write to a log, from 1 (default 1)"
+    )
+    parser.add_argument("--out", metavar="PATH", type=Path, required=True, help="file; for csv a folder")
+    parser.add_argument("--force", action="store_true", help="replace PATH if it exists")
+    parser.set_defaults(run=run_export)
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Read the result and write it."""
+    from vibroswarm.recordings.export import WRITERS
+    from vibroswarm.result import Result
+
+    result = Result.read(arguments.folder)
+    WRITERS[arguments.format](result, arguments.out, arguments.session - 1, replace=arguments.force)
+    print(f"Saved: {arguments.out}")
+    return 0

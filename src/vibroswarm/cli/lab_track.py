@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     import polars as pl
 
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.tracking.camera_clocks import Overlap
     from vibroswarm.tracking.markers import Markers
-    from vibroswarm.tracking.stitch import Stitched
+    from vibroswarm.tracking.stitch import Overlap, Stitched
     from vibroswarm.tracking.track import TrackedLog, Tracking
 
 EPILOG = """\
@@ -141,15 +140,14 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
 
 def run(arguments: argparse.Namespace) -> int:
     """Track, save and print what was found."""
-    from vibroswarm.cli.out_folder import claim, refuse_other
-    from vibroswarm.cli.printed import deliver, hash_of
-    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.camera_log import NAME, camera_log_bytes
+    from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes
     from vibroswarm.recordings.recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
-    from vibroswarm.tracking.opencv import opencv
+    from vibroswarm.tracking import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.track import with_positions
 
@@ -176,7 +174,7 @@ def run(arguments: argparse.Namespace) -> int:
             recording_of(
                 [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
             ).write_into(part)
-            (part / NAME).write_bytes(camera_log_bytes(tracked.log))
+            (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         _write_tables(part, tracking)
         write_review(part / REVIEW, tracking, tracked, samples)
         deliver(

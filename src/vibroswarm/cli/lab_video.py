@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_json, add_seed, between, read_result, real, whole
 from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    from vibroswarm.tracking.rehearsal import Rehearsal
+    from vibroswarm.tracking.scene import Look
 
 EPILOG = """\
 examples:
@@ -56,7 +61,13 @@ def add_parser(tasks: Any) -> None:
         help="side by side, each with its own tilt, lens and clock; their views overlap (default 1)",
     )
     add_seed(parser, "of noise, hand and chessboard")
-    camera = parser.add_argument_group("camera")
+    _add_camera(parser.add_argument_group("camera"))
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_camera(camera: argparse._ArgumentGroup) -> None:
+    """Add the options for how the camera hangs and what it sees."""
     camera.add_argument(
         "--size", metavar="WxH", type=_size, default=(1920, 1080), help="px (default 1920x1080)"
     )
@@ -88,8 +99,6 @@ def add_parser(tasks: Any) -> None:
         "--marker-size", metavar="MM", type=between(real, 2, 1000), help="of the robots (default 22)"
     )
     camera.add_argument("--marker-height", metavar="MM", type=between(real, 0, 1000), help="default 30")
-    add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -105,14 +114,10 @@ def _size(text: str) -> tuple[int, int]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Render the video and print what was written."""
-    import json
-
-    from vibroswarm.cli.output import print_line
     from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.tracking import opencv
     from vibroswarm.tracking.markers import usual_markers
-    from vibroswarm.tracking.opencv import opencv
     from vibroswarm.tracking.rehearsal import write_rehearsal
-    from vibroswarm.tracking.scene import Look
 
     opencv()
     result = read_result(arguments.folder)
@@ -127,17 +132,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if arguments.camera_height <= markers.height_m + 0.1:
         raise InputError(f"{arguments.camera_height:g} m is not above the robots", field="--camera-height")
-    look = Look(
-        size_px=arguments.size,
-        frames_per_s=arguments.frames_per_second,
-        camera_height_m=arguments.camera_height,
-        tilt_deg=arguments.tilt,
-        lens_k=(arguments.distortion, 0.02),
-        blur_px=arguments.blur,
-        noise=arguments.noise,
-        hands_per_min=arguments.hands,
-        tiles_visible=not arguments.plain,
-    )
+    look = _look(arguments)
     with progress_bar("video") as progress:
         written = write_rehearsal(
             result,
@@ -154,20 +149,38 @@ def run(arguments: argparse.Namespace) -> int:
             replace=arguments.force,
             progress=lambda done, total: progress(done / total),
         )
+    _print_files(written, as_json=arguments.json)
+    return 0
+
+
+def _look(arguments: argparse.Namespace) -> Look:
+    """Return how the options want the video recorded."""
+    from vibroswarm.tracking.scene import Look
+
+    return Look(
+        size_px=arguments.size,
+        frames_per_s=arguments.frames_per_second,
+        camera_height_m=arguments.camera_height,
+        tilt_deg=arguments.tilt,
+        lens_k=(arguments.distortion, 0.02),
+        blur_px=arguments.blur,
+        noise=arguments.noise,
+        hands_per_min=arguments.hands,
+        tiles_visible=not arguments.plain,
+    )
+
+
+def _print_files(written: Rehearsal, *, as_json: bool) -> None:
+    """Print what was rendered and where it is saved."""
+    from vibroswarm.cli.output import print_line
+
     files = [written.video, written.markers, written.log, written.truth]
     files += [written.chessboard] if written.chessboard is not None else []
     others = [path for view in written.others for path in (view.video, view.chessboard) if path is not None]
-    if arguments.json:
-        print(
-            json.dumps(
-                {
-                    "files": [str(path) for path in [*files, *others]],
-                    "frames": written.frames,
-                    "marker_px": written.marker_px,
-                }
-            )
-        )
-        return 0
+    if as_json:
+        names = [str(path) for path in [*files, *others]]
+        print(json.dumps({"files": names, "frames": written.frames, "marker_px": written.marker_px}))
+        return
     print_line(f"{written.frames} frames; a robot's marker is about {written.marker_px:.0f} px wide")
     for path, what in zip(
         files, ("video", "markers", "log of the robots", "where the robots were", "chessboard"), strict=False
@@ -177,4 +190,3 @@ def run(arguments: argparse.Namespace) -> int:
         print_line(f"Saved: {view.video} (camera {number}, which begins {view.start_s:.3f} s later)")
         if view.chessboard is not None:
             print_line(f"Saved: {view.chessboard} (chessboard of camera {number})")
-    return 0

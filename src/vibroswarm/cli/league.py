@@ -17,7 +17,7 @@ from vibroswarm.cli.options import (
     real,
     whole,
 )
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
@@ -128,16 +128,11 @@ def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argpars
 
 def run(arguments: argparse.Namespace) -> int:
     """Play the league, print and save its tables."""
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.out_folder import claim, deliver
+    from vibroswarm.cli.output import check_open, print_saved
     from vibroswarm.cli.progress import study_progress
-    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
-    from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
-    from vibroswarm.league.fault_curves import FOLDER as FAULTS_FOLDER
-    from vibroswarm.league.fault_curves import KINDS, fault_curves
-    from vibroswarm.league.fronts import front_table
     from vibroswarm.league.report import write_league_report
     from vibroswarm.scenario.fault_fields import FAULTS
     from vibroswarm.study.store import Store
@@ -150,9 +145,43 @@ def run(arguments: argparse.Namespace) -> int:
     for kind in arguments.faults or ():  # before anything is simulated
         check_choice(kind, "--faults", FAULTS)
     claim(arguments, lambda: Store.existing(arguments.out, league.study))
-    how = {"workers": arguments.workers, "executor": arguments.executor}
     with study_progress("simulating") as progress:
-        standings = league.play(arguments.out, progress=progress, mixed=arguments.mixed, **how)
+        standings = league.play(
+            arguments.out,
+            progress=progress,
+            mixed=arguments.mixed,
+            workers=arguments.workers,
+            executor=arguments.executor,
+        )
+    tables = _tables_of(arguments, league, plain, standings)
+    if arguments.out is not None:
+        write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
+        write_league_report(arguments.out, standings, tables)
+    deliver(
+        arguments,
+        arguments.out,
+        "league",
+        lambda: print_standings(standings, tables),
+        lambda: {name: table.fill_nan(None).to_dicts() for name, table in tables.items()},
+    )
+    print_saved(arguments, "tables (CSV), the runs (shards) and a report", "report.html")
+    return 0
+
+
+def _tables_of(
+    arguments: argparse.Namespace, league: League, plain: tuple[Entry, ...], standings: Standings
+) -> dict[str, pl.DataFrame]:
+    """Return the tables of a league by name; simulates what beliefs and faults need.
+
+    Args:
+        plain: the entries whose beliefs are compared, and which are tested with faults.
+    """
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
+    from vibroswarm.league.fault_curves import FOLDER as FAULTS_FOLDER
+    from vibroswarm.league.fault_curves import KINDS, fault_curves
+    from vibroswarm.league.fronts import front_table
+
     tables = {
         "standings": standings.table,
         "differences": standings.differences(arguments.reference),
@@ -167,7 +196,8 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.out and arguments.out / BELIEFS,
                 runs=arguments.belief_runs,
                 progress=progress,
-                **how,
+                workers=arguments.workers,
+                executor=arguments.executor,
             )
     if arguments.fault_runs:
         with study_progress("with faulty robots") as progress:
@@ -177,20 +207,10 @@ def run(arguments: argparse.Namespace) -> int:
                 kinds=arguments.faults or KINDS,
                 runs=arguments.fault_runs,
                 progress=progress,
-                **how,
+                workers=arguments.workers,
+                executor=arguments.executor,
             )
-    if arguments.out is not None:
-        write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-        write_league_report(arguments.out, standings, tables)
-    deliver(
-        arguments,
-        arguments.out,
-        "league",
-        lambda: print_standings(standings, tables),
-        lambda: {name: table.fill_nan(None).to_dicts() for name, table in tables.items()},
-    )
-    print_saved(arguments, "tables (CSV), the runs (shards) and a report", "report.html")
-    return 0
+    return tables
 
 
 def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...]]:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.study_options import add_outcome_options, print_outcome
+from vibroswarm.cli.studies import add_outcome_options, print_outcome
 
 
 def add_parser(commands: Any) -> None:
@@ -26,7 +26,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Copy the shards and summarise the study."""
     from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.saved import check_open
+    from vibroswarm.cli.output import check_open
     from vibroswarm.study.store import Store
     from vibroswarm.study.study_result import StudyResult, merge
 

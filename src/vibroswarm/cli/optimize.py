@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
-from vibroswarm.cli.saved import add_open, check_open
+from vibroswarm.cli.output import add_open, check_open
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError
 
@@ -159,10 +159,9 @@ def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
 def _search(search: Search, arguments: argparse.Namespace) -> int:
     """Run a search, validate its winner, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_found
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.out_folder import claim, deliver
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import search_progress
-    from vibroswarm.cli.saved import print_saved
     from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import run_search
     from vibroswarm.optimize.search_report import as_dict, write_report
@@ -203,10 +202,9 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 def _grid(arguments: argparse.Namespace) -> int:
     """Run a grid, score its lowest cell again, and print and save the result."""
     from vibroswarm.cli.optimize_output import print_grid, print_truth
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.out_folder import claim, deliver
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import say_compiling, study_progress
-    from vibroswarm.cli.saved import print_saved
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.search_report import write_grid
@@ -243,9 +241,8 @@ def _grid(arguments: argparse.Namespace) -> int:
 def _sensitivity(arguments: argparse.Namespace) -> int:
     """Compute sensitivity indices, and print and save them."""
     from vibroswarm.cli.optimize_output import print_sensitivity
-    from vibroswarm.cli.out_folder import claim, refuse_other
-    from vibroswarm.cli.printed import deliver, hash_of
-    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
 
     _refuse(arguments, ("method", "noise", "fresh", "check"), "does not apply to --sensitivity")

@@ -1,18 +1,21 @@
-"""What every command prints with: JSON, tables, values with their intervals, and the outcome of a study."""
+"""What every command prints with: JSON, tables, values with their intervals, and where results are saved."""
 
 from __future__ import annotations
 
+import argparse
 import json
+import os
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli import terminal
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
-    from vibroswarm.study.summary import Outcome
-
 
 MOST_ROWS: Final = 60
 """Rows of a table that are printed without ``--wide``."""
@@ -142,64 +145,66 @@ def percent(share: Interval | None, form: str = ".1f") -> str:
     return with_interval(share, form, scale=100.0, unit=" %")
 
 
-def print_tables(outcome: Outcome) -> None:
-    """Print the answer, the cells and warnings."""
-    from vibroswarm.cli.answers_text import print_answers, print_effects
+def add_open(parser: Any, help: str = "open the report in the browser") -> None:
+    """Add the option that opens the page or report."""
+    parser.add_argument("--open", action="store_true", help=help)
 
-    print_answers(outcome)
-    _print_cells(outcome)
-    runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
-    count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
-    print_paragraph(
-        f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
-        "whole time."
-    )
-    until, levels = (
-        outcome.result.study.until,
-        {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled},
-    )
-    if until is not None and levels:
-        levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
-        print_paragraph(
-            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %."
+
+def check_open(arguments: argparse.Namespace) -> None:
+    """Refuse ``--open`` where nothing is saved; called before the work.
+
+    Raises:
+        InputError: ``--open`` is given without ``--out``.
+    """
+    if getattr(arguments, "open", False) and arguments.out is None:
+        raise InputError("needs --out DIR, where the page is saved", field="--open")
+
+
+def print_saved(arguments: argparse.Namespace, what: str, page: str | None = None) -> None:
+    """Print where results are saved, and open the page if ``--open``.
+
+    Args:
+        what: what is saved, or would be. page: its file in the folder, if there is one.
+    """
+    as_json = getattr(arguments, "json", False)
+    if not as_json:
+        if arguments.out is None:
+            print_paragraph(f"Not saved; add --out DIR to save {what}")
+        else:
+            print_line(f"Saved in {arguments.out}: {what}")
+            if page is not None:
+                kind = "Report" if page == "report.html" else "Page"
+                print_line(f"{kind}: open {(arguments.out / page).resolve()} in a browser")
+    sys.stdout.flush()
+    if getattr(arguments, "open", False) and arguments.out is not None:
+        if page is None:
+            print("vibroswarm: nothing to open: no page was written", file=sys.stderr)
+        else:
+            open_page(arguments.out / page)
+
+
+def open_page(path: Path) -> bool:
+    """Open a file in the browser; without one, say so on stderr and return False."""
+    import webbrowser
+
+    path = path.resolve()
+    opened = False
+    if has_display():
+        try:
+            opened = webbrowser.open(path.as_uri())
+        except webbrowser.Error:
+            opened = False
+    if not opened:
+        print(
+            f"vibroswarm: no browser can be opened here; open {path} on a machine that has one",
+            file=sys.stderr,
+            flush=True,
         )
-    print_effects(outcome)
-    for warning in outcome.warnings:
-        print_paragraph(f"Warning: {warning}")
+    return opened
 
 
-def _print_cells(outcome: Outcome) -> None:
-    """Print the figures of each cell as a table."""
-    print_table(
-        [
-            "cell",
-            *(["failed runs"] if outcome.has_failed_runs else []),
-            "swarms right, %",
-            "swarms wrong, %",
-            "split, %",
-            "incomplete, %",
-            "robots undecided, %",
-            "decision time, s",
-            "belief in the truth",
-        ],
-        [
-            [
-                cell_outcome.cell.name,
-                *([cell_outcome.failed.height] if outcome.has_failed_runs else []),
-                *(
-                    with_interval(share, ".1f", scale=100.0)
-                    for share in (
-                        cell_outcome.summary.swarm_right,
-                        cell_outcome.summary.swarm_wrong,
-                        cell_outcome.summary.swarm_split,
-                        cell_outcome.summary.swarm_incomplete,
-                        cell_outcome.summary.robots_undecided,
-                    )
-                ),
-                with_interval(cell_outcome.summary.decision_time_s, ".0f"),
-                with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
-            ]
-            for cell_outcome in outcome.cells
-        ],
-        more=("split, %", "incomplete, %", "belief in the truth"),
-    )
+def has_display() -> bool:
+    """Return whether a browser could show a window; BROWSER names one where there is no display."""
+    if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_out, between, list_of, whole
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, RunError, nearest
 
 if TYPE_CHECKING:
@@ -73,10 +73,9 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute what is missing, write the report and print the verdicts."""
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.printed import deliver
+    from vibroswarm.cli.out_folder import claim, deliver
+    from vibroswarm.cli.output import check_open, print_saved
     from vibroswarm.cli.progress import labelled_progress_bar, progress_bar
-    from vibroswarm.cli.saved import check_open, print_saved
     from vibroswarm.core.atomic_io import folder_lock
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named

@@ -14,7 +14,7 @@ from vibroswarm.cli.options import (
     add_seed,
     real,
 )
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ WIDEST_MAP: Final = 15
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, play back and print the verdict."""
     from vibroswarm.cli.out_folder import claim, refuse_other_run
-    from vibroswarm.cli.output import print_paragraph
-    from vibroswarm.cli.saved import check_open, print_saved
+    from vibroswarm.cli.output import check_open, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
 
     scenario = scenario_from(arguments)
@@ -113,8 +112,7 @@ def _save(result: Result, out: Path) -> None:
     """Write the folder of a result, completely or not at all."""
     from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.plots.floor_maps import write_maps_picture
-    from vibroswarm.plots.run import write_run_picture
+    from vibroswarm.plots.run import write_maps_picture, write_run_picture
     from vibroswarm.run_page.write import write_run_page
     from vibroswarm.study.summary import write_table
 

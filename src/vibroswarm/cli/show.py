@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import add_json
-from vibroswarm.cli.saved import add_open, open_page
+from vibroswarm.cli.output import add_open, open_page
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
+    from vibroswarm.study.store import Store
+    from vibroswarm.study.summary import Outcome
+
 
 EPILOG = """\
 examples:
@@ -59,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     """Print the state of a study or search, then results."""
-    from vibroswarm.cli import printed, show_study
+    from vibroswarm.cli.out_folder import print_blocks, read_printed
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
     from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD
     from vibroswarm.optimize.journal import SEARCH, held, is_search
@@ -68,7 +72,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     document: dict[str, Any] = {}
     lines: list[str] = []
     store = None
-    there = printed.read(folder)
+    there = read_printed(folder)
     if is_search(folder) or any(os.path.lexists(folder / name) for name in (SEARCH_HEAD, SEARCH)):
         if not is_search(folder):
             raise InputError(
@@ -76,18 +80,18 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
                 field=str(folder),
             )
         document = held(folder)
-        lines = show_study.search_lines(document, with_result=there is None)
+        lines = search_lines(document, with_result=there is None)
     elif (folder / HEAD).exists():
         store = Store.open(folder)
-        document = show_study.state_of(store)
-        lines = show_study.study_lines(document)
+        document = state_of(store)
+        lines = study_lines(document)
     if there is None and store is None and not document:
         _show_result(folder, arguments)
         return
     if arguments.json:
         results = None
         if store is not None and there is None:
-            results, needed = show_study.results_or_need(store)
+            results, needed = results_or_need(store)
             document |= {"results_need": needed} if needed else {}
         if there is not None:
             document |= {"command": there.command, "printed": there.blocks}
@@ -98,9 +102,9 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     if there is not None:
         if lines:
             print_line()
-        printed.play(there.blocks)
+        print_blocks(there.blocks)
     elif store is not None:
-        show_study.print_results(store)
+        print_results(store)
 
 
 def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
@@ -148,3 +152,142 @@ def _origin(result: Result) -> str:
     floor, strategy = result.floor().name, result.scenario.strategy.name
     seed = "as recorded" if result.seed is None else f"seed {result.seed}"
     return f"{robots} robots, strategy {strategy}, on '{floor}', {seed}"
+
+
+MOST_FAILED = 5
+"""Batches that are listed one by one."""
+OF_CODE: Final = ("strategy.name", "network.name", "task.name")
+"""Fields that may name code of the user's."""
+
+
+def state_of(store: Store) -> dict[str, Any]:
+    """Return the state of a study folder in plain values."""
+    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.study_result import StudyResult
+
+    study, plan = store.study, plan_of(store.study)
+    cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
+    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
+    return {
+        "folder": str(store.folder),
+        "name": study.name,
+        "study_hash": study.hash,
+        "seed": study.seed,
+        "varied": study.varied,
+        "cells": len(study.cells),
+        "motion_groups": len(plan.groups),
+        "runs_wanted": int(cells["wanted"].sum()),
+        "runs_there": int(cells["there"].sum()),
+        "runs_each": study.runs,
+        "until": None if study.until is None else study.until.as_values(),
+        "shards": len(store.shards),
+        "bytes": size,
+        "keeps": ["robots and runs", *study.keep],
+        "damaged": store.damaged,
+        "failed_batches": store.failures,
+        "left_over_files": store.left_over,
+        "made_by": store.made_by,
+    }
+
+
+def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str]:
+    """Describe the state of a search folder, and its result, line by line."""
+    done, requested = about["runs_there"], about["runs_wanted"]
+    from vibroswarm.optimize.search_tables import values_said
+
+    lines = [
+        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
+        f"{about['runs_failed']:,} failed.",
+        f"Fields: {', '.join(about['fields'])}.",
+    ]
+    if about["result"] is None:
+        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
+        return lines
+    if not with_result:
+        return lines
+    if truth := about["result"].get("truth"):
+        score = truth["true"]["score"]
+        believed, estimate, low, high = (
+            math.nan if value is None else value
+            for value in (truth["believed"], score["estimate"], score["low"], score["high"])
+        )
+        lines.append(f"Best: {values_said(about['result']['best'])}")
+        lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
+    if front := about["result"].get("front"):
+        lines.append(front["says"])
+    return lines
+
+
+def study_lines(about: dict[str, Any]) -> list[str]:
+    """Describe the state of a study folder, line by line."""
+    requested, done = about["runs_wanted"], about["runs_there"]
+    each = (
+        f"{about['runs_each']:,} each"
+        if about["runs_each"]
+        else f"until {about['until']['figure']} is known to {about['until']['until']}"
+    )
+    name = f"{about['name'] or 'Study'} in {about['folder']}"
+    lines = [
+        f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['shards']} shards, "
+        f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
+        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
+    ]
+    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
+    failed = about["failed_batches"]
+    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
+    if len(failed) > MOST_FAILED:
+        lines.append(
+            f"... and {len(failed) - MOST_FAILED} more failed batches, in {about['folder']}/failures."
+        )
+    if about["left_over_files"]:
+        lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
+    lines += [
+        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
+        for versions in about["made_by"]
+    ]
+    if len(about["made_by"]) > 1:
+        lines.append("Parts come from different versions; the whole may not be repeatable.")
+    if done < requested:
+        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+    return lines
+
+
+def results_of(store: Store) -> Outcome | None:
+    """Summarise the runs of a study that are there, with those on other seeds; None if there are none."""
+    from vibroswarm.study.cell_comparison import SECOND
+    from vibroswarm.study.store import HEAD
+    from vibroswarm.study.study_result import StudyResult
+    from vibroswarm.study.summary import outcome_of
+
+    result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
+    if not result.cells["there"].sum():
+        return None
+    second = store.folder / SECOND
+    return outcome_of(result, StudyResult.open(second) if (second / HEAD).exists() else None)
+
+
+def results_or_need(store: Store) -> tuple[Outcome | None, str]:
+    """Return the results of a study; or None, and which code of the user's they need, which ``show`` does not run."""
+    try:
+        return results_of(store), ""
+    except InputError as error:
+        if error.field not in OF_CODE:
+            raise
+        return None, str(error)
+
+
+def print_results(store: Store) -> None:
+    """Print the tables of a study."""
+    from vibroswarm.cli.output import print_line, print_paragraph
+    from vibroswarm.cli.studies import print_tables
+
+    outcome, needed = results_or_need(store)
+    if needed:
+        print_paragraph(
+            f"Results need code that is not loaded ({needed}); the command that made them prints them again."
+        )
+    if outcome is not None:
+        print_line()
+        print_tables(outcome)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vibroswarm.cli.options import add_out, whole
-from vibroswarm.cli.study_options import add_outcome_options, add_running_options, do_study
+from vibroswarm.cli.studies import add_outcome_options, add_running_options, do_study
 
 EPILOG = """\
 a study file:

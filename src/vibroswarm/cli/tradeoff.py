@@ -59,11 +59,9 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay all settings on the same runs and print the Pareto front."""
     from vibroswarm.analysis.tradeoff import time_error_curve
-    from vibroswarm.cli.out_folder import claim, refuse_other
-    from vibroswarm.cli.output import print_line, print_paragraph
-    from vibroswarm.cli.printed import deliver, hash_of
+    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.output import print_line, print_paragraph, print_saved
     from vibroswarm.cli.progress import say_compiling
-    from vibroswarm.cli.saved import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.report.html import write_report

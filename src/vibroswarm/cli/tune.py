@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.league import add_league_options, players_from, values_text
 from vibroswarm.cli.options import add_out, whole
+
+if TYPE_CHECKING:
+    from vibroswarm.league.tuning import Tuned
 
 EPILOG = """\
 example:
@@ -48,7 +51,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Tune, print and write the settings."""
     from vibroswarm.cli.interruption import folder_of_runs
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+    from vibroswarm.cli.output import print_line
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.core.atomic_io import remove_folder, whole_file
     from vibroswarm.league.entries import read_settings
@@ -86,6 +89,16 @@ def run(arguments: argparse.Namespace) -> int:
             out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
+    _print_tuned(tuned, how)
+    if arguments.out is not None:
+        print_line(f"Saved: {arguments.out}")
+    return 0
+
+
+def _print_tuned(tuned: Tuned, how: str) -> None:
+    """Print the settings that were found, what they give, and how they were found."""
+    from vibroswarm.cli.output import print_paragraph, print_table
+
     chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
     print_paragraph(
         f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error"
@@ -109,6 +122,3 @@ def run(arguments: argparse.Namespace) -> int:
     print_paragraph(
         f"{how} The figures favour the settings that were lucky: play a league with another seed."
     )
-    if arguments.out is not None:
-        print_line(f"Saved: {arguments.out}")
-    return 0

@@ -1,12 +1,14 @@
-"""The verdict as text."""
+"""The verdict as text; the robots of a large swarm in a few lines, with the range of each figure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Final
+
 from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
-from vibroswarm.analysis.verdict import Verdict
+from vibroswarm.analysis.verdict import RobotVerdict, Verdict
 from vibroswarm.analysis.verdict_words import confidence, headline, percent, robot_row, strategy_name
 from vibroswarm.cli.output import paragraph, table_lines
-from vibroswarm.cli.robot_summary import MOST_ROBOTS, summary_lines
 from vibroswarm.cli.terminal import printing
 from vibroswarm.faults.assignment import fault_words
 from vibroswarm.result import Result
@@ -80,3 +82,43 @@ def robot_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
         [robot_row(robot, found.answers) for robot in found.robots],
         texts=2,
     )
+
+
+MOST_ROBOTS: Final = 20
+"""Robots that have a row each without ``--wide``."""
+
+
+def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
+    """Return a table of how many robots decided what, when, and with what confidence."""
+    from vibroswarm.analysis.verdict_words import decision_words
+
+    groups: dict[str, list[RobotVerdict]] = {}
+    for robot in sorted(found.robots, key=lambda one: (one.decision in (None, -1), one.decision or 0)):
+        groups.setdefault(decision_words(robot.decision, found.answers), []).append(robot)
+    rows = [
+        [
+            answer,
+            len(robots),
+            _range((robot.decision_time_s for robot in robots), ".1f"),
+            _range((_percent(robot.belief_in_decision) for robot in robots), ".1f"),
+            _range((robot.estimate for robot in robots), ".3f"),
+            _range((robot.samples for robot in robots), ".0f"),
+            _range((robot.received for robot in robots), ".0f"),
+        ]
+        for answer, robots in groups.items()
+    ]
+    columns = ["decision", "robots", "at, s", "confidence, %", posterior, "own", "heard"]
+    return [*table_lines(columns, rows), "Smallest to largest of the robots; --wide prints each robot."]
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
+
+
+def _range(values: Iterable[float | None], form: str) -> str:
+    """Return the smallest to the largest value, ``-`` without any."""
+    known = [value for value in values if value is not None and value == value]
+    if not known:
+        return "-"
+    low, high = f"{min(known):{form}}", f"{max(known):{form}}"
+    return low if low == high else f"{low} to {high}"

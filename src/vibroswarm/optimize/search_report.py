@@ -31,7 +31,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.search_page import file_text, search_page
 from vibroswarm.optimize.validation import Front, Truth
 from vibroswarm.plots import Picture, draw_front, draw_heat, draw_parameters, draw_search
-from vibroswarm.plots.field_labels import label_of, setting_words
+from vibroswarm.plots.labels import label_of, setting_words
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.report.html import write_report as write_page
 from vibroswarm.scenario.scenario import Scenario

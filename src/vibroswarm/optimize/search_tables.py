@@ -14,7 +14,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Scored, Truth
-from vibroswarm.plots.field_labels import label_of
+from vibroswarm.plots.labels import label_of
 from vibroswarm.report.html import Column, ReportTable
 
 REASONS: Final = 3

@@ -14,9 +14,9 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.direct_labels import label_ends
 from vibroswarm.plots.error_bars import checked_estimates, draw_estimates, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
+from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
     fitted,
@@ -31,8 +31,7 @@ from vibroswarm.plots.layout import (
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.strategy_looks import looks_of
-from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Look, Style, style_named
+from vibroswarm.plots.style import FAINT, INK, OUTCOMES, PAPER, SERIES, Look, Style, looks_of, style_named
 
 STEPS_UP_TO = 1000
 """Rows of a curve; more are thinned evenly, with the first and the last kept."""
@@ -90,18 +89,12 @@ def draw_incidence(
     _finish(axes, sizes, parts, end, t_end)
     if not label_ends(figure, axes, sizes, named, looks, [part["right"][-1] for part in parts][: len(named)]):
         legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
-    left = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
     caption = (
         f"Share of {unit}s that had decided rightly (upwards) and wrongly (downwards) by each time"
         + (f", {of_runs([runs], unit)}" if runs else "")
         + (" each" if runs and len(series) > 1 else "")
         + (f"; bands: {interval}" if frame["right_low"].is_not_null().any() else "")
-        + f". Undecided at {number(end, 6)} s: "
-        + "; ".join(
-            (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)
-            for name, rest in zip(series, left, strict=True)
-        )
-        + "."
+        + f". Undecided at {number(end, 6)} s: {_undecided(series, parts)}."
     )
     if sum(part.height for part in parts) < frame.height:
         caption += f" Drawn at {STEPS_UP_TO} of the times."
@@ -116,6 +109,15 @@ def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
     if part.height <= up_to:
         return part
     return part[[round(index * (part.height - 1) / (up_to - 1)) for index in range(up_to)]]
+
+
+def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
+    """Return the share of each series that is undecided at its end, in words."""
+    left = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
+    return "; ".join(
+        (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)
+        for name, rest in zip(series, left, strict=True)
+    )
 
 
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
@@ -217,9 +219,7 @@ def draw_belief(
     pairs = quantile_pairs(frame)
     columns = ["q50", *(name for pair in pairs for name in pair)]
     frame, series = with_series(tidy(frame, numbers=("time_s", *columns), complete=("time_s",)))
-    for low, high in pairs:
-        if frame.select(((pl.col(low) > pl.col("q50")) | (pl.col("q50") > pl.col(high))).any()).item():
-            raise InputError(f"quantiles are out of order: {low}, q50, {high}", field=low)
+    _check_order(frame, pairs)
     if len(series) > PANELS_UP_TO:
         raise InputError(f"{len(series)} panels; at most {PANELS_UP_TO}", field="series")
     panel_in = sizes.height_in * (0.62 if len(series) > 1 else 0.8)
@@ -278,6 +278,17 @@ def _share(name: str) -> float:
 
 def _percent(name: str) -> str:
     return f"{100 * _share(name):g} %"
+
+
+def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:
+    """Refuse quantiles of which a lower one is above a higher one.
+
+    Raises:
+        InputError: they are out of order.
+    """
+    for low, high in pairs:
+        if frame.select(((pl.col(low) > pl.col("q50")) | (pl.col("q50") > pl.col(high))).any()).item():
+            raise InputError(f"quantiles are out of order: {low}, q50, {high}", field=low)
 
 
 def _panel(

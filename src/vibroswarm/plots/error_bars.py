@@ -8,8 +8,8 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.direct_labels import label_ends
 from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
+from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
     legend_below,
@@ -22,8 +22,7 @@ from vibroswarm.plots.layout import (
     ticks_at,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.strategy_looks import looks_of, row_looks, strategy_in
-from vibroswarm.plots.style import FAINT, PAPER, Look, Style, style_named
+from vibroswarm.plots.style import FAINT, PAPER, Look, Style, looks_of, row_looks, strategy_in, style_named
 
 BAND = 0.2
 """Opacity of a band."""

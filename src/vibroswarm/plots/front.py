@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
+from vibroswarm.plots.labels import label_points
 from vibroswarm.plots.layout import few_ticks, legend_below, legend_lines, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.point_labels import label_points
-from vibroswarm.plots.strategy_looks import row_looks
-from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, style_named
+from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, row_looks, style_named
 
 NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
 """Most points of the front that are numbered and named below, if their names do not fit beside them; of more, an even
@@ -79,15 +78,7 @@ def draw_front(
         percent_axis(axes.yaxis)
     _points(axes, sizes, known, looks)
     _steps(axes, sizes, chosen)
-    beside = known if known.height <= DIRECT_UP_TO else chosen
-    if beside.height > DIRECT_UP_TO or not label_points(
-        figure, axes, sizes, _labels(beside, "name"), known, always=False
-    ):
-        names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
-        more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
-        figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)
-        legend_below(figure, sizes, [_empty_handle() for _ in names], names)
-        label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
+    _write_names(figure, axes, sizes, known, chosen, named)
     runs = run_counts(frame)
     lost = numbers.height - known.height
     caption = (
@@ -98,6 +89,25 @@ def draw_front(
         + (f" {lost} without a value are not drawn." if lost else "")
     )
     return Picture(figure, numbers.select(*_COLUMNS, "runs", "front", "number"), caption)
+
+
+def _write_names(
+    figure: Any, axes: Any, sizes: Style, known: pl.DataFrame, chosen: pl.DataFrame, named: pl.DataFrame
+) -> None:
+    """Write names beside points, or numbers beside them and the names below where they are many or long.
+
+    Args:
+        known: what is drawn. chosen: what lies on the front. named: what of it has a name if not all can have one.
+    """
+    beside = known if known.height <= DIRECT_UP_TO else chosen
+    if beside.height > DIRECT_UP_TO or not label_points(
+        figure, axes, sizes, _labels(beside, "name"), known, always=False
+    ):
+        names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
+        more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
+        figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)
+        legend_below(figure, sizes, [_empty_handle() for _ in names], names)
+        label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
 
 
 def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:

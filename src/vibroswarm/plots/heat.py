@@ -295,8 +295,18 @@ def draw_density(
         + (f" {above} bins lie above the colours' end at {number(top)}." if above else "")
         + (" Double line: border between vibrating (dots) and still tiles." if tiles is not None else "")
     )
-    columns, rows = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
-    numbers = pl.DataFrame(
+    return Picture(figure, _bins(counts, density, x_edges, y_edges), caption)
+
+
+def _bins(
+    counts: NDArray[np.float64],
+    density: NDArray[np.float64],
+    x_edges: NDArray[np.float64],
+    y_edges: NDArray[np.float64],
+) -> pl.DataFrame:
+    """Return a row for each bin: its edges, and its count and density, each (columns, rows)."""
+    columns, rows = np.meshgrid(np.arange(counts.shape[0]), np.arange(counts.shape[1]), indexing="ij")
+    return pl.DataFrame(
         {
             "x_low_m": x_edges[columns.ravel()],
             "x_high_m": x_edges[columns.ravel() + 1],
@@ -306,7 +316,6 @@ def draw_density(
             "density": density.ravel(),
         }
     )
-    return Picture(figure, numbers, caption)
 
 
 def _draw_density(

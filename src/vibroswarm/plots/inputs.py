@@ -26,8 +26,7 @@ from vibroswarm.plots.layout import (
     share,
     width_pt,
 )
-from vibroswarm.plots.strategy_looks import looks_of, row_looks
-from vibroswarm.plots.style import BAND, FAINT, PAPER, SERIES_UP_TO, Look, Style
+from vibroswarm.plots.style import BAND, FAINT, PAPER, SERIES_UP_TO, Look, Style, looks_of, row_looks
 
 SERIES = "series"
 

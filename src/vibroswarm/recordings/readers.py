@@ -1,28 +1,31 @@
 """Read logs by format name; a new reader is a function from a path to a ``Log`` and one ``register`` call.
 
 The console log of the study's simulator has lines of numbers among others, and samples only. A data line is ``1,
-time s,
-robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean, x m, z m, walking ms,
-avoiding ms,
-pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are not printed, and each robot's
-last line
-is repeated. One of the first lines has the settings: ``gamma_0 gamma tau theta_c O_c feedback eta seed ...``.
+time s, robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean, x m, z m, walking ms,
+avoiding ms, pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are not printed, and each
+robot's last line is repeated. One of the first lines has the settings: ``gamma_0 gamma tau theta_c O_c feedback eta
+seed ...``.
+
+The log of a tracked session is CSV, written here for ``lab track``, one session a file.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, nearest
-from vibroswarm.recordings.camera_log import looks_like_camera, read_camera_log
 from vibroswarm.recordings.column_map import (
+    ColumnMap,
     check_values,
     column_map,
     numbers_of,
@@ -122,6 +125,68 @@ def _settings(text: str) -> dict[str, Any]:
         "strategy.name": _FEEDBACK[feedback],
         "strategy.soft.eta": float(eta),
     }
+
+
+CAMERA_LOG: Final = "log.csv"
+CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if name != "line")
+
+
+@cache
+def camera_map() -> ColumnMap:
+    """Return the column map of the log of a tracked session."""
+    text = files("vibroswarm.recordings").joinpath("formats/camera.toml").read_text(encoding="utf-8")
+    return column_map(text, "camera")
+
+
+def camera_log_bytes(log: Log) -> bytes:
+    """Return the log of a tracked session as CSV in the order of time.
+
+    Rows with an energy are samples, the others positions. Times are rounded to a microsecond, places to a micrometre.
+    """
+    tracks = log.tracks.with_columns(
+        pl.lit(None, dtype=kind).alias(name)
+        for name, kind in SAMPLES.items()
+        if name not in log.tracks.columns
+    )
+    rows = pl.concat([tracks.select(CAMERA_COLUMNS), log.samples.select(CAMERA_COLUMNS)])
+    # A sample whose position was seen at the same moment comes after it.
+    rows = rows.sort("time_s", "robot", maintain_order=True)
+    return csv_bytes(rows.with_columns(pl.col("time_s", "x_m", "y_m", "heading_rad").round(6)))
+
+
+def looks_like_camera(head: str) -> bool:
+    """Return whether a text begins with the columns of the log of a tracked session."""
+    return head.split("\n", 1)[0].strip() == ",".join(CAMERA_COLUMNS)
+
+
+def log_file(path: Path) -> Path:
+    """Return the log that a path stands for: itself, or that of a folder of ``lab track``.
+
+    Raises:
+        InputError: a folder without one.
+    """
+    if not path.is_dir():
+        return path
+    if not (path / CAMERA_LOG).is_file():
+        raise InputError(
+            f"is a folder without {CAMERA_LOG}; give a log, or a folder that 'lab track' wrote with --log",
+            field=str(path),
+        )
+    return path / CAMERA_LOG
+
+
+def named_by_folder(log: Log, given: Path, file: Path) -> Log:
+    """Return a log under its folder's name, if a folder was given: all such files have the same name."""
+    return log if given == file else replace(log, name=given.resolve().name)
+
+
+def read_camera_log(path: Path) -> Log:
+    """Read the log of a tracked session.
+
+    Raises:
+        InputError: as of ``read_mapped``.
+    """
+    return read_mapped(path, camera_map())
 
 
 HEAD: Final = 2**20

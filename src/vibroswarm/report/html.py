@@ -27,12 +27,16 @@ import polars as pl
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.report.answer import ReportAnswer, answers_html
-from vibroswarm.report.columns import Column as Column
-from vibroswarm.report.columns import decimals_of, number_text
-from vibroswarm.report.frames import ReportFrames, frames_html
-from vibroswarm.report.svg import inline_svg
-from vibroswarm.report.text import code_html, escape
+from vibroswarm.report.markup import code_html, escape, inline_svg
+from vibroswarm.report.parts import Column as Column
+from vibroswarm.report.parts import (
+    ReportAnswer,
+    ReportFrames,
+    answers_html,
+    decimals_of,
+    frames_html,
+    number_text,
+)
 
 TONES: Final = ("good", "fair", "bad", "open")
 """Marks of cells; each has a sign and a colour of its own."""

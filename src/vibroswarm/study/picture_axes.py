@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vibroswarm.plots import field_labels
+from vibroswarm.plots import labels
 from vibroswarm.study.factors import PLAIN
 from vibroswarm.study.spec import SOURCE, Cell
 
@@ -60,7 +60,7 @@ def number_of(cell: Cell, field: str) -> float:
 
 def label_of(field: str) -> str:
     """Write a field with symbol and unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold θ_c (mm)"."""
-    return field_labels.label_of(field).text
+    return labels.label_of(field).text
 
 
 def name_of(cell: Cell) -> str:
@@ -75,7 +75,7 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
     return ", ".join(
         cell.words[field]
         if field in PLAIN
-        else f"{field_labels.label_of(field).short} {cell.words[field]} {field_labels.label_of(field).unit}".strip()
+        else f"{labels.label_of(field).short} {cell.words[field]} {labels.label_of(field).unit}".strip()
         for field in fields
         if field in cell.words
     )

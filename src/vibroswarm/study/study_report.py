@@ -10,7 +10,6 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.report.answer import ReportAnswer, ReportEffect
 from vibroswarm.report.html import (
     Column,
     Report,
@@ -20,7 +19,8 @@ from vibroswarm.report.html import (
     picture_of,
     write_report,
 )
-from vibroswarm.report.text import minus_signs
+from vibroswarm.report.markup import minus_signs
+from vibroswarm.report.parts import ReportAnswer, ReportEffect
 from vibroswarm.study.answers import EFFECTS, Answer, cell_sentences, title
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import comparison_table

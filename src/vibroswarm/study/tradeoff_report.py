@@ -10,7 +10,7 @@ import polars as pl
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of
-from vibroswarm.report.text import minus_signs
+from vibroswarm.report.markup import minus_signs
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
 

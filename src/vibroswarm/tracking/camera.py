@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from vibroswarm.errors import InputError
-from vibroswarm.tracking.opencv import opencv
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.video_file import frames_of
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import Markers, dictionary_of
-from vibroswarm.tracking.opencv import opencv
 from vibroswarm.tracking.video_file import Gray, Picture, grey, pictures_of, video_info
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.doubts import Doubt, place_px
-from vibroswarm.tracking.opencv import opencv
 from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import Tracking
 from vibroswarm.tracking.video_file import frames_at

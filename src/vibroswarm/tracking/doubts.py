@@ -99,7 +99,7 @@ def doubts_of(
     """Return what is doubtful in a session, most important first.
 
     Args:
-        samples: ``clock_residuals.SAMPLES_MATCHED``. lone_stops: stops that no sample matches.
+        samples: ``stops.SAMPLES_MATCHED``. lone_stops: stops that no sample matches.
     """
     found = _gaps(session)
     for number, tracking in enumerate(session.cameras):

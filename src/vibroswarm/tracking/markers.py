@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, check_choice, nearest, shown
-from vibroswarm.tracking.opencv import opencv
+from vibroswarm.tracking import opencv
 
 Floats = NDArray[np.float64]
 

@@ -157,7 +157,7 @@ def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
     """Draw by how much samples were logged later than their stops ended, once the clocks are matched.
 
     Args:
-        matched: ``clock_residuals.SAMPLES_MATCHED``.
+        matched: ``stops.SAMPLES_MATCHED``.
     Returns: Picture; its numbers are those of ``matched`` that have a stop.
     """
     sizes = style_named(style)

@@ -18,9 +18,9 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.fisheye import Fisheye, overhead
 from vibroswarm.tracking.markers import Markers, corners_at, dictionary_of
-from vibroswarm.tracking.opencv import opencv
 
 Floats = NDArray[np.float64]
 Gray = NDArray[np.uint8]

@@ -152,6 +152,27 @@ def track(
         lens,
         camera_height_m,
     )
+    tables, stops, dropped = _robot_tables(seen, there, camera, markers)
+    return Tracking(
+        video,
+        markers,
+        camera,
+        seen,
+        pl.concat(tables),
+        pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
+        sum(part.height for part in dropped),
+        pl.concat(dropped),
+    )
+
+
+def _robot_tables(
+    seen: Detections, there: NDArray[np.bool_], camera: Camera, markers: Markers
+) -> tuple[list[pl.DataFrame], list[pl.DataFrame], list[pl.DataFrame]]:
+    """Return the positions, the stops, and the positions that are too fast, of each robot that was seen.
+
+    Args:
+        there: (frames, robots): whether a robot's marker was seen.
+    """
     tables, stops, dropped = [], [], [pl.DataFrame(schema=POSITIONS)]
     for i, name in enumerate(markers.robots.values()):
         own = seen.corners_px[there[:, i], i]
@@ -170,16 +191,7 @@ def track(
         dropped.append(table.filter(pl.Series(~kept)))
         time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
-    return Tracking(
-        video,
-        markers,
-        camera,
-        seen,
-        pl.concat(tables),
-        pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
-        sum(part.height for part in dropped),
-        pl.concat(dropped),
-    )
+    return tables, stops, dropped
 
 
 def wrapped(angle_rad: Floats) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.tracking.opencv import opencv
+from vibroswarm.tracking import opencv
 
 Gray = NDArray[np.uint8]
 """(height, width)."""

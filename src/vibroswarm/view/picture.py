@@ -19,7 +19,6 @@ from PIL import Image
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
-from vibroswarm.view.playback import Playback
 from vibroswarm.view.scene import (
     INK,
     LESS,
@@ -27,6 +26,7 @@ from vibroswarm.view.scene import (
     ROBOT_HEIGHT_M,
     SAMPLE_M,
     WALL_M,
+    Playback,
     colour_of,
     floor_picture,
 )

@@ -18,8 +18,7 @@ import numpy as np
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
-from vibroswarm.view.playback import Playback
-from vibroswarm.view.scene import Scene
+from vibroswarm.view.scene import Playback, Scene
 
 HOST: Final = "127.0.0.1"
 """Loopback: nobody on another machine can reach it."""

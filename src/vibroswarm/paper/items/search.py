@@ -16,7 +16,7 @@ from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
 from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_parameters, draw_search
-from vibroswarm.plots.field_labels import SYMBOLS
+from vibroswarm.plots.labels import SYMBOLS
 from vibroswarm.report.html import Column
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study

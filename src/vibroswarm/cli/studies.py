@@ -1,14 +1,16 @@
-"""Studies on the command line, for ``evaluate``, ``sweep``, ``detect`` and ``merge``: options, plan, run, results."""
+"""Studies on the command line, for ``evaluate``, ``sweep``, ``detect`` and ``merge``: options, plan, run, and results:
+the answer, a sentence for each comparison, and its differences side by side.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import add_execution_options, add_json, add_style
-from vibroswarm.cli.saved import add_open
+from vibroswarm.cli.output import add_open, print_paragraph, print_table, with_interval
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError, RunError
 
@@ -77,8 +79,8 @@ def run_study_of(
         allow_failures: return the result even if runs failed.
     """
     from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.output import check_open
     from vibroswarm.cli.progress import study_progress
-    from vibroswarm.cli.saved import check_open
     from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.study.runner import Job, run_batch
     from vibroswarm.study.store import Store
@@ -179,7 +181,7 @@ def duration(seconds: float) -> str:
 
 def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
     """Summarise a study and print its tables; save numbers, pictures and report if there is a folder."""
-    from vibroswarm.cli.output import print_json, print_tables
+    from vibroswarm.cli.output import print_json
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.summary import outcome_of, write_outcome
 
@@ -215,7 +217,7 @@ def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
 
 def _print_saved(arguments: argparse.Namespace) -> None:
     """Print where the study and its report are saved."""
-    from vibroswarm.cli.saved import print_saved
+    from vibroswarm.cli.output import print_saved
 
     tables: tuple[str, ...] = ("summary.csv", "comparisons.csv", "equal_error.csv")
     if arguments.out is not None:
@@ -225,3 +227,108 @@ def _print_saved(arguments: argparse.Namespace) -> None:
     plain = arguments.no_pictures and arguments.out is not None
     report_words = "" if plain else ", pictures and a report"
     print_saved(arguments, f"{saved}, the runs (shards){report_words}", page)
+
+
+MOST_SENTENCES: Final = 12
+NOTES: Final = (
+    "Differences run by run: the first minus the second, 95 % sign-flip intervals; right, wrong and undecided in "
+    "percentage points of robots; * p < 0.05, corrected over all comparisons (Holm). No significant difference is not "
+    "evidence of no difference."
+)
+
+
+def print_tables(outcome: Outcome) -> None:
+    """Print the answer, the cells and warnings."""
+    print_answers(outcome)
+    _print_cells(outcome)
+    runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
+    count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
+    print_paragraph(
+        f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
+        "whole time."
+    )
+    until, levels = (
+        outcome.result.study.until,
+        {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled},
+    )
+    if until is not None and levels:
+        levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
+        print_paragraph(
+            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %."
+        )
+    print_effects(outcome)
+    for warning in outcome.warnings:
+        print_paragraph(f"Warning: {warning}")
+
+
+def _print_cells(outcome: Outcome) -> None:
+    """Print the figures of each cell as a table."""
+    print_table(
+        [
+            "cell",
+            *(["failed runs"] if outcome.has_failed_runs else []),
+            "swarms right, %",
+            "swarms wrong, %",
+            "split, %",
+            "incomplete, %",
+            "robots undecided, %",
+            "decision time, s",
+            "belief in the truth",
+        ],
+        [
+            [
+                cell_outcome.cell.name,
+                *([cell_outcome.failed.height] if outcome.has_failed_runs else []),
+                *(
+                    with_interval(share, ".1f", scale=100.0)
+                    for share in (
+                        cell_outcome.summary.swarm_right,
+                        cell_outcome.summary.swarm_wrong,
+                        cell_outcome.summary.swarm_split,
+                        cell_outcome.summary.swarm_incomplete,
+                        cell_outcome.summary.robots_undecided,
+                    )
+                ),
+                with_interval(cell_outcome.summary.decision_time_s, ".0f"),
+                with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
+            ]
+            for cell_outcome in outcome.cells
+        ],
+        more=("split, %", "incomplete, %", "belief in the truth"),
+    )
+
+
+def print_answers(outcome: Outcome) -> None:
+    """Print what was asked and the answer, then an empty line."""
+    print_paragraph(outcome.question)
+    print()
+    for sentence in answer_lines(outcome):
+        print_paragraph(sentence)
+    print()
+
+
+def answer_lines(outcome: Outcome) -> list[str]:
+    """Return a sentence for each comparison, or for each cell where none are compared."""
+    from vibroswarm.study.answers import cell_sentences
+
+    if not outcome.answers:
+        lines = cell_sentences(outcome.cells[:MOST_SENTENCES])
+        left = len(outcome.cells) - len(lines)
+        return lines + ([f"... and {left} more cells."] if left else [])
+    lines = []
+    for answer in outcome.answers[:MOST_SENTENCES]:
+        lines += [answer.sentence, *([answer.at_equal_error] if answer.at_equal_error else [])]
+    left = len(outcome.answers) - MOST_SENTENCES
+    return lines + ([f"... and {left} more comparisons, below."] if left > 0 else [])
+
+
+def print_effects(outcome: Outcome) -> None:
+    """Print the differences of each comparison side by side: time, right, wrong and undecided."""
+    if not outcome.answers:
+        return
+    rows = []
+    for answer in outcome.answers:
+        effects = [effect.number + ("*" if effect.significant else "") for effect in answer.effects]
+        rows.append([answer.name, *(text.replace(" points", "") for text in effects)])
+    print_table(["compared", "time", "right", "wrong", "undecided"], rows)
+    print_paragraph(NOTES)

@@ -1,0 +1,268 @@
+"""``vibroswarm calibrate compare``: how alike the samples of recordings and simulations are."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibroswarm.cli.options import add_json, read_result
+from vibroswarm.errors import InputError
+
+if TYPE_CHECKING:
+    from vibroswarm.analysis.intervals import Interval
+    from vibroswarm.calibrate.real_vs_simulated import Comparison
+
+EPILOG = """\
+example:
+  vibroswarm calibrate compare lab simulated --json
+  vibroswarm calibrate compare lab by-event-engine by-mujoco   # which simplification matters
+"""
+
+
+def add_parser(tasks: Any) -> None:
+    """Add the task."""
+    parser = tasks.add_parser(
+        "compare",
+        help="the paper's six similarities with their null values, and measures that discriminate",
+        description="Compare the samples of two results (lab import, run --out); each run is a session.",
+        epilog=EPILOG,
+    )
+    parser.add_argument("real", metavar="REAL", type=Path, help="folder of a recording")
+    parser.add_argument(
+        "simulated",
+        metavar="SIM",
+        type=Path,
+        nargs="+",
+        help="folder of a simulation, or of its imported log; several are shown side by side",
+    )
+    parser.add_argument(
+        "--picture", metavar="FILE", type=Path, help="draw both side by side (.png, .svg, .pdf)"
+    )
+    parser.add_argument(
+        "--pictures", metavar="DIR", type=Path, help="draw one file per feature into DIR, and one of all"
+    )
+    parser.add_argument(
+        "--no-camera",
+        action="store_true",
+        help="take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them",
+    )
+    parser.add_argument(
+        "--intervals",
+        action="store_true",
+        help="also tell undisturbed intervals apart by turn and distance, with boosted trees (half a minute)",
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare two results; print the comparison and draw it."""
+    from vibroswarm.calibrate.camera import RIGHT
+    from vibroswarm.calibrate.real_vs_simulated import (
+        compare,
+        write_comparison_picture,
+        write_comparison_pictures,
+    )
+    from vibroswarm.cli.output import print_json
+    from vibroswarm.floors.io import check_suffix
+
+    if len(arguments.simulated) > 1:
+        return _compare_several(arguments)
+    real, simulated = read_result(arguments.real), read_result(arguments.simulated[0])
+    comparison = compare(
+        real, simulated, camera=RIGHT if arguments.no_camera else None, intervals=arguments.intervals
+    )
+    if arguments.picture is not None:
+        check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
+        write_comparison_picture(real, simulated, comparison, arguments.picture)
+    if arguments.pictures is not None:
+        if arguments.pictures.is_file():
+            raise InputError("is a file; give the name of a folder", field=str(arguments.pictures))
+        write_comparison_pictures(real, simulated, comparison, arguments.pictures)
+    if arguments.json:
+        print_json(comparison.as_dict())
+    else:
+        print_comparison(comparison)
+    return 0
+
+
+def _compare_several(arguments: argparse.Namespace) -> int:
+    """Compare several simulations with the same recordings, side by side."""
+    from vibroswarm.calibrate.camera import RIGHT
+    from vibroswarm.calibrate.real_vs_simulated import compare
+    from vibroswarm.calibrate.similarity import RealCache
+    from vibroswarm.cli.output import print_json
+
+    for option in ("picture", "pictures"):
+        if getattr(arguments, option) is not None:
+            raise InputError("draws one simulation; give one SIM", field=f"--{option}")
+    if arguments.intervals:
+        raise InputError("is for one simulation; give one SIM", field="--intervals")
+    if len({str(folder) for folder in arguments.simulated}) < len(arguments.simulated):
+        raise InputError("names a folder twice", field="SIM")
+    real, known = read_result(arguments.real), RealCache()
+    camera = RIGHT if arguments.no_camera else None
+    found = {
+        str(folder): compare(real, read_result(folder), known, camera=camera)
+        for folder in arguments.simulated
+    }
+    if arguments.json:
+        print_json({folder: comparison.as_dict() for folder, comparison in found.items()})
+    else:
+        print_comparisons(found)
+    return 0
+
+
+def print_comparisons(found: dict[str, Comparison]) -> None:
+    """Print energy distances and what a classifier recognises, a column for each simulation."""
+    from vibroswarm.calibrate.features import FEATURES, WORDS
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+
+    names = [Path(folder).name for folder in found]
+    names = list(found) if len(set(names)) < len(names) else names
+    by_folder = [{row.feature: row for row in comparison.distances} for comparison in found.values()]
+    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
+    rows = []
+    for feature in FEATURES:
+        each = [rows_of.get(feature) for rows_of in by_folder]
+        real = next((row.real for row in each if row is not None), None)
+        cells = ["-" if row is None else over_sessions(row.effect, ".4f") for row in each]
+        rows.append([WORDS[feature], over_sessions(real, ".4f"), *cells])
+    print_table(["feature", "real - real", *(f"real - {name}" for name in names)], rows)
+    print_line()
+    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
+    shares = [comparison.classifier for comparison in found.values()]
+    print_table(
+        ["recognised", *names],
+        [
+            [words, *("-" if share is None else over_sessions(share, ".3f") for share in each)]
+            for words, each in (
+                ("real or simulated, robots and sessions not trained on", [one.simulated for one in shares]),
+                ("real or simulated, robots not trained on", [one.simulated_by_robot for one in shares]),
+            )
+        ],
+    )
+
+
+def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str:
+    """Format an estimate with its interval over sessions, which one session has not."""
+    from vibroswarm.cli.output import with_interval
+
+    if one is not None and one.n < 2:
+        return f"{scale * one.estimate:{form}}"
+    return with_interval(one, form, scale=scale)
+
+
+def print_comparison(found: Comparison) -> None:
+    """Print similarities, energy distances and what a classifier can tell apart."""
+    from vibroswarm.calibrate.features import WORDS
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
+
+    _print_similarities(found)
+    print_line()
+    print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
+    print_table(
+        ["feature", "real - simulated", "real - real"],
+        [
+            [
+                WORDS[distance.feature],
+                with_interval(distance.effect, ".4f"),
+                with_interval(distance.real, ".4f"),
+            ]
+            for distance in found.distances
+        ],
+    )
+    classifier = found.classifier
+    print_line()
+    print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
+    recognised = {
+        "real or simulated, robots and sessions not trained on": classifier.simulated,
+        "real or simulated, robots not trained on": classifier.simulated_by_robot,
+        "which real session, robots not trained on": classifier.real,
+    }
+    print_table(
+        ["recognised", "share"],
+        [[name, with_interval(share, ".3f")] for name, share in recognised.items() if share is not None],
+    )
+    _print_intervals(found)
+    if found.missing:
+        print_paragraph(
+            f"Too few values to compare: {', '.join(WORDS[feature] for feature in found.missing)}"
+        )
+
+
+def _print_similarities(found: Comparison) -> None:
+    """Print the cosine similarity of each feature, with its null and its ceiling."""
+    from vibroswarm.calibrate.features import WORDS
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+
+    without = {similarity.feature: similarity for similarity in found.without_camera}
+    if without:
+        print_paragraph(
+            f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); "
+            "--no-camera takes them as they are."
+        )
+        print_line()
+    print_paragraph("Cosine similarity (published: of all samples; here: at equal counts)")
+    print_table(
+        [
+            "feature",
+            "published",
+            "null",
+            "here",
+            *(["without camera"] if without else []),
+            "ceiling",
+            "session, real-sim",
+            "session, real-real",
+            "",
+        ],
+        [
+            [
+                WORDS[similarity.feature],
+                f"{similarity.as_published:.3f}",
+                f"{similarity.null:.3f}",
+                f"{similarity.at_equal_counts:.3f}",
+                *([f"{without[similarity.feature].at_equal_counts:.3f}"] if without else []),
+                f"{similarity.ceiling:.3f}",
+                _spread(similarity.by_session),
+                "-" if similarity.real_by_session is None else _spread(similarity.real_by_session),
+                "" if similarity.at_equal_counts > similarity.null else "below its null",
+            ]
+            for similarity in found.similarities
+        ],
+    )
+
+
+def _print_intervals(found: Comparison) -> None:
+    """Print how well undisturbed intervals are told apart by turn and distance."""
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
+
+    if found.intervals is None:
+        return
+    intervals = found.intervals
+    alone = " and ".join(
+        f"{share:.3f} by {name.partition('_')[0]}" for name, share in intervals.by_feature.items()
+    )
+    print_line()
+    print_paragraph("Share of undisturbed intervals that boosted trees recognise by turn and distance")
+    print_table(
+        ["recognised", "same robots", "other robots"],
+        [
+            [name, *(_mean_and_range(shares) for shares in (told.same_robots, told.other_robots))]
+            for name, told in (
+                ("real or simulated", intervals.simulated),
+                ("which real session", intervals.real),
+            )
+            if told.same_robots
+        ],
+    )
+    print_paragraph(f"Real or simulated, same robots, by one feature alone: {alone}.")
+
+
+def _mean_and_range(shares: tuple[float, ...]) -> str:
+    return f"{sum(shares) / len(shares):.3f} ({min(shares):.3f}-{max(shares):.3f})"
+
+
+def _spread(one: Any) -> str:
+    return f"{one.mean:.3f} ({one.least:.3f}-{one.most:.3f})"

@@ -1,0 +1,243 @@
+"""What a notebook shows of searches, leagues, calibrations and reproductions.
+
+Their packages take long to import, so views are found by the names of classes, and nothing of one package is imported
+for an object of another.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+from vibroswarm.notebook.elements import card, details, paragraph, rows, table
+from vibroswarm.notebook.views import frame, picture_image
+
+if TYPE_CHECKING:
+    from vibroswarm.calibrate.fit import Fit
+    from vibroswarm.calibrate.real_vs_simulated import Comparison
+    from vibroswarm.league.standings import League, Standings
+    from vibroswarm.optimize.loop import Found
+    from vibroswarm.optimize.scenario_comparison import Checked
+    from vibroswarm.optimize.validation import Front, Scored, Truth
+    from vibroswarm.paper.claims import Claim, Decided
+    from vibroswarm.paper.reproduce import Reproduction
+
+View = Callable[[Any], str]
+
+VIEWS: Final[dict[str, View]] = {}
+"""By the class's module and name."""
+
+
+def shows(name: str) -> Callable[[View], View]:
+    """Register the view of a class, such as ``optimize.loop.Found``."""
+
+    def register(view: View) -> View:
+        VIEWS[f"vibroswarm.{name}"] = view
+        return view
+
+    return register
+
+
+def lazy_view_of(value: object) -> View | None:
+    """Return the view of an object's class, or of the nearest class above it; None if there is none."""
+    names = (f"{kind.__module__}.{kind.__qualname__}" for kind in type(value).__mro__)
+    return next((VIEWS[name] for name in names if name in VIEWS), None)
+
+
+@shows("optimize.loop.Found")
+def _found(value: Found) -> str:
+    """Show the winner's values with their bounds, warnings, and how the scores fell."""
+    from vibroswarm.optimize.search_page import warnings_of
+    from vibroswarm.optimize.search_report import pictures
+    from vibroswarm.optimize.search_tables import value_said
+
+    objective = value.search.objectives[0]
+    head = (
+        f"{value.search.settings.method} over {value.search.space.size} fields, for the lowest {objective.words}: "
+        f"{len(value.archive):,} candidates in {value.runs:,} runs. Believed score of the winner: "
+        f"{value.believed:.4g} {objective.unit}".rstrip()
+    )
+    values = value.values
+    body = [[d.name, value_said(values[d.name]), f"{d.low:g}", f"{d.high:g}"] for d in value.search.space]
+    parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
+    if len(value.front) > 1:
+        parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
+    parts += [paragraph(text) for text in warnings_of(value, None, None, []) if "fresh runs" in text]
+    if value.history:
+        parts.append(picture_image(pictures(value, None)["scores"], 420))
+    return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))
+
+
+@shows("optimize.validation.Truth")
+def _truth(value: Truth) -> str:
+    """Show the believed and the true score, and the differences from the starts."""
+    from vibroswarm.optimize.search_tables import interval_said
+
+    score = value.winner.score
+    numbers = {
+        "believed score": f"{value.believed:.4g}",
+        "true score": f"{interval_said(score)} ({score.n:,} fresh runs)",
+    }
+    numbers |= {
+        f"winner - {other.name}": interval_said(less, sign=True)
+        for other, less in zip(value.others, value.against, strict=True)
+    }
+    return card("Score on fresh runs", paragraph(value.words), rows(numbers))
+
+
+@shows("optimize.validation.Scored")
+def _scored(value: Scored) -> str:
+    from vibroswarm.optimize.search_tables import interval_said
+
+    return card(value.name, rows({"score": interval_said(value.score), **value.values}))
+
+
+@shows("optimize.validation.Front")
+def _front(value: Front) -> str:
+    return card("Pareto front", paragraph(value.words), frame(value.table))
+
+
+@shows("optimize.scenario_comparison.Checked")
+def _checked(value: Checked) -> str:
+    """Show which of two scenarios is better, and both blocks of seeds."""
+    from vibroswarm.optimize.search_tables import interval_said
+
+    numbers = {
+        value.first.name: interval_said(value.first.score),
+        value.second.name: interval_said(value.second.score),
+        "difference": interval_said(value.difference, sign=True),
+        "difference on other seeds": interval_said(value.replicate, sign=True),
+    }
+    return card(value.objective.words, paragraph(value.says), rows(numbers))
+
+
+HEADS = ("entry", "forced error, %", "right, %", "wrong, %", "undecided, %", "decision time, s", "messages")
+
+
+@shows("league.standings.Standings")
+def _standings(value: Standings) -> str:
+    """Show one row per entry with intervals, those with the smallest forced error first."""
+    body = [
+        [
+            row["name"],
+            _interval(row, "forced_error", 100.0, 1),
+            *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
+            _interval(row, "decision_time_s", 1.0, 0),
+            f"{row['sent']:.0f}",
+        ]
+        for row in value.table.iter_rows(named=True)
+    ]
+    return card(
+        "Standings of a league",
+        paragraph(_words(value.league)),
+        table(HEADS, body),
+        paragraph("95 % intervals. Next: .table, .differences(), .floor_table"),
+    )
+
+
+@shows("league.standings.League")
+def _league(value: League) -> str:
+    body = [[entry.label, entry.strategy, len(entry.settings)] for entry in value.entries]
+    return card("League", paragraph(_words(value)), table(["entry", "strategy", "fields set"], body, texts=2))
+
+
+def _words(league: League) -> str:
+    sizes = " and ".join(map(str, league.robots))
+    return (
+        f"{len(league.entries)} entries, {len(league.floors)} floors, {sizes} robots, {league.runs:,} runs of each; "
+        f"seed {league.seed}"
+    )
+
+
+def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
+    if row[name] is None:
+        return "-"
+    text = f"{scale * row[name]:.{digits}f}"
+    limits = [row[f"{name}_low"], row[f"{name}_high"]]
+    return (
+        text if None in limits else f"{text} [{', '.join(f'{scale * limit:.{digits}f}' for limit in limits)}]"
+    )
+
+
+@shows("calibrate.fit.Fit")
+def _fit(value: Fit) -> str:
+    """Show the fitted fields, the estimates, the predictive check, and what the model lacks."""
+    from vibroswarm.calibrate.fit import LACKS
+
+    estimates = [
+        [one.name, f"{one.value:.5g}", f"[{one.low:.4g}, {one.high:.4g}]", f"{one.error:.2g}"]
+        for one in value.figures
+    ]
+    checks = [
+        [name, f"{recorded:.4g}", f"[{low:.4g}, {high:.4g}]", "" if low <= recorded <= high else "outside"]
+        for name, (recorded, low, high) in value.predicted.items()
+    ]
+    return card(
+        "Fitted scenario",
+        paragraph(f"{value.sessions} sessions, {value.motion_runs} runs of motion. Scenario: fit.scenario"),
+        rows(value.changed),
+        table(["estimate", "value", "95 % interval", "s.e."], estimates),
+        table(["avoidance", "recorded", "95 % of simulated sessions", ""], checks) if checks else "",
+        details("What the model lacks", "\n".join(LACKS)),
+    )
+
+
+@shows("calibrate.real_vs_simulated.Comparison")
+def _comparison(value: Comparison) -> str:
+    """Show how alike each feature is, and how well stretches are recognised as real or simulated."""
+    from vibroswarm.calibrate.features import WORDS
+
+    alike = [
+        [
+            WORDS[one.feature],
+            *(f"{part:.3f}" for part in (one.null, one.at_equal_counts, one.ceiling)),
+            f"{apart.effect.estimate:.3f} [{apart.effect.low:.3f}, {apart.effect.high:.3f}]",
+        ]
+        for one, apart in zip(value.similarities, value.distances, strict=True)
+    ]
+    share = value.classifier.simulated
+    return card(
+        "Recordings and simulation",
+        table(["feature", "null", "similarity", "ceiling", "energy distance"], alike),
+        paragraph(
+            "Similarity lies between null and ceiling; an energy distance of 0 means the same distribution. A "
+            f"classifier recognises {share.estimate:.3f} [{share.low:.3f}, {share.high:.3f}] of the stretches as real "
+            "or simulated (0.5: chance)."
+        ),
+        paragraph(f"Missing in one of the two: {', '.join(value.missing)}.") if value.missing else "",
+    )
+
+
+@shows("paper.reproduce.Reproduction")
+def _reproduction(value: Reproduction) -> str:
+    """Show the verdict on each claim, and what was skipped."""
+    from vibroswarm.paper.reproduction_report import claims_table
+
+    decided = value.decided
+    counts = Counter(one.verdict for one in decided)
+    columns = [name for name in value.settings.columns if any(one.column == name for one in decided)]
+    body = [
+        [row["item"], row["says"], *(row[name] or "-" for name in columns)]
+        for row in claims_table(decided).iter_rows(named=True)
+    ]
+    skipped = [f"{one.item.name}: {one.skipped}" for one in value.made if one.skipped]
+    return card(
+        "Reproduction",
+        paragraph(f"{value.settings.runs:,} runs of each cell, seed {value.settings.seed}"),
+        paragraph(", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())),
+        table(["item", "claim", *columns], body, texts=2 + len(columns)),
+        paragraph(f"Skipped: {'; '.join(skipped)}") if skipped else "",
+    )
+
+
+@shows("paper.claims.Claim")
+def _claim(value: Claim) -> str:
+    return card(value.id, paragraph(value.statement), paragraph(f"Holds if {value.words}."))
+
+
+@shows("paper.claims.Decided")
+def _decided(value: Decided) -> str:
+    return card(
+        value.claim.id, paragraph(value.claim.statement), paragraph(f"{value.column}: {value.verdict}")
+    )
