@@ -21,8 +21,8 @@ from vibroswarm import preset
 from vibroswarm.motion.physics.sources import PLANAR, WHEELS
 from vibroswarm.motion.source import Motion, Source
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.testing.motion import at_all_ticks, gap_of, tracks
 from vibroswarm.testing.motion_cases import CASES, motion_of
-from vibroswarm.testing.motion_segments import at_all_ticks, gap_of, tracks
 
 Array = NDArray[np.float64]
 SOURCES = {source.name: source for source in (PLANAR, WHEELS)}
@@ -79,13 +79,14 @@ def main() -> None:
     for source in (SOURCES[name] for name in given.sources):
         for name, (between, beyond), moved in measured(source, given.seed, given.runs, given.robots):
             parts = []
+            allowed = (source.tolerance.stop_m, source.tolerance.stop_rad)
             for k, unit in enumerate(("mm", "mrad")):
                 values = 1000.0 * moved[:, k]
                 middle, many = np.quantile(values, [0.5, 0.99])
                 parts.append(
                     f"median {middle:.2f}, 99 % {many:.2f}, at most {values.max():.1f} {unit}, "
                     f"more than 1 {unit} in {100 * np.mean(values > 1.0):.2f} %, than the tolerance in "
-                    f"{np.sum(values > 1000.0 * source.tolerance.stop)}"
+                    f"{np.sum(values > 1000.0 * allowed[k])}"
                 )
             print(
                 f"{source.name}, {name}: overlap of bodies {1000 * between:.3f} mm, with walls "

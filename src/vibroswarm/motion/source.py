@@ -140,8 +140,9 @@ class Tolerance(NamedTuple):
     """How deep bodies may be in each other or in a wall, m."""
     arc: float = 0.0
     """How far a segment or a move may end from where the next begins, in m and in rad."""
-    stop: float = 0.0
-    """How far a robot may be pushed, or roll, between the start of a stop and its sample, in m and in rad."""
+    stop_m: float = 0.0
+    stop_rad: float = 0.0
+    """How far a robot may be pushed, or roll, and turn, between the start of a stop and its sample."""
 
 
 @dataclass(frozen=True)

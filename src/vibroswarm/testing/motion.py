@@ -148,12 +148,15 @@ def check_poses_at_samples(source: Source) -> None:
                 around = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
                 require(around, f"{label}: a heading is not from -pi to pi")
                 allowed_m = NEAR_M + source.tolerance.arc
-                for column, more_m in (("time_s", 0.0), ("stop_start_s", source.tolerance.stop)):
+                moved = np.array(
+                    [source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad]
+                )
+                for column, more in (("time_s", np.zeros(3)), ("stop_start_s", moved)):
                     pose, kind = track.at(rows[column].to_numpy())
-                    gap_m = np.abs(gap_of(pose, expected)).max(initial=0.0)
+                    gap = np.abs(gap_of(pose, expected))
                     require(
-                        gap_m < allowed_m + more_m,
-                        f"{label}: a sample is {gap_m:.2g} m or rad from its segment, at {column}",
+                        (gap < allowed_m + more).all(),
+                        f"{label}: a sample is {gap.max():.2g} m or rad from its segment, at {column}",
                     )
                     require((kind == "stop").all(), f"{label} does not stand at {column}")
                 before = track.at(rows["stop_start_s"].to_numpy() - case.scenario.tick_s)[1]

@@ -16,7 +16,7 @@ PLANAR: Final = register(
         PlanarRun,
         partial(batch_of, PlanarRun),
         "discs in MuJoCo: mass, finite forces, contact",
-        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.02),
+        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop_m=0.02, stop_rad=0.02),
         is_ours=True,
     )
 )
@@ -26,7 +26,7 @@ WHEELS: Final = register(
         WheelsRun,
         partial(batch_of, WheelsRun),
         "robots on magnetic wheels in MuJoCo, with cones of rays",
-        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop=0.15),
+        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop_m=0.02, stop_rad=0.15),
         is_ours=True,
     )
 )
