@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
-from vibroswarm.analysis.verdict import Verdict
-from vibroswarm.analysis.verdict_words import confidence, headline, percent, robot_row, strategy_name
+from vibroswarm.analysis.verdict import (
+    OPINION_NOTE,
+    Verdict,
+    confidence,
+    headline,
+    holds_opinions,
+    percent,
+    robot_row,
+    strategy_name,
+)
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.robot_summary import MOST_ROBOTS, summary_lines
 from vibroswarm.cli.terminal import printing

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.short_text import public_values, short_text, short_value
+from vibroswarm.core.notebook_view import public_values, short_text, short_value
 from vibroswarm.notebook.elements import card, paragraph, rows, table
 
 MOST_ROWS: Final = 20

@@ -7,9 +7,16 @@ from functools import singledispatch
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
-from vibroswarm.analysis.verdict import RobotVerdict, Verdict, verdict
-from vibroswarm.analysis.verdict_words import confidence, headline, robot_row
+from vibroswarm.analysis.verdict import (
+    OPINION_NOTE,
+    RobotVerdict,
+    Verdict,
+    confidence,
+    headline,
+    holds_opinions,
+    robot_row,
+    verdict,
+)
 from vibroswarm.errors import shown
 from vibroswarm.floors.design import FloorDesign
 from vibroswarm.floors.floor import Floor
@@ -20,8 +27,7 @@ from vibroswarm.plots.run import floor_figure, run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
-from vibroswarm.scenario.field_names import FieldNames
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.study.comparison import Comparison, ReportFile
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
