@@ -24,7 +24,7 @@ from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import SensedFloor, energies_at, read, reads_energies
 from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE

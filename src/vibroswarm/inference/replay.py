@@ -17,7 +17,7 @@ from vibroswarm.inference.sample_rows import Log, Readings, empty_log
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
-from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
 

@@ -56,7 +56,7 @@ class Readings(NamedTuple):
     """(rows, 9 and more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then their draws
     (``robot.place_draws``); of no rows if they know the true ones."""
     log_ratios: NDArray[np.float64]
-    """Log likelihood ratio of each sample's energy (``observation.energy_ratio``)."""
+    """Log likelihood ratio of each sample's energy (``observation.energy_model``)."""
 
 
 NO_ESTIMATES: Final = read_only(np.empty((0, 9)))

@@ -28,8 +28,8 @@ from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
 from vibroswarm.scenario.scenario import FieldNames, Scenario
-from vibroswarm.study.comparison import Comparison, ReportFile
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_outputs import Comparison, ReportFile
 from vibroswarm.study.study_result import StudyResult
 
 if TYPE_CHECKING:

@@ -193,7 +193,7 @@ def answers_of(
 
     Args:
         compared: all figures of all pairs. matched: by the numbers of cell and reference
-            (``equal_error.at_equal_error``).
+            (``cell_comparison.at_equal_error``).
     """
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:
