@@ -15,7 +15,7 @@ from vibroswarm.analysis.verdict import (
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.robot_summary import MOST_ROBOTS, summary_lines
 from vibroswarm.cli.terminal import printing
-from vibroswarm.faults.assignment import fault_words
+from vibroswarm.faults import fault_words
 from vibroswarm.result import Result
 
 

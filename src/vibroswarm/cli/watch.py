@@ -22,7 +22,7 @@ from vibroswarm.analysis.message_log import (
     message_log,
 )
 from vibroswarm.analysis.verdict import answers_of, decision_words
-from vibroswarm.faults.assignment import fault_words
+from vibroswarm.faults import fault_words
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result

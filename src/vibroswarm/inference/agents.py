@@ -23,7 +23,7 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.faults.assignment import onset_s, working
+from vibroswarm.faults import onset_s, working
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary

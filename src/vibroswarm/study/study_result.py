@@ -37,8 +37,8 @@ from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
 from vibroswarm.study.batch_table import FAILED_RUNS, FAILED_TABLE
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
+from vibroswarm.study.precision import Settled, runs_that_count, settled
 from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
-from vibroswarm.study.sequential_stopping import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import SHARDS, Store
 

@@ -23,7 +23,7 @@ from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
-from vibroswarm.study.sequential_stopping import Settled, figure_of
+from vibroswarm.study.precision import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
