@@ -16,9 +16,9 @@ from vibroswarm.paper.items import (
     experiment_times,
     experiments,
     hidden_threshold,
+    readings,
     search_repeats,
     sharing,
-    timer,
 )
 from vibroswarm.paper.items.experiment_times import error_of_difference, in_standard_errors
 from vibroswarm.paper.reproduce import reproduce
@@ -133,8 +133,8 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
         pair = [hidden[robots, "random:0.52", "none", p].scenario for p in (0.7, 0.95)]
         assert set(differences(*pair)) == {"decision.credible_threshold"}
     assert hidden_threshold.cells(Settings(columns=("calibrated",))) == {}
-    timers = timer.cells(Settings())
-    always, frozen = (timers[name, "none"].scenario for name in (timer.ALWAYS, timer.FROZEN))
+    timers = readings.cells_of_timers(Settings())
+    always, frozen = (timers[name, "none"].scenario for name in (readings.ALWAYS, readings.FROZEN))
     assert differences(always, frozen) == {"sample.timer": "always"}
     shared = sharing.cells(Settings())
     for column in ("paper", "calibrated"):
@@ -148,7 +148,7 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
 
 def test_the_timers_item_finds_what_it_was_given(tmp_path: Path) -> None:
     """Small, but whole: the timer that is always on samples nearer, by far more than chance."""
-    made = reproduce(Settings(runs=RUNS, columns=("paper",)), tmp_path, [timer.ITEM])
+    made = reproduce(Settings(runs=RUNS, columns=("paper",)), tmp_path, [readings.TIMER])
     measured = made.made[0].tables[CLAIMS]
     near = measured.filter(pl.col("claim") == "timer-near").row(0, named=True)
     assert near["estimate"] < -0.02
