@@ -80,7 +80,7 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
 
 def _check_means(function: Callable[..., Any]) -> None:
     """Refuse changed globals and foreign random numbers in a function."""
-    tree = _tree(function)
+    tree = tree_of(function)
     if tree is None:
         return
     first = function.__code__.co_firstlineno - 1
@@ -128,7 +128,7 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
 
 def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int]]:
     """Return every ``name.field`` of a function, with its line."""
-    tree = _tree(function)
+    tree = tree_of(function)
     first = function.__code__.co_firstlineno - 1
     return [
         ((node.value.id, node.attr), first + node.lineno)
@@ -137,8 +137,9 @@ def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int
     ]
 
 
-def _tree(function: Callable[..., Any]) -> ast.AST | None:
+def tree_of(function: Callable[..., Any]) -> ast.AST | None:
+    """Return the syntax tree of a function; None if it was typed in, so that its source cannot be read."""
     try:
         return ast.parse(textwrap.dedent(inspect.getsource(function)))
-    except (OSError, SyntaxError, TypeError):  # typed in, so that its source cannot be read
+    except (OSError, SyntaxError, TypeError):
         return None

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import ast
 import inspect
-import textwrap
 from collections.abc import Callable, Iterator
 from types import FunctionType
 from typing import Any, Final
 
 from vibroswarm.strategies.base import HOOKS, Strategy
-from vibroswarm.strategies.static_checks import PARAMETERS
+from vibroswarm.strategies.static_checks import PARAMETERS, tree_of
 
 FACTS: Final[dict[str, tuple[str, ...]]] = {
     "T_end": ("t_end_s",),
@@ -77,9 +76,8 @@ def _read(
     if not rows or (plain, rows) in seen:
         return
     seen.add((plain, rows))
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(plain)))
-    except (OSError, SyntaxError, TypeError):  # typed in, so that its source cannot be read
+    tree = tree_of(plain)
+    if tree is None:
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in rows:
