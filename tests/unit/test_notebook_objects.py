@@ -36,7 +36,7 @@ from vibroswarm.scenario.scenario import FieldNames, field_names
 ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",
-        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.matched_error",
+        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error",
         "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive")  # fmt: skip
 """Modules of public names and of results of public functions, beside the stubs and the API pages."""
 NO_OBJECTS = (

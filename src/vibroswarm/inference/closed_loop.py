@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import write_heard
+from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, replayer_of
-from vibroswarm.inference.sample_rows import Readings, Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.localisation.locate import draws_read, is_estimated
 from vibroswarm.localisation.online import OnlineLocalisation

@@ -24,7 +24,7 @@ import numpy as np
 from vibroswarm.core.jit import inlined_uncached, register_source, source_hash
 from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
-from vibroswarm.inference.sample_rows import detailed_reading, own_reading
+from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.world import u

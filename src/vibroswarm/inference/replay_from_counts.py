@@ -15,7 +15,7 @@ from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.rng import LOSS, uniform
 from vibroswarm.inference.agents import Swarm, begin_agent, begin_draws, sample_draws, world_of_robot
 from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
-from vibroswarm.inference.sample_rows import HeardMessages, Log, Session
+from vibroswarm.inference.replay_arrays import HeardMessages, Log, Session
 from vibroswarm.strategies.world import Reading, World
 
 

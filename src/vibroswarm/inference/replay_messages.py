@@ -47,8 +47,7 @@ from vibroswarm.inference.default_hooks import (
     steer,
     views,
 )
-from vibroswarm.inference.inbox import clear_inbox, put_message, take_first
-from vibroswarm.inference.sample_rows import (
+from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
     DONE,
@@ -59,6 +58,9 @@ from vibroswarm.inference.sample_rows import (
     Readings,
     Rows,
     Stops,
+    clear_inbox,
+    put_message,
+    take_first,
 )
 from vibroswarm.inference.sender_positions import Tracks, positions_at
 from vibroswarm.strategies.world import World

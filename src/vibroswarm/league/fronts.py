@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.forced_error import DRAWS, LEAST_KNOWN, front_of, on_line
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.matched_error import DRAWS, LEAST_KNOWN, Array, front_of, on_line
 from vibroswarm.errors import check_choice
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
 
 

@@ -28,8 +28,7 @@ from vibroswarm.strategies.place_evidence import (
     score_of_maps,
 )
 from vibroswarm.strategies.place_map import share_place
-from vibroswarm.strategies.place_message import rounded
-from vibroswarm.strategies.places import State, decision, judge
+from vibroswarm.strategies.places import State, decision, judge, rounded
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
 __all__ = ["State", "begin", "decision"]

@@ -5,7 +5,7 @@ first value; or with a named reference only. Compared are fields whose values ar
 labels); numeric fields only if nothing else is varied, since several of them make a curve; floors never, since nobody
 chooses them. The p-values are corrected over all comparisons of a study.
 
-For a comparison at equal error the cells are replayed with other settings (``analysis.matched_error``).
+For a comparison at equal error the cells are replayed with other settings (``analysis.forced_error``).
 """
 
 from __future__ import annotations
@@ -20,8 +20,13 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import run_figures
-from vibroswarm.analysis.forced_error import forced_error_by_run
-from vibroswarm.analysis.matched_error import MatchedError, Reached, matched_error, reached
+from vibroswarm.analysis.forced_error import (
+    MatchedError,
+    Reached,
+    forced_error_by_run,
+    matched_error,
+    reached,
+)
 from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.simulation import steers
