@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vibroswarm.errors import InputError, nearest
 
-PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
+STRATEGY_HOOKS: Final[dict[str, tuple[str, ...]]] = {
     "begin": ("s", "a", "d", "p", "w"),
     "on_counts": ("s", "ones", "zeros", "p", "w"),
     "on_message": ("s", "a", "m", "sender", "t_s", "d", "p", "w"),
@@ -24,6 +24,8 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
     "belief": ("s", "a", "p", "w"),
     "steer": ("s", "a", "x", "d", "p", "w"),
     "opposite": ("m",),
+}
+NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
     "lost": ("sender", "receiver", "d", "p", "w"),
     "send": (
         "n",
@@ -40,6 +42,7 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
         "w",
     ),
 }
+PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each function, in this order; the names are free."""
 CHANCE: Final = ("random", "secrets", "uuid")
 """Modules of random numbers that our seeds do not repeat."""

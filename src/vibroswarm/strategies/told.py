@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from types import FunctionType
 from typing import Any, Final
 
-from vibroswarm.strategies.base import HOOKS, Strategy
-from vibroswarm.strategies.static_checks import PARAMETERS, tree_of
+from vibroswarm.strategies.base import Strategy
+from vibroswarm.strategies.static_checks import STRATEGY_HOOKS, tree_of
 
 FACTS: Final[dict[str, tuple[str, ...]]] = {
     "T_end": ("t_end_s",),
@@ -53,12 +53,12 @@ def fields_read(strategy: Strategy) -> set[str]:
     """Return the fields of ``World`` and ``Reading`` that its functions read."""
     read: set[str] = set()
     seen: set[tuple[Any, frozenset[str]]] = set()
-    for hook in HOOKS:
+    for hook, parameters in STRATEGY_HOOKS.items():
         function = getattr(strategy, hook)
         if function is None:
             continue
         given = list(inspect.signature(_plain(function)).parameters)
-        rows = {mine for mine, ours in zip(given, PARAMETERS[hook], strict=True) if ours in (WORLD, READING)}
+        rows = {mine for mine, ours in zip(given, parameters, strict=True) if ours in (WORLD, READING)}
         read |= set(_read(function, frozenset(rows), seen))
     return read
 

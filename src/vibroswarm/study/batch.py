@@ -289,16 +289,9 @@ class BatchResult:
 
 def batch_of(study: Study, group: Group, first: int, last: int) -> Batch:
     """Make the batch of some runs of a group."""
+    code = plugins.texts_of(study.codes)
     return Batch(
-        study.hash,
-        group.number,
-        group.texts,
-        first,
-        last,
-        study.seed,
-        study.motion,
-        study.keep,
-        plugins.texts_of(study.codes),
+        study.hash, group.number, group.texts, first, last, study.seed, study.motion, study.keep, code
     )
 
 
