@@ -22,7 +22,7 @@ from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
-from vibroswarm.strategies.told import PLACE, fields_read
+from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
 
 HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")

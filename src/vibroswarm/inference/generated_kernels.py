@@ -27,7 +27,7 @@ from vibroswarm.inference import default_hooks
 from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
-from vibroswarm.strategies.static_checks import NETWORK_HOOKS, STRATEGY_HOOKS
+from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, STRATEGY_HOOKS
 from vibroswarm.strategies.world import u
 
 FOLDER: Final = Path(__file__).parent

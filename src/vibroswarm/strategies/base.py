@@ -41,7 +41,7 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
-from vibroswarm.strategies.static_checks import STRATEGY_HOOKS, check_function
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
@@ -118,7 +118,7 @@ class Strategy(Plugin):
         bytes_on_air: of one message, at most 144.
         revises: decisions may change if ``decision.revise`` is set.
         boundary_half: it works only for a boundary of readings of 1/2.
-        told: what its parameters tell a robot of the task, such as "accuracy"; see ``told`` for the rest.
+        told: what its parameters tell a robot of the task, such as "accuracy"; the rest: ``static_analysis.told``.
         knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
         reads_details: ``on_sample`` is given a ``DetailedReading``.
         variant: given the parameters, and sizes (those that arrays may have, and the arena's ``longest_mm``), returns

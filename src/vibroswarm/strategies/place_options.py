@@ -11,7 +11,7 @@ from typing import Any, Final
 from vibroswarm.errors import InputError
 from vibroswarm.strategies import place_samples, place_summaries
 from vibroswarm.strategies.base import MAX_BYTES, Strategy, array
-from vibroswarm.strategies.static_checks import STRATEGY_HOOKS
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS
 
 TWELVE_BITS: Final = 4095
 
