@@ -49,6 +49,7 @@ NO_OBJECTS = (
         "WalkState",
         "Dice",
         "World",
+        "Beliefs",
         "Reading",
         "DetailedReading",
     ),

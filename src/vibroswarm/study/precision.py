@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, html_view
 from vibroswarm.errors import InputError, check_choice, whole_number_of
 
 if TYPE_CHECKING:
@@ -110,6 +110,9 @@ class Settled(NamedTuple):
     level: float
     """Level of the interval at that look, which is the one to report."""
     reached: bool
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
