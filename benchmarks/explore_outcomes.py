@@ -19,7 +19,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import preset
 
 HARD = ("random:0.48", "random:0.52")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.matched_error import front_of, front_settings
+from vibroswarm.analysis.forced_error import front_of, front_settings
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError

@@ -18,7 +18,7 @@ import numpy as np
 
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import method_of, run_search
-from vibroswarm.optimize.method import Method
+from vibroswarm.optimize.methods import Method
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.race import Race

@@ -9,8 +9,8 @@ from .floors.floor import Floor as Floor
 from .motion.pose import pose as pose
 from .result import Result as Result
 from .run_page.write import write_run_page as write_run_page
-from .scenario.field_names import fields as fields
 from .scenario.scenario import Scenario as Scenario
+from .scenario.scenario import fields as fields
 from .scenario.scenario import preset as preset
 from .simulation import replay as replay
 from .simulation import simulate as simulate

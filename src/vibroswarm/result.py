@@ -23,7 +23,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
-from vibroswarm.faults.assignment import FAULT_COLUMNS
+from vibroswarm.faults import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE

@@ -17,7 +17,7 @@ from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, check_callable, check_kind, shown, whole_number_of
-from vibroswarm.faults.assignment import fault_frame
+from vibroswarm.faults import fault_frame
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of

@@ -21,7 +21,7 @@ from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.engine import EVENT, EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.source import Source
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset

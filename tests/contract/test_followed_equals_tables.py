@@ -16,13 +16,12 @@ from polars.testing import assert_frame_equal
 
 from helpers.drawn_scenarios import Draw, draws
 from helpers.result_outcomes import from_result
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.engine import EVENT, EventRun
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Source
-from vibroswarm.optimize import simulate_outcomes
-from vibroswarm.optimize.simulate_outcomes import PIECE_S, outcomes_of
+from vibroswarm.optimize import outcomes as simulated
+from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
@@ -89,7 +88,7 @@ def test_runs_in_any_order_and_alone(motion: str) -> None:
 def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
     for name in ("PIECE_S", "MARGIN_S"):
-        monkeypatch.setattr(simulate_outcomes, name, 1.0)  # so that no run is moved beyond its end already
+        monkeypatch.setattr(simulated, name, 1.0)  # so that no run is moved beyond its end already
     scenario = Draw(strategy="none", robots=12).scenario()
     runs = list(range(150))
     result = simulate(scenario, 1, runs, energies=False)
@@ -107,9 +106,9 @@ def test_where_one_looks_does_not_matter(
 ) -> None:
     scenario, runs = Draw(strategy=strategy, loss=0.1).scenario(), list(range(12))
     (usual,) = outcomes_of([scenario], 6, runs)
-    monkeypatch.setattr(simulate_outcomes, "PIECE_S", piece_s)
-    monkeypatch.setattr(simulate_outcomes, "MARGIN_S", margin_s)
-    monkeypatch.setattr(simulate_outcomes, "_kept", threading.local())
+    monkeypatch.setattr(simulated, "PIECE_S", piece_s)
+    monkeypatch.setattr(simulated, "MARGIN_S", margin_s)
+    monkeypatch.setattr(simulated, "_kept", threading.local())
     (found,) = outcomes_of([scenario], 6, runs)
     equal(found, usual)
 
@@ -124,14 +123,14 @@ def test_where_a_run_stops_does_not_matter() -> None:
 
 def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
     reached: list[float] = []
-    finish = simulate_outcomes._ScenarioRuns.finish
+    finish = simulated._ScenarioRuns.finish
 
     def then_note(course: Any, r: int) -> None:
         reached.append(course.loop.buffer.time_s[: course.loop.bounds[1]].max())
         finish(course, r)
 
-    monkeypatch.setattr(simulate_outcomes._ScenarioRuns, "finish", then_note)
-    monkeypatch.setattr(simulate_outcomes._ScenarioRuns, "next_look_s", lambda course, now_s: now_s + PIECE_S)
+    monkeypatch.setattr(simulated._ScenarioRuns, "finish", then_note)
+    monkeypatch.setattr(simulated._ScenarioRuns, "next_look_s", lambda course, now_s: now_s + PIECE_S)
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     (found,) = outcomes_of([scenario], 3, range(20))
     moved_s = np.array(reached)

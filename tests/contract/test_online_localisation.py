@@ -12,7 +12,7 @@ from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.localisation.locate import place_frame
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import sensed_floors
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 

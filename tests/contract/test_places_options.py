@@ -12,7 +12,7 @@ from vibroswarm import preset, simulate
 from vibroswarm.analysis.floor_maps import floor_maps
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay
 from vibroswarm.strategies import strategy

@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.special import betainc
 
 from vibroswarm.robot.belief import SURE, belief_below, log_term, stirling_rest, variance
-from vibroswarm.strategies.belief_cache import MAX_COUNTS, belief_of, beliefs
+from vibroswarm.strategies.world import MAX_COUNTS, belief_of, beliefs
 
 BOUNDARIES = (0.5, 0.03, 0.97)
 TOLERANCE = 1e-9

@@ -10,10 +10,9 @@ import pytest
 from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcome_arrays import Outcomes, from_tables
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
 from vibroswarm.optimize.validation import scored_of
 
 NAN = math.nan

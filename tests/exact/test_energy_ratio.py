@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from vibroswarm.observation.energy_model import energies_of, error_rates, typical_factors
-from vibroswarm.observation.energy_ratio import MOST, log_ratios
+from vibroswarm.observation.energy_model import MOST, energies_of, error_rates, log_ratios, typical_factors
 from vibroswarm.scenario.fields import Sensor
 
 U = (np.arange(200_000) + 0.5) / 200_000

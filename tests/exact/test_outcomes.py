@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from helpers.result_outcomes import from_result
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcome_arrays import from_tables
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
     ROBOTS,
@@ -25,6 +24,7 @@ from vibroswarm.inference.outcomes import (
     run_figures,
 )
 from vibroswarm.optimize.objective import NAMES, Objective
+from vibroswarm.optimize.outcomes import from_tables
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch_table import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of

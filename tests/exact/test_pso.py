@@ -10,7 +10,7 @@ import pytest
 
 from helpers import search_functions as functions
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.method import chance
+from vibroswarm.optimize.methods import chance
 from vibroswarm.optimize.pso import Pso, PsoSettings
 from vibroswarm.optimize.race import Race, allocate
 

@@ -15,7 +15,7 @@ from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator
 from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.method import Ask, chance
+from vibroswarm.optimize.methods import Ask, chance
 from vibroswarm.optimize.pso import Pso, PsoSettings, shared_run
 from vibroswarm.optimize.space import Space
 from vibroswarm.optimize.spec import Search

@@ -29,8 +29,7 @@ from vibroswarm.strategies.bayes import (
     is_enough,
     on_counts,
 )
-from vibroswarm.strategies.belief_cache import beliefs
-from vibroswarm.strategies.world import Draws, Reading, World
+from vibroswarm.strategies.world import Draws, Reading, World, beliefs
 
 WORLD = World(
     robot=0,

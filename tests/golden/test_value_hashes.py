@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate, versions

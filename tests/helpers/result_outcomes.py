@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.inference.outcome_arrays import Outcomes, end_s, from_tables
 from vibroswarm.inference.outcomes import Array, estimate_of, numbers
+from vibroswarm.optimize.outcomes import Outcomes, end_s, from_tables
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Method
+from vibroswarm.optimize.methods import Method
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.space import Space
 

@@ -17,7 +17,7 @@ from helpers.exported_robots import STRICT
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.export import c_library, memory
+from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.strategies import names
@@ -26,7 +26,7 @@ from vibroswarm.strategies.base import Strategy, forget, register
 DOCUMENT = Path(__file__).parents[2] / "docs" / "export.md"
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 needs_arm = pytest.mark.skipif(
-    shutil.which(memory.COMPILER) is None, reason="arm-none-eabi-gcc is not installed"
+    shutil.which(c_library.COMPILER) is None, reason="arm-none-eabi-gcc is not installed"
 )
 MIXTURE = ["--set", "localisation.method=mixture"]
 
@@ -227,7 +227,7 @@ def test_python_needs_math_only_and_runs(tmp_path: Path) -> None:
 def test_without_the_compiler_the_size_is_not_stated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(memory, "COMPILER", "no-such-compiler")
+    monkeypatch.setattr(c_library, "COMPILER", "no-such-compiler")
     assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
     assert "Size not measured: arm-none-eabi-gcc is not installed" in capsys.readouterr().out
 
@@ -281,7 +281,7 @@ def test_flash_and_static_ram_are_within_limits_and_as_documented(name: str, tmp
     for file, text in c_library.library_files(scenario_for(name)).items():
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).write_text(text)
-    found = memory.measured(tmp_path / "src")
+    found = c_library.measured(tmp_path / "src")
     assert found is not None
     assert found.flash <= 40 * 1024
     assert name == "field" or found.ram <= (2 * 1024 if name == "soft" else 16 * 1024)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error, reached
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.matched_error import MatchedError, Reached, front_settings, matched_error, reached
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.observation.edge_response import FITTED_ON_M, edge_warnings, shorter_side_m
 from vibroswarm.paper.real_data import real_floor
-from vibroswarm.scenario.edge_extrapolation import FITTED_ON_M, edge_warnings, shorter_side_m
 from vibroswarm.scenario.scenario import preset
 
 SMALL = {"floor.rows": 10, "floor.columns": 10}

@@ -16,8 +16,7 @@ from helpers.exported_robots import STRICT
 from vibroswarm.errors import InputError
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
-from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, struct_of_class, typedef
-from vibroswarm.export.c_values import Value
+from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, Value, struct_of_class, typedef
 
 NUMBERS: tuple[str, ...] = ("one", "two")
 

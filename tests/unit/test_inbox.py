@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.inference.inbox import clear_inbox, empty_inbox, put_message, take_first
+from vibroswarm.inference.replay_arrays import clear_inbox, empty_inbox, put_message, take_first
 
 ACTIONS = st.lists(st.tuples(st.integers(0, 2), st.one_of(st.none(), st.integers(1, 9))), max_size=60)
 

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors
-from vibroswarm.analysis.matched_error import front_of, on_line
+from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors, front_of, on_line
 from vibroswarm.cli import main
 from vibroswarm.cli.league import on_equal_terms
 from vibroswarm.errors import InputError

@@ -26,7 +26,7 @@ from vibroswarm.league.standings import League
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import known, strategy
-from vibroswarm.strategies.told import told
+from vibroswarm.strategies.static_analysis import told
 
 BASE = preset("paper").with_values({"run.t_end_s": 300.0})
 

@@ -17,7 +17,7 @@ import pytest
 import vibroswarm
 from helpers.markup import HOSTILE, Markup
 from vibroswarm import Study, fields, preset, verdict
-from vibroswarm.analysis.verdict_words import headline
+from vibroswarm.analysis.verdict import headline
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.fit import Fit, Fitted
 from vibroswarm.floors.design import make_floor
@@ -31,13 +31,12 @@ from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.items import all_items
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.scenario.field_names import FieldNames
-from vibroswarm.scenario.scenario import field_names
+from vibroswarm.scenario.scenario import FieldNames, field_names
 
 ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",
-        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.matched_error",
+        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error",
         "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive")  # fmt: skip
 """Modules of public names and of results of public functions, beside the stubs and the API pages."""
 NO_OBJECTS = (
@@ -50,6 +49,7 @@ NO_OBJECTS = (
         "WalkState",
         "Dice",
         "World",
+        "Beliefs",
         "Reading",
         "DetailedReading",
     ),

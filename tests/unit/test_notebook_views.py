@@ -79,7 +79,7 @@ def test_a_result_shows_verdict_picture_and_player(result: Result) -> None:
 
 def test_under_feedback_a_posterior_is_called_an_opinion(result: Result) -> None:
     """The control is the same swarm without feedback."""
-    from vibroswarm.analysis.opinion import OPINION_NOTE
+    from vibroswarm.analysis.verdict import OPINION_NOTE
 
     soft = Markup(simulate(SHORT.with_values({"strategy.name": "soft"}), 3, 1)._repr_html_()).text
     none = Markup(result._repr_html_()).text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vibroswarm import preset, simulate, verdict
-from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
+from vibroswarm.analysis.verdict import OPINION_NOTE, holds_opinions
 from vibroswarm.cli.verdict_text import verdict_text
 
 

@@ -15,7 +15,7 @@ from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summaris
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
-from vibroswarm.paper.items import all_items, experiment_times, search, search_repeats
+from vibroswarm.paper.items import all_items, experiment_times, search
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -164,7 +164,7 @@ OF_SHORT_SEARCHES = ("search-settles", "search-score-holds", "search-bests-meet"
 def test_a_search_that_is_long_enough_gets_a_verdict() -> None:
     table = pl.DataFrame({"gap_left": [0.2, 0.3], "cost_change": [-0.1, -0.2]})
     for iterations, asked in ((6, True), (5, False)):
-        rows = list(search_repeats._measured(table, iterations))
+        rows = list(search._measured_repeats(table, iterations))
         assert [row["cannot"] is None for row in rows] == [asked, asked]
 
 

@@ -15,10 +15,10 @@ from vibroswarm.paper.items import (
     experiment_accuracy,
     experiment_times,
     experiments,
+    feedback,
     hidden_threshold,
-    search_repeats,
-    sharing,
-    timer,
+    readings,
+    search,
 )
 from vibroswarm.paper.items.experiment_times import error_of_difference, in_standard_errors
 from vibroswarm.paper.reproduce import reproduce
@@ -30,7 +30,7 @@ def test_a_choice_of_equal_worth_has_no_regret_on_average_though_a_naive_one_wou
     random, fair, naive = np.random.default_rng(5), [], []
     for _ in range(400):
         there, here = random.normal(1.0, 1.0, (2, 12, 40))  # all choices cost the same everywhere
-        fair.append(sharing.regrets(there, here).mean())
+        fair.append(feedback.regrets(there, here).mean())
         chosen = [int(costs.mean(axis=1).argmin()) for costs in (there, here)]
         naive.append(here[chosen[0]].mean() - here[chosen[1]].mean())
     error = np.std(fair) / np.sqrt(len(fair))
@@ -43,8 +43,8 @@ def test_a_choice_that_is_worse_here_has_the_regret_that_it_costs() -> None:
     cost = np.linspace(0.0, 1.1, 12)
     there = cost[::-1, None] + random.normal(0.0, 0.02, (12, 400))
     here = cost[:, None] + random.normal(0.0, 0.02, (12, 400))
-    assert sharing.regrets(there, here).mean() == pytest.approx(1.1, abs=0.01)
-    assert sharing.regrets(here, here).mean() == pytest.approx(0.0, abs=1e-12)
+    assert feedback.regrets(there, here).mean() == pytest.approx(1.1, abs=0.01)
+    assert feedback.regrets(here, here).mean() == pytest.approx(0.0, abs=1e-12)
 
 
 def made_up_front(random: np.random.Generator, runs: int) -> dict[float, dict[str, np.ndarray]]:
@@ -119,12 +119,12 @@ def test_errors_beside_published_means_are_those_of_repeated_draws() -> None:
 
 
 def test_short_searches_have_seeds_of_their_own_and_grow_in_number_with_the_runs() -> None:
-    few, many = (search_repeats.searches_of(Settings(runs=runs)) for runs in (1000, 5000))
+    few, many = (search.searches_of(Settings(runs=runs)) for runs in (1000, 5000))
     assert (len(few), len(many)) == (4, 20)
     assert len({search.seed for search in many}) == 20
     assert 1 not in {search.seed for search in many}  # the whole search has that one
     assert {(s.pso.particles, s.pso.iterations) for s in many} == {(10, 12)}
-    assert len(search_repeats.searches_of(Settings(runs=4))) == 2
+    assert len(search.searches_of(Settings(runs=4))) == 2
 
 
 def test_cells_differ_in_what_is_asked_alone() -> None:
@@ -133,12 +133,12 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
         pair = [hidden[robots, "random:0.52", "none", p].scenario for p in (0.7, 0.95)]
         assert set(differences(*pair)) == {"decision.credible_threshold"}
     assert hidden_threshold.cells(Settings(columns=("calibrated",))) == {}
-    timers = timer.cells(Settings())
-    always, frozen = (timers[name, "none"].scenario for name in (timer.ALWAYS, timer.FROZEN))
+    timers = readings.cells_of_timers(Settings())
+    always, frozen = (timers[name, "none"].scenario for name in (readings.ALWAYS, readings.FROZEN))
     assert differences(always, frozen) == {"sample.timer": "always"}
-    shared = sharing.cells(Settings())
+    shared = feedback.cells(Settings())
     for column in ("paper", "calibrated"):
-        pair = [shared[column, 8, sharing.HERE, name].scenario for name in ("none", "positive")]
+        pair = [shared[column, 8, feedback.HERE, name].scenario for name in ("none", "positive")]
         assert set(differences(*pair)) == {"strategy.name"}
         assert pair[0].network.name == "ideal"  # all hear all, in `calibrated` too
     pool = experiment_accuracy.cells(Settings())
@@ -148,7 +148,7 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
 
 def test_the_timers_item_finds_what_it_was_given(tmp_path: Path) -> None:
     """Small, but whole: the timer that is always on samples nearer, by far more than chance."""
-    made = reproduce(Settings(runs=RUNS, columns=("paper",)), tmp_path, [timer.ITEM])
+    made = reproduce(Settings(runs=RUNS, columns=("paper",)), tmp_path, [readings.TIMER])
     measured = made.made[0].tables[CLAIMS]
     near = measured.filter(pl.col("claim") == "timer-near").row(0, named=True)
     assert near["estimate"] < -0.02

@@ -13,11 +13,11 @@ import pytest
 
 from helpers.dask_cluster import Cluster
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective, Rows
+from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_report import as_dict, candidate_table, history_table, write_report
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import truth_of

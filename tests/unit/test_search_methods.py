@@ -18,9 +18,8 @@ from helpers import search_functions as functions
 from vibroswarm.analysis.tradeoff import pareto_front
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.batch_samplers import Random, Sobol
 from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.method import Method
+from vibroswarm.optimize.methods import Method, Random, Sobol
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.search_report import candidate_table, write_report
 from vibroswarm.optimize.spec import Search

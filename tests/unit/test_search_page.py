@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
 from vibroswarm.optimize.grid_page import grid_page
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_page import search_page
 from vibroswarm.optimize.search_report import grid_pictures, made_by, write_grid, write_report
 from vibroswarm.optimize.search_tables import bound_of

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.errors import InputError
-from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision
-from vibroswarm.study.sequential_stopping import figure_of, settled
+from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision, figure_of, settled
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 

@@ -2,12 +2,11 @@
 
 | module | covers |
 |---|---|
-| ``verdict`` | one run |
+| ``verdict`` | one run, in numbers and in sentences; whether a posterior is an estimate or an opinion |
 | ``cell_summary``, ``incidence`` | one cell: each run in a row, all figures with intervals, decisions over time |
 | ``paired`` | two cells, run by run |
 | ``tradeoff``, ``detection`` | many cells: time against error, how many robots for how long |
 | ``fault_tolerance`` | how many robots that fail a strategy bears |
-| ``opinion`` | whether a posterior is an estimate or an opinion |
 | ``sampling`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |
 | ``centralised_baseline``, ``oracle_posterior`` | references for a strategy |

@@ -26,7 +26,7 @@ import polars as pl
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.faults.assignment import working
+from vibroswarm.faults import working
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import as_series, numbers, run_columns
 from vibroswarm.motion.source import source

@@ -18,7 +18,7 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import sent_messages
-from vibroswarm.inference.sample_rows import Rows, Stops
+from vibroswarm.inference.replay_arrays import Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.inference.shared_deliveries import compute_deliveries
 from vibroswarm.motion.source import Motion

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.energy_model import error_rates, gamma_of
 from vibroswarm.posterior.boundary_side import needs_chains
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
@@ -74,10 +74,7 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
     read = energy.cast(pl.Float64).to_numpy()
     densities = [
         stats.gamma.logpdf(read, shape, loc=location, scale=scale)
-        for shape, scale, location in (
-            (sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location),
-            (sensor.still_shape, sensor.still_scale, sensor.still_location),
-        )
+        for shape, scale, location in (gamma_of(sensor, kind) for kind in (True, False))
     ]
     return np.asarray(np.clip(densities[0], -700, None) - np.clip(densities[1], -700, None))
 

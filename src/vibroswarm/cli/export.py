@@ -10,7 +10,7 @@ from vibroswarm.cli.options import add_json, add_scenario_options
 from vibroswarm.cli.output import print_json, print_table
 
 if TYPE_CHECKING:
-    from vibroswarm.export.memory import Memory
+    from vibroswarm.export.c_library import Memory
 
 EPILOG = """\
 examples:
@@ -55,8 +55,7 @@ def _c(arguments: argparse.Namespace) -> int:
     """Write the C library and print its size."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
-    from vibroswarm.export.c_library import MARKER, library_files
-    from vibroswarm.export.memory import measured
+    from vibroswarm.export.c_library import MARKER, library_files, measured
 
     check_folder(arguments.folder, replace=arguments.force, marker=MARKER)
     scenario = scenario_from(arguments)

@@ -264,7 +264,7 @@ def players_from(
 def on_equal_terms() -> list[str]:
     """Return the strategies that play by default: all but those that know the places of their readings."""
     from vibroswarm.strategies import known
-    from vibroswarm.strategies.told import told
+    from vibroswarm.strategies.static_analysis import told
 
     return [name for name, one in known().items() if "place of each reading" not in told(one, "tiles")]
 

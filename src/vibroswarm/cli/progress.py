@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from vibroswarm.cli.terminal import printing, report
 
 if TYPE_CHECKING:
-    from vibroswarm.optimize.method import SearchProgress
+    from vibroswarm.optimize.methods import SearchProgress
     from vibroswarm.study.runner import StudyProgress
 
 LINE_EVERY_S = 10.0

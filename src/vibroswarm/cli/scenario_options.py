@@ -117,7 +117,7 @@ def forget() -> None:
 def warn_of(scenarios: Iterable[Scenario]) -> None:
     """Print the first new warning about these scenarios, and how many others there are."""
     from vibroswarm.motion.robot_params import scenario_warnings
-    from vibroswarm.scenario.edge_extrapolation import edge_warnings
+    from vibroswarm.observation.edge_response import edge_warnings
     from vibroswarm.scenario.fault_fields import fault_warnings
 
     texts = dict.fromkeys(

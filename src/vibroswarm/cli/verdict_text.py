@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
-from vibroswarm.analysis.verdict import RobotVerdict, Verdict
-from vibroswarm.analysis.verdict_words import confidence, headline, percent, robot_row, strategy_name
+from vibroswarm.analysis.verdict import (
+    OPINION_NOTE,
+    RobotVerdict,
+    Verdict,
+    confidence,
+    headline,
+    holds_opinions,
+    percent,
+    robot_row,
+    strategy_name,
+)
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.terminal import printing
-from vibroswarm.faults.assignment import fault_words
+from vibroswarm.faults import fault_words
 from vibroswarm.result import Result
 
 

@@ -21,9 +21,8 @@ from vibroswarm.analysis.message_log import (
     log_size,
     message_log,
 )
-from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.analysis.verdict_words import decision_words
-from vibroswarm.faults.assignment import fault_words
+from vibroswarm.analysis.verdict import answers_of, decision_words
+from vibroswarm.faults import fault_words
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result

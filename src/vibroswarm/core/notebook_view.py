@@ -1,11 +1,61 @@
-"""Show a public object in a session: a short text on one line, and HTML in a notebook."""
+"""Show a public object in a session: on one short line, and as HTML in a notebook.
+
+The line has its class, and its public values as far as they fit.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sized
+from dataclasses import fields, is_dataclass
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
-from vibroswarm.core.short_text import short_text
+from vibroswarm.errors import shown
+
+MOST_CHARACTERS: Final = 180
+
+
+def short_text(value: object) -> str:
+    """Return ``Name(field=value, ...)`` on one line; what does not fit is replaced by ``...``."""
+    name, text = type(value).__name__, ""
+    for field, content in public_values(value).items():
+        part = f"{', ' if text else ''}{field}={short_value(content)}"
+        if len(name) + len(text) + len(part) > MOST_CHARACTERS:
+            return f"{name}({text}{', ' if text else ''}...)"
+        text += part
+    return f"{name}({text})"
+
+
+def public_values(value: object) -> dict[str, Any]:
+    """Return the public fields of an object by name."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value) if field.name[0] != "_"}
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return dict(zip(value._fields, value, strict=True))
+    return {name: content for name, content in getattr(value, "__dict__", {}).items() if name[0] != "_"}
+
+
+def short_value(value: object) -> str:
+    """Return a value as it stands in a short text: numbers in six digits, of a collection its size."""
+    if value is None or isinstance(value, bool | int | str | Path):
+        return shown(str(value) if isinstance(value, Path) else value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple):  # an array or a table
+        if hasattr(value, "columns"):
+            return f"{shape[0]:,} rows"
+        return shown(value.item()) if not shape and hasattr(value, "item") else f"array {shape}"
+    if is_dataclass(value) or hasattr(value, "_fields") or hasattr(type(value), "model_fields"):
+        return type(value).__name__
+    if isinstance(value, tuple | list) and len(value) <= 3 and all(isinstance(v, int | float) for v in value):
+        return f"({', '.join(short_value(v) for v in value)})"
+    if isinstance(value, Mapping | tuple | list | set | frozenset):
+        return f"{len(value)} item{'s' * (len(value) != 1)}"
+    if callable(value) and hasattr(value, "__name__"):
+        return str(value.__name__)
+    return f"{type(value).__name__} of {len(value)}" if isinstance(value, Sized) else type(value).__name__
 
 
 def html_view(value: object) -> str:

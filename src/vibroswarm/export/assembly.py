@@ -10,7 +10,7 @@ import numpy as np
 
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
-from vibroswarm.export.source import source_of
+from vibroswarm.export.source import plain, source_of
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
@@ -22,7 +22,7 @@ from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
-from vibroswarm.strategies.told import PLACE, fields_read
+from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
 
 HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")
@@ -114,11 +114,6 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
     names = strategy.params_type.names or ()
     values = strategy.params_row(scenario.strategy.params)
     return {name: np.asarray(value).item() for name, value in zip(names, values, strict=True)}
-
-
-def plain(function: Any) -> Any:
-    """Return the Python function of one that may be compiled."""
-    return getattr(function, "py_func", function)
 
 
 def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:

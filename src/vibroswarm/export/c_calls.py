@@ -8,8 +8,21 @@ from typing import Any, Final
 
 from vibroswarm.core.rng import uniform
 from vibroswarm.export.c_expressions import Expressions
-from vibroswarm.export.c_types import BOOL, INT, LONG, REAL, CTuple, Struct, joined
-from vibroswarm.export.c_values import SUFFIX, Value, address, as_real, identifier, literal
+from vibroswarm.export.c_types import (
+    BOOL,
+    INT,
+    LONG,
+    REAL,
+    SUFFIX,
+    CTuple,
+    Struct,
+    Value,
+    address,
+    as_real,
+    identifier,
+    joined,
+    literal,
+)
 from vibroswarm.export.source import MATH, is_function, math_name, plain
 
 BUILT_IN: Final[dict[str, Any]] = {

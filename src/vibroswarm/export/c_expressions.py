@@ -10,8 +10,24 @@ import ast
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.export.c_types import BOOL, INT, INTEGERS, LONG, REAL, STORED, CArray, Struct, joined
-from vibroswarm.export.c_values import OMITTED, SUFFIX, Value, as_real, field_of, identifier, literal
+from vibroswarm.export.c_types import (
+    BOOL,
+    INT,
+    INTEGERS,
+    LONG,
+    OMITTED,
+    REAL,
+    STORED,
+    SUFFIX,
+    CArray,
+    Struct,
+    Value,
+    as_real,
+    field_of,
+    identifier,
+    joined,
+    literal,
+)
 from vibroswarm.export.source import Source, math_name, number_of
 
 if TYPE_CHECKING:

@@ -12,17 +12,20 @@ from vibroswarm.export.c_types import (
     BOOL,
     INT,
     INTEGERS,
+    OMITTED,
     REAL,
     VOID,
     CArray,
     CTuple,
     Struct,
+    Value,
+    as_real,
     c_name,
     declaration,
+    identifier,
     joined,
     parameter,
 )
-from vibroswarm.export.c_values import OMITTED, Value, as_real, identifier
 from vibroswarm.export.source import Source, plain, source_of, without_docstring
 
 

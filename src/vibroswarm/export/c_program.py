@@ -18,12 +18,13 @@ from vibroswarm.export.c_types import (
     REAL,
     CArray,
     Struct,
+    Value,
+    literal,
     struct_of_arrays,
     struct_of_class,
     struct_of_row,
     typedef,
 )
-from vibroswarm.export.c_values import Value, literal
 from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState

@@ -23,7 +23,7 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.faults.assignment import onset_s, working
+from vibroswarm.faults import onset_s, working
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
@@ -32,8 +32,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.bayes import GATES
-from vibroswarm.strategies.belief_cache import beliefs
-from vibroswarm.strategies.world import Draws, World
+from vibroswarm.strategies.world import Draws, World, beliefs
 
 AGENT = np.dtype(
     [(name, np.int64) for name in ("decision", "samples", "sent", "received", "timers", "heard", "ones", "own_ones")]

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import write_heard
+from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, replayer_of
-from vibroswarm.inference.sample_rows import Readings, Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.localisation.locate import draws_read, is_estimated
 from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import SensedFloor, energies_at, read, reads_energies
 from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE

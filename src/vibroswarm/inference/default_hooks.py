@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from vibroswarm.inference.sample_rows import Readings, own_reading
+from vibroswarm.inference.replay_arrays import Readings, own_reading
 from vibroswarm.strategies.world import Draws, Reading, World
 
 Row = Any

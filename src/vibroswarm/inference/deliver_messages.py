@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.inference.agents import loss_draws, send_draws, world_of_robot
 from vibroswarm.inference.default_hooks import HAS_SEND, READS_POSITIONS, clear_network, lost, send
-from vibroswarm.inference.inbox import clear_inbox, put_message, take_first
-from vibroswarm.inference.sample_rows import (
+from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
     DONE,
     Deliveries,
     DeliveryScratch,
     Rows,
     Stops,
+    clear_inbox,
+    put_message,
+    take_first,
 )
 from vibroswarm.inference.sender_positions import Tracks, positions_at
 from vibroswarm.strategies.world import World

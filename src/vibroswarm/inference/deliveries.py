@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, read_only, signed, unsigned
 from vibroswarm.core.rng import ALONE, MESSAGE, uniform
 from vibroswarm.inference.agents import loss_uniform
-from vibroswarm.inference.sample_rows import NO_ESTIMATES, Deliveries, Rows, Stops
+from vibroswarm.inference.replay_arrays import NO_ESTIMATES, Deliveries, Rows, Stops
 from vibroswarm.inference.sender_positions import Tracks, tracks_of
 from vibroswarm.localisation.locate import estimate, estimates_key, is_estimated
 from vibroswarm.motion.source import Motion

@@ -24,9 +24,10 @@ import numpy as np
 from vibroswarm.core.jit import inlined_uncached, register_source, source_hash
 from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
-from vibroswarm.inference.sample_rows import detailed_reading, own_reading
+from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
+from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, STRATEGY_HOOKS
 from vibroswarm.strategies.world import u
 
 FOLDER: Final = Path(__file__).parent
@@ -161,12 +162,6 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
         raise ValueError(f"{template} takes no hooks")
     package = made_hooks.rpartition(".")[0]
     return _generated_module(f"{package}.{template}", text.replace(IMPORT, f"from {made_hooks} import"))
-
-
-STRATEGY_HOOKS: Final = (
-    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer", "opposite",
-)  # fmt: skip
-NETWORK_HOOKS: Final = ("lost", "send")
 
 
 def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType:

@@ -12,12 +12,12 @@ from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, as_column, final_frame, strategy_used
 from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
+from vibroswarm.inference.replay_arrays import Log, Readings, empty_log
 from vibroswarm.inference.replayer import NO_VALUES, MessagesReplayer, Replayer, counts_only, replayer_of
-from vibroswarm.inference.sample_rows import Log, Readings, empty_log
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
-from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
 

@@ -35,7 +35,7 @@ from vibroswarm.inference.default_hooks import (
     views,
 )
 from vibroswarm.inference.deliveries import HEARD_ROWS, LAST_OWN, OTHERS, Reach, in_lane
-from vibroswarm.inference.sample_rows import (
+from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
     Counts,

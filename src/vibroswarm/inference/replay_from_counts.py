@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import kernel, signed
+from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.rng import LOSS, uniform
 from vibroswarm.inference.agents import Swarm, begin_agent, begin_draws, sample_draws, world_of_robot
 from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
-from vibroswarm.inference.sample_rows import HeardMessages, Log, Session
+from vibroswarm.inference.replay_arrays import HeardMessages, Log, Session
 from vibroswarm.strategies.world import Reading, World
 
 
@@ -55,6 +55,33 @@ def choose(
     return ones, zeros
 
 
+@inner
+def hear(
+    session: Session, heard_messages: HeardMessages, messages: NDArray[np.void], i: int, k: int, slack_s: float,
+    seed: int, run: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Choose the messages that robot ``i`` has received by its sample in row ``k``.
+
+    Those sent since its last sample come first, then what was left over from before, then what was sent up to
+    ``slack_s`` later. Returns the numbers of ones and zeros.
+    """
+    heard, leftover_from, new_from = heard_messages
+    until = new_from[i]
+    while until < k and session.time_s[until] < session.hears_until_s[k]:
+        until += 1
+    later = until
+    while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
+        later += 1
+    received, ones, zeros = session.received[k], 0, 0
+    for first, last in ((new_from[i], until), (leftover_from[i], new_from[i]), (until, later)):
+        more_ones, more_zeros = choose(
+            session, heard[i], messages, i, first, last, received - ones - zeros, seed, run, session.sample[k]
+        )
+        ones, zeros = ones + more_ones, zeros + more_zeros
+    leftover_from[i], new_from[i] = new_from[i], until
+    return ones, zeros
+
+
 # Without allocation: a kernel that counts references would drop those of arrays in tuples that its hooks return.
 @kernel
 def replay_from_counts(
@@ -68,53 +95,17 @@ def replay_from_counts(
             strategy's random numbers.
     """
     rows, robots = session.robot.size, swarm.params.size
-    heard, leftover_from, new_from = heard_messages
     unsent = 0
     for i in range(robots):
         begin_agent(swarm.agents[i])
-        begin(
-            swarm.states[i],
-            views(swarm.arrays, i),
-            begin_draws(seed, run, i),
-            swarm.params[i],
-            world_of_robot(world, i),
-        )
+        begin(swarm.states[i], views(swarm.arrays, i), begin_draws(seed, run, i), swarm.params[i],
+              world_of_robot(world, i))  # fmt: skip
     for k in range(rows):
         i, index = session.robot[k], session.sample[k]
-        until = new_from[i]
-        while until < k and session.time_s[until] < session.hears_until_s[k]:
-            until += 1
-        later = until
-        while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
-            later += 1
-        received = session.received[k]
-        ones, zeros = choose(session, heard[i], messages, i, new_from[i], until, received, seed, run, index)
-        more_ones, more_zeros = choose(
-            session,
-            heard[i],
-            messages,
-            i,
-            leftover_from[i],
-            new_from[i],
-            received - ones - zeros,
-            seed,
-            run,
-            index,
-        )
-        ones, zeros = ones + more_ones, zeros + more_zeros
-        more_ones, more_zeros = choose(
-            session, heard[i], messages, i, until, later, received - ones - zeros, seed, run, index
-        )
-        ones, zeros = ones + more_ones, zeros + more_zeros
-        unsent += received - ones - zeros
-        leftover_from[i], new_from[i] = new_from[i], until
-        row, s, p, w, a = (
-            swarm.agents[i],
-            swarm.states[i],
-            swarm.params[i],
-            world_of_robot(world, i),
-            views(swarm.arrays, i),
-        )
+        ones, zeros = hear(session, heard_messages, messages, i, k, slack_s, seed, run)
+        unsent += session.received[k] - ones - zeros
+        row, s, p, w = swarm.agents[i], swarm.states[i], swarm.params[i], world_of_robot(world, i)
+        a = views(swarm.arrays, i)
         row.received += ones + zeros
         on_counts(s, ones, zeros, p, w)
         bit = signed(session.observation[k])

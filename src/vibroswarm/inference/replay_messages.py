@@ -47,8 +47,7 @@ from vibroswarm.inference.default_hooks import (
     steer,
     views,
 )
-from vibroswarm.inference.inbox import clear_inbox, put_message, take_first
-from vibroswarm.inference.sample_rows import (
+from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
     DONE,
@@ -59,6 +58,9 @@ from vibroswarm.inference.sample_rows import (
     Readings,
     Rows,
     Stops,
+    clear_inbox,
+    put_message,
+    take_first,
 )
 from vibroswarm.inference.sender_positions import Tracks, positions_at
 from vibroswarm.strategies.world import World
@@ -68,24 +70,12 @@ NEVER = 2**62
 
 @inner
 def read_arrived(
-    swarm: Swarm,
-    e: int,
-    i: int,
-    walked: int,
-    buffer: MessageBuffer,
-    world: World,
-    seed: int,
-    run: int,
+    swarm: Swarm, e: int, i: int, walked: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Read the messages that had arrived when robot ``i``, in row ``e``, last walked, at tick ``walked``."""
-    row, s, p, w, a = (
-        swarm.agents[e],
-        swarm.states[e],
-        swarm.params[i],
-        world_of_robot(world, i),
-        views(swarm.arrays, e),
-    )
+    row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
+    a = views(swarm.arrays, e)
     count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
     walked = min(walked, last)
     if walked < since:
@@ -132,19 +122,9 @@ def send_message(
         d = send_draws(seed, run, i, row.sent)
         buffer.arrival[:] = -1  # robots that the network leaves out hear nothing
         send(
-            network_state[0],
-            network_arrays,
-            i,
-            tick,
-            row.sent,
-            bytes_on_air,
-            buffer.x_m,
-            buffer.y_m,
-            buffer.arrival,
-            d,
-            network_params[0],
-            world_of_robot(world, i),
-        )
+            network_state[0], network_arrays, i, tick, row.sent, bytes_on_air, buffer.x_m, buffer.y_m,
+            buffer.arrival, d, network_params[0], world_of_robot(world, i),
+        )  # fmt: skip
         for j in range(buffer.arrival.size):
             arrives = j != i and buffer.arrival[j] >= 0
             if arrives and not put_message(buffer.inbox, j, m, max(buffer.arrival[j], tick + 1)):
@@ -175,13 +155,8 @@ def update_decision(
     swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, buffer: MessageBuffer, world: World
 ) -> int:
     """Update the decision of robot ``i`` after an own event; return ``DONE`` or an error code."""
-    row, s, p, w, a = (
-        swarm.agents[e],
-        swarm.states[e],
-        swarm.params[i],
-        world_of_robot(world, i),
-        views(swarm.arrays, e),
-    )
+    row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
+    a = views(swarm.arrays, e)
     row.tick = tick
     row.belief = belief(s, a, p, w)
     new = decision(s, a, p, w)
@@ -223,6 +198,59 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
             row.first_decided_s = row.decided_s + world.hold_s
 
 
+@inner
+def begin_run(
+    swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Tracks, world: World, network_state: NDArray[np.void],
+    network_arrays: Any, seed: int, run: int,
+) -> None:  # fmt: skip
+    """Set everything to time 0: the robots of a run, in rows from ``first`` on, their messages and the network."""
+    buffer.filled[0] = 0
+    buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
+    network_state[0] = buffer.zero_network_state[0]
+    clear_network(network_arrays)
+    clear_inbox(buffer.inbox)
+    for i in range(swarm.params.size):
+        e = first + i
+        if READS_POSITIONS:
+            tracks.at[e] = tracks.bounds[e]
+        begin_agent(swarm.agents[e])
+        swarm.states[e] = buffer.zero_state[0]
+        begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
+              world_of_robot(world, i))  # fmt: skip
+        if HAS_TIMER:
+            swarm.agents[e].due_tick = due_tick(swarm, e, world)
+
+
+@inlined
+def next_event(
+    rows: Rows, stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int
+) -> tuple[int, int, bool]:
+    """Return tick and robot of the next event, and whether it is a timer.
+
+    Args:
+        tick, i: of the next sample, ``NEVER`` if there is none.
+    """
+    is_timer = False
+    for j in range(swarm.params.size):
+        e = first + j
+        due, stop = swarm.agents[e].due_tick, stop_of(rows, stops, swarm.agents[e].row, e, low)
+        if due < stop and (due < tick or (due == tick and j < i)):
+            tick, i, is_timer = due, j, True
+    return tick, i, is_timer
+
+
+@inlined
+def log_sample(
+    swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
+) -> None:
+    """Write the robot in row ``e`` after its sample in row ``k``, and the message that it sends or not."""
+    row = swarm.agents[e]
+    log.states[k], log.decision[k], log.received[k] = swarm.states[e], row.opinion, row.received
+    log.belief[k] = row.belief
+    messages[k] = out
+    log.sends[k] = sends
+
+
 @kernel
 def replay(
     rows: Rows, stops: Stops, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm,
@@ -244,47 +272,23 @@ def replay(
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
         if from_start:
-            replayed[r], buffer.filled[0] = 0, 0
-            if READS_POSITIONS:
-                for e in range(first, first + robots):
-                    tracks.at[e] = tracks.bounds[e]
-            buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
-            network_state[0] = buffer.zero_network_state[0]
-            clear_network(network_arrays)
-            clear_inbox(buffer.inbox)
-            for i in range(robots):
-                e = first + i
-                begin_agent(swarm.agents[e])
-                swarm.states[e] = buffer.zero_state[0]
-                begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
-                      world_of_robot(world, i))  # fmt: skip
-                if HAS_TIMER:
-                    swarm.agents[e].due_tick = due_tick(swarm, e, world)
+            replayed[r] = 0
+            begin_run(swarm, first, buffer, tracks, world, network_state, network_arrays, seed, run)
         while True:
             k = low + replayed[r]
             tick = signed(stops.tick[k]) if k < high else NEVER
             i = signed(rows.robot[k]) if k < high else robots
             is_timer = False
             if HAS_TIMER:
-                for j in range(robots):
-                    e = first + j
-                    due, stop = swarm.agents[e].due_tick, stop_of(rows, stops, swarm.agents[e].row, e, low)
-                    if due < stop and (due < tick or (due == tick and j < i)):
-                        tick, i, is_timer = due, j, True
+                tick, i, is_timer = next_event(rows, stops, swarm, first, low, tick, i)
             if tick == NEVER or time_of(tick, world) > limit_s:
                 break
             if buffer.filled[0] >= buffer.sender.size:
                 return BUFFER_FULL
             settle_opinions(swarm, first, tick, buffer, world)
             e, m = first + i, buffer.filled[0]
-            row, s, p, w, a = (
-                swarm.agents[e],
-                swarm.states[e],
-                swarm.params[i],
-                world_of_robot(world, i),
-                views(swarm.arrays, e),
-            )
-            out = buffer.messages[m]
+            row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
+            a, out = views(swarm.arrays, e), buffer.messages[m]
             buffer.messages[m] = buffer.zero_message[0]
             if is_timer:
                 t_s = time_of(tick, w)
@@ -316,29 +320,16 @@ def replay(
             if not is_timer:
                 replayed[r] += 1
                 if HAS_STEER:
-                    steering[k, 0], steering[k, 1] = steer(
-                        s, a, x, steering_draws(seed, run, i, number), p, w
-                    )
+                    d = steering_draws(seed, run, i, number)
+                    steering[k, 0], steering[k, 1] = steer(s, a, x, d, p, w)
                 if log.belief.size > 0:
-                    log.states[k], log.decision[k], log.received[k] = s, row.opinion, row.received
-                    log.belief[k] = row.belief
-                    messages[k] = out
-                    log.sends[k] = sends
+                    log_sample(swarm, e, k, out, sends, messages, log)
         limit = signed(min(limit_s * 1000.0 / world.tick_ms, 1e15))
         settle_opinions(swarm, first, min(stops.known_tick[r], limit), buffer, world)
         if to_end:
             for i in range(robots):
-                read_arrived(
-                    swarm,
-                    first + i,
-                    i,
-                    stops.walked_tick[first + i],
-                    buffer,
-                    world,
-                    seed,
-                    run,
-                    network_params,
-                )
+                e = first + i
+                read_arrived(swarm, e, i, stops.walked_tick[e], buffer, world, seed, run, network_params)
     return DONE
 
 

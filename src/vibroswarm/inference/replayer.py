@@ -15,8 +15,7 @@ from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, str
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import NO_REACH, Timeline
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
-from vibroswarm.inference.inbox import empty_inbox, start_capacity
-from vibroswarm.inference.sample_rows import (
+from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
     DONE,
     ERROR_TEXT,
@@ -28,7 +27,9 @@ from vibroswarm.inference.sample_rows import (
     Readings,
     Rows,
     Stops,
+    empty_inbox,
     empty_log,
+    start_capacity,
 )
 from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.inference.shared_deliveries import deliveries_of

@@ -12,8 +12,15 @@ from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import Timeline, rows_of
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
-from vibroswarm.inference.inbox import empty_inbox, start_capacity
-from vibroswarm.inference.sample_rows import BUFFER_FULL, Deliveries, DeliveryScratch, Rows, Stops
+from vibroswarm.inference.replay_arrays import (
+    BUFFER_FULL,
+    Deliveries,
+    DeliveryScratch,
+    Rows,
+    Stops,
+    empty_inbox,
+    start_capacity,
+)
 from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario

@@ -37,7 +37,7 @@ from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
-from vibroswarm.strategies.told import fields_read
+from vibroswarm.strategies.static_analysis import fields_read
 from vibroswarm.study.study_result import run
 
 BELIEFS: Final = "beliefs"

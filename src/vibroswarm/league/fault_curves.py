@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.faults.assignment import working
+from vibroswarm.faults import working
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.forced_error import DRAWS, LEAST_KNOWN, front_of, on_line
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.matched_error import DRAWS, LEAST_KNOWN, Array, front_of, on_line
 from vibroswarm.errors import check_choice
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
 
 
@@ -39,7 +40,9 @@ def front_table(standings: Standings, reference: str | None = None, seed: int = 
     """
     entries = standings.league.entries
     labels = [entry.label for entry in entries]
-    against = labels.index(labels[0] if reference is None else _checked(reference, labels))
+    if reference is not None:
+        check_choice(reference, "reference", labels)
+    against = 0 if reference is None else labels.index(reference)
     time_s = np.array([standings.by_unit(k, "decision_time_s") for k in range(len(entries))])
     error = np.array([standings.by_unit(k, "forced_error") for k in range(len(entries))])
     units = time_s.shape[1]
@@ -73,8 +76,3 @@ def _with_limits(name: str, values: Array) -> dict[str, float]:
     drawn = values[1:][~np.isnan(values[1:])]
     low, high = np.quantile(drawn, (0.025, 0.975)) if drawn.size >= LEAST_KNOWN * DRAWS else (np.nan, np.nan)
     return {name: float(values[0]), f"{name}_low": float(low), f"{name}_high": float(high)}
-
-
-def _checked(reference: str, labels: list[str]) -> str:
-    check_choice(reference, "reference", labels)
-    return reference

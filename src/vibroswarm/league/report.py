@@ -50,7 +50,43 @@ def write_league_report(folder: Path, standings: Standings, tables: Mapping[str,
 def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Report:
     """Lay out the report, see ``write_league_report``."""
     table, league = standings.table, standings.league
-    differences, fronts = tables["differences"], tables["fronts"]
+    sections = (
+        _time_and_error(table),
+        Section(
+            "What it costs, and what a robot is told",
+            ("Messages and bytes are those that a robot sends in a run.",),
+            (ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
+        ),
+        Section(
+            "Compared with the reference",
+            (
+                "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
+                "No significant difference is not evidence of no difference.",
+            ),
+            (
+                ReportTable(
+                    _side_by_side(tables["differences"]), {"name": Column("entry")}, name="differences"
+                ),
+            ),
+        ),
+        *_fronts_section(tables["fronts"]),
+        *beliefs_section(tables.get("beliefs")),
+        *faults_section(tables.get("faults")),
+        *_by_floor(standings.floor_table, tables["floor_differences"]),
+        Section("Settings", (), (ReportTable(_settings(standings), name="settings"),)),
+    )
+    details = {
+        "floors": str(len(league.floors)),
+        "robots": ", ".join(map(str, league.robots)),
+        "runs": f"{league.runs} of each floor and size",
+        "seed": str(league.seed),
+        "base scenario": league.base.hash,
+    }
+    return Report("League", answers(table, tables), sections=sections, details=details)
+
+
+def _time_and_error(table: pl.DataFrame) -> Section:
+    """Return the section with the standings, and their picture."""
     front = draw_front(
         table.select(
             "name",
@@ -65,67 +101,31 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
         percent=True,
         style="page",
     )
+    text = (
+        "Each point is an entry, averaged over all floors. An undecided robot counts with the whole time, and "
+        "as wrong if it leans to the wrong side at the end (forced error)."
+    )
+    standings = ReportTable(_with_limits(table), _COLUMNS, name="standings")
+    return Section("Time and error", (text,), (picture_of(front, "front"), standings))
+
+
+def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the sections on single floors: a picture, differences from the reference, and all figures."""
     heat = draw_heat(
-        by_difficulty(standings.floor_table),
+        by_difficulty(floors),
         x_label="pattern and share of tiles in the minority",
         y_label="",
         label="forced error (%)",
         best="low",
         style="page",
     )
-    sections = (
-        Section(
-            "Time and error",
-            (
-                "Each point is an entry, averaged over all floors. An undecided robot counts with the whole time, and "
-                "as wrong if it leans to the wrong side at the end (forced error).",
-            ),
-            (picture_of(front, "front"), ReportTable(_with_limits(table), _COLUMNS, name="standings")),
-        ),
-        Section(
-            "What it costs, and what a robot is told",
-            ("Messages and bytes are those that a robot sends in a run.",),
-            (ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
-        ),
-        Section(
-            "Compared with the reference",
-            (
-                "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
-                "No significant difference is not evidence of no difference.",
-            ),
-            (ReportTable(_side_by_side(differences), {"name": Column("entry")}, name="differences"),),
-        ),
-        *_fronts_section(fronts),
-        *beliefs_section(tables.get("beliefs")),
-        *faults_section(tables.get("faults")),
-        Section(
-            "Floor by floor",
-            (_floors_text(tables["floor_differences"]),),
-            (picture_of(heat, "floors"),),
-        ),
-        Section(
-            "Differences from the reference, floor by floor",
-            parts=(
-                ReportTable(tables["floor_differences"], {"name": Column("entry")}, name="floor_differences"),
-            ),
-            folded=True,
-        ),
-        Section(
-            "All figures, floor by floor",
-            parts=(ReportTable(standings.floor_table, _COLUMNS, name="floors"),),
-            folded=True,
-        ),
-        Section("Settings", (), (ReportTable(_settings(standings), name="settings"),)),
+    by_pair = ReportTable(differences, {"name": Column("entry")}, name="floor_differences")
+    all_figures = ReportTable(floors, _COLUMNS, name="floors")
+    return (
+        Section("Floor by floor", (_floors_text(differences),), (picture_of(heat, "floors"),)),
+        Section("Differences from the reference, floor by floor", parts=(by_pair,), folded=True),
+        Section("All figures, floor by floor", parts=(all_figures,), folded=True),
     )
-    sizes = ", ".join(map(str, league.robots))
-    details = {
-        "floors": str(len(league.floors)),
-        "robots": sizes,
-        "runs": f"{league.runs} of each floor and size",
-        "seed": str(league.seed),
-        "base scenario": league.base.hash,
-    }
-    return Report("League", answers(table, tables), sections=sections, details=details)
 
 
 def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:

@@ -40,7 +40,7 @@ from vibroswarm.inference.outcomes import capped_time_s, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
-from vibroswarm.strategies.told import told
+from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult, run

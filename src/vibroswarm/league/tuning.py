@@ -110,30 +110,37 @@ def tune(
     target = play("target", second.entries, second).interval(0, "forced_error").estimate
     for done, player in enumerate(players):
         progress(done / len(players))
-        name = player.strategy
-        ranges = {field: given for field, given in known[name].items() if isinstance(given, Mapping)}
-        fixed = {field: given for field, given in known[name].items() if field not in ranges}
-        drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
-        default = replace(player, label=f"{name} by default", settings=fixed)
-        first = [
-            replace(player, label=f"{name} {k}", settings=fixed | _rounded(point))
-            for k, point in enumerate(drawn)
-        ]
+        first, default = _candidates(player, known[player.strategy], points, seed)
         ranked = by_criterion(play(f"{done}-first", first, league), target)
         finalists = [*(first[k] for k in ranked[:FINALISTS]), default]
         found = play(f"{done}-second", finalists, second)
-        best = by_criterion(found, target)[0]
-        settings[name] = dict(finalists[best].settings)
-        words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in finalists}
-        tables.append(
-            found.table.select(
-                "name", "strategy", "forced_error", "forced_error_low", "forced_error_high",
-                "decision_time_s", "decision_time_s_low", "decision_time_s_high",
-                is_chosen=pl.col("name") == finalists[best].label,
-                settings=pl.col("name").replace_strict(words, return_dtype=pl.String),
-            )
-        )  # fmt: skip
+        best = finalists[by_criterion(found, target)[0]]
+        settings[player.strategy] = dict(best.settings)
+        tables.append(_table(found, finalists, best))
     return Tuned(settings, pl.concat(tables), target)
+
+
+def _candidates(player: Entry, space: Mapping[str, Any], points: int, seed: int) -> tuple[list[Entry], Entry]:
+    """Return the entries of the first round of a strategy, and the one with its default settings."""
+    ranges = {field: given for field, given in space.items() if isinstance(given, Mapping)}
+    fixed = {field: given for field, given in space.items() if field not in ranges}
+    drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
+    first = [
+        replace(player, label=f"{player.strategy} {k}", settings=fixed | _rounded(point))
+        for k, point in enumerate(drawn)
+    ]
+    return first, replace(player, label=f"{player.strategy} by default", settings=fixed)
+
+
+def _table(found: Standings, finalists: Sequence[Entry], best: Entry) -> pl.DataFrame:
+    """Return the figures of the finalists of a strategy, with their settings in words."""
+    words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in finalists}
+    return found.table.select(
+        "name", "strategy", "forced_error", "forced_error_low", "forced_error_high",
+        "decision_time_s", "decision_time_s_low", "decision_time_s_high",
+        is_chosen=pl.col("name") == best.label,
+        settings=pl.col("name").replace_strict(words, return_dtype=pl.String),
+    )  # fmt: skip
 
 
 def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:

@@ -47,7 +47,7 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.faults.assignment import onset_s
+from vibroswarm.faults import onset_s
 from vibroswarm.robot.walk import TIMERS, WalkProgram
 from vibroswarm.scenario.fields import Robot
 from vibroswarm.scenario.scenario import Scenario

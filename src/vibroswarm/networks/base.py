@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
-from vibroswarm.strategies.static_checks import PARAMETERS, check_function
+from vibroswarm.strategies.static_analysis import PARAMETERS, check_function
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]

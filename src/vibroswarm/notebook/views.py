@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.opinion import OPINION_NOTE, holds_opinions
-from vibroswarm.analysis.verdict import RobotVerdict, Verdict, verdict
-from vibroswarm.analysis.verdict_words import confidence, headline, robot_row
-from vibroswarm.core.short_text import public_values, short_text, short_value
+from vibroswarm.analysis.verdict import (
+    OPINION_NOTE,
+    RobotVerdict,
+    Verdict,
+    confidence,
+    headline,
+    holds_opinions,
+    robot_row,
+    verdict,
+)
+from vibroswarm.core.notebook_view import public_values, short_text, short_value
 from vibroswarm.errors import shown
 from vibroswarm.floors.design import FloorDesign
 from vibroswarm.floors.floor import Floor
@@ -23,10 +30,9 @@ from vibroswarm.plots.run import floor_figure, run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
-from vibroswarm.scenario.field_names import FieldNames
-from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.comparison import Comparison, ReportFile
+from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_outputs import Comparison, ReportFile
 from vibroswarm.study.study_result import StudyResult
 
 if TYPE_CHECKING:

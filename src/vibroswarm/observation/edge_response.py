@@ -9,12 +9,16 @@
 A sample near an edge senses the tile below or the nearest one of the other kind, never a mixture of both. What the
 recordings show: on still tiles within 10 mm of a vibrating one energies are those of either kind, not in between.
 The floor's outer edge is none: seen from within, there is nothing beyond it.
+
+The edges of preset `calibrated` were fitted to tiles of one size; on smaller ones they are an extrapolation, of which
+``edge_warnings`` warns.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,8 +28,8 @@ from vibroswarm.core.jit import kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.energy_model import share_below, shares_below
-from vibroswarm.scenario.fields import Sensor
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.fields import FloorField, Sensor
+from vibroswarm.scenario.scenario import Scenario, preset
 
 FAR = 6.0
 """Number of blurs beyond the reach from which an edge is not sensed at all (one sample in 10^9)."""
@@ -231,3 +235,34 @@ def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.floa
     for k in range(out.size):
         robot, tile = (k, 0) if robots else (0, k)
         out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
+
+
+FITTED_ON_M: Final = 0.2
+"""Side of the tiles of the recordings."""
+
+
+def edge_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if the scenario has the fitted edges on tiles smaller than ``FITTED_ON_M``."""
+    if not _has_fitted_edges(scenario.sensor):
+        return []
+    side_m = shorter_side_m(scenario.floor, scenario.arena.width_m, scenario.arena.height_m)
+    if side_m >= FITTED_ON_M * (1.0 - 1e-9):
+        return []
+    reach_mm = 1000.0 * (scenario.sensor.edge_reach_m or 0.0)
+    return [
+        f"vibration reaches {reach_mm:.0f} mm beyond edges, as fitted on tiles of {1000 * FITTED_ON_M:.0f} mm; on "
+        f"these of {1000 * side_m:.3g} mm that is an extrapolation"
+    ]
+
+
+def shorter_side_m(floor: FloorField, width_m: float, height_m: float) -> float:
+    """Return the shorter side of a tile, m, in an arena of this size."""
+    tiles, _ = floor.tiles_for(0, 0)
+    rows, columns = tiles.shape
+    return min(floor.tile_width_m or width_m / columns, floor.tile_height_m or height_m / rows)
+
+
+@cache
+def _has_fitted_edges(sensor: Sensor) -> bool:
+    fitted = preset("calibrated").sensor
+    return (sensor.edge_reach_m, sensor.edge_blur_m) == (fitted.edge_reach_m, fitted.edge_blur_m)

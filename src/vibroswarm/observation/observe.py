@@ -10,7 +10,7 @@
 Changing the floor changes no noise: the uniform number belongs to (seed, run, robot, sample). A place
 without a tile does not vibrate and reads as a still tile does; its tile is -1. Near edges, and where tiles or
 robots differ (off in the paper), the tile that is read and a factor come from ``edge_response``; the bits of failed
-sensors come from ``faults.sensor_faults``.
+sensors come from ``faults``.
 
 ``observe`` reads whole tables; ``SensedFloor`` is a run's floor and sensors as the kernels of the closed loop read
 them.
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.faults.sensor_faults import SensorFaults, observation_of, of_run, sensor_faults
+from vibroswarm.faults import SensorFaults, observation_of, of_run, sensor_faults
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.edge_response import (
     Place,

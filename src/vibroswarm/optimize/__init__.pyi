@@ -6,14 +6,14 @@ from .grid import truth_of_grid as truth_of_grid
 from .loop import Found as Found
 from .loop import run_search as run_search
 from .objective import Objective as Objective
+from .outcomes import Outcomes as Outcomes
+from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings
 from .scenario_comparison import compare_scenarios as compare_scenarios
 from .search_report import best_scenario as best_scenario
 from .search_report import write_report as write_report
 from .sensitivity import ped_anova as ped_anova
 from .sensitivity import sobol_indices as sobol_indices
-from .simulate_outcomes import Outcomes as Outcomes
-from .simulate_outcomes import outcomes_of as outcomes_of
 from .space import Space as Space
 from .spec import Search as Search
 from .spec import SearchSettings as SearchSettings

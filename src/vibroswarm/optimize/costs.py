@@ -21,8 +21,8 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
+from vibroswarm.optimize.outcomes import Outcomes
 
 WRONG: Final = 5.0
 UNDECIDED: Final = 1.0

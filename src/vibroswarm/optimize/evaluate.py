@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Ask
+from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.objective import Objective, Rows
+from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.optimize.pso import shared_run
-from vibroswarm.optimize.simulate_outcomes import outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import Workers, do_all

@@ -27,9 +27,9 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcome_arrays import Outcomes, from_tables
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.objective import Objective, objectives_from
+from vibroswarm.optimize.outcomes import Outcomes, from_tables
 from vibroswarm.optimize.spec import KEYS
 from vibroswarm.optimize.validation import Scored, Truth, paired_score, scored_of
 from vibroswarm.study.factors import flat

@@ -27,7 +27,7 @@ from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, write_files
 from vibroswarm.core.untrusted_files import entry, number, read_bytes, read_json, texts
 from vibroswarm.errors import InputError, RunError, check_format, shown, warn_once
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Ask
+from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
 from vibroswarm.result import write_code
 from vibroswarm.simulation import versions

@@ -16,10 +16,9 @@ import numpy as np
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.batch_samplers import Random, Sobol
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, do_pieces
 from vibroswarm.optimize.journal import JOURNAL, Journal, Step
-from vibroswarm.optimize.method import Ask, Iteration, Method, SearchProgress
+from vibroswarm.optimize.methods import Ask, Iteration, Method, Random, SearchProgress, Sobol
 from vibroswarm.optimize.pso import Pso
 from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.response_surface import optima

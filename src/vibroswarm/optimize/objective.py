@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
+from vibroswarm.optimize.outcomes import Outcomes
 
 AIMS: Final = ("expected_time_to_right", "time_at_error")
 NAMES: Final = (*costs.COSTS, *AIMS)

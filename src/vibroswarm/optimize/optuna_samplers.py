@@ -1,4 +1,4 @@
-"""Wrap the methods of Optuna and cmaes in the protocol of ``method``; copy a search for Optuna's dashboard.
+"""Wrap the methods of Optuna and cmaes in the protocol of ``methods``; copy a search for Optuna's dashboard.
 
 | method | library | what |
 |---|---|---|
@@ -34,8 +34,7 @@ import numpy as np
 from vibroswarm.analysis.tradeoff import pareto_front
 from vibroswarm.errors import InputError, RunError, warn_once
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.batch_samplers import BATCH, BatchSampler
-from vibroswarm.optimize.method import chance
+from vibroswarm.optimize.methods import BATCH, BatchSampler, chance
 from vibroswarm.optimize.space import Dimension, Point
 
 FILE: Final = "optuna.journal"

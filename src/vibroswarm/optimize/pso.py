@@ -33,7 +33,7 @@ import numpy as np
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Ask, Iteration, chance, iteration_of
+from vibroswarm.optimize.methods import Ask, Iteration, chance, iteration_of
 from vibroswarm.optimize.race import allocate_runs
 from vibroswarm.optimize.space import Point
 

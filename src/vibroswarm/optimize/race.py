@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import Ask, Iteration
+from vibroswarm.optimize.methods import Ask, Iteration
 
 
 def allocate(

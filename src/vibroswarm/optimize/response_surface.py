@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.method import chance
+from vibroswarm.optimize.methods import chance
 from vibroswarm.optimize.space import Point
 
 FITS: Final = 5

@@ -19,10 +19,10 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcome_arrays import Outcomes
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset

@@ -17,10 +17,10 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.motion.pose import pose
+from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN
 from vibroswarm.result import Result
-from vibroswarm.scenario.edge_extrapolation import edge_warnings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -33,7 +33,7 @@ from vibroswarm.inference.outcomes import (
     run_table,
 )
 from vibroswarm.inference.replay import infer, inference_columns
-from vibroswarm.inference.sample_rows import HeardMessages, Session, empty_log
+from vibroswarm.inference.replay_arrays import HeardMessages, Session, empty_log
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of

@@ -24,7 +24,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import InputError
-from vibroswarm.faults.assignment import fault_words
+from vibroswarm.faults import fault_words
 from vibroswarm.floors.floor import Floor
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS

@@ -26,7 +26,7 @@ from vibroswarm.observation.decision_boundary import expected_ones_on, readings_
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord, fault_rows, payload
 from vibroswarm.strategies import strategy as strategy_of
-from vibroswarm.strategies.told import fields_read
+from vibroswarm.strategies.static_analysis import fields_read
 
 SCRIPTS = (
     "decode.js",

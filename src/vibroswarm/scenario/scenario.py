@@ -1,7 +1,10 @@
-"""Scenarios: frozen, validated, hashable, TOML in and out.
+"""Scenarios: frozen, validated, hashable, TOML in and out; and the names of their fields.
 
 A scenario consists of the sections of ``fields``. Every default is what the paper's simulations really did
 (preset ``paper``), so a scenario file need only give what differs.
+
+Names of fields are attributes, which sessions complete: ``vibroswarm.fields.swarm.robots`` is "swarm.robots". They
+stand wherever a dotted name does: ``scenario.with_values({fields.swarm.robots: 8})``.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from pydantic import BaseModel, ValidationError, model_validator
 
@@ -331,3 +334,45 @@ def _nearest_field(name: str) -> str:
         k for k in known if last in k.split(".")[1:-1]
     ]
     return f", did you mean '{same[0]}'?" if same else nearest(name, known + list(Scenario.model_fields))
+
+
+class FieldNames(NotebookView):
+    """The fields below a section, or all: each attribute is a dotted name, or the fields below it.
+
+    Args:
+        section: dotted name; empty: all sections.
+    """
+
+    __slots__ = ("_section",)
+
+    def __init__(self, section: str = "") -> None:
+        self._section = section
+
+    def _below(self) -> list[str]:
+        """Return the dotted names below this section, without it."""
+        start = f"{self._section}." if self._section else ""
+        return [name.removeprefix(start) for name in field_names() if name.startswith(start)]
+
+    def __dir__(self) -> list[str]:
+        return list(dict.fromkeys(name.partition(".")[0] for name in self._below()))
+
+    def __getattr__(self, name: str) -> str | FieldNames:
+        """Return the dotted name of a field, or the fields of a section.
+
+        Raises:
+            AttributeError: there is none; the nearest is named.
+        """
+        below = [] if name.startswith("_") else self._below()
+        full = f"{self._section}.{name}" if self._section else name
+        if name in below:
+            return full
+        if any(known.startswith(f"{name}.") for known in below):
+            return FieldNames(full)
+        raise AttributeError(f"there is no field {full!r}{nearest(name, dir(self)) if below else ''}")
+
+    def __repr__(self) -> str:
+        return f"FieldNames({self._section or 'all'}: {len(self._below())} fields)"
+
+
+fields: Final = FieldNames()
+"""All fields of a scenario: ``fields.walk.leg_min_ms`` is "walk.leg_min_ms"."""

@@ -41,7 +41,7 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
-from vibroswarm.strategies.static_checks import check_function
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
@@ -118,7 +118,7 @@ class Strategy(Plugin):
         bytes_on_air: of one message, at most 144.
         revises: decisions may change if ``decision.revise`` is set.
         boundary_half: it works only for a boundary of readings of 1/2.
-        told: what its parameters tell a robot of the task, such as "accuracy"; see ``told`` for the rest.
+        told: what its parameters tell a robot of the task, such as "accuracy"; the rest: ``static_analysis.told``.
         knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
         reads_details: ``on_sample`` is given a ``DetailedReading``.
         variant: given the parameters, and sizes (those that arrays may have, and the arena's ``longest_mm``), returns
@@ -160,7 +160,7 @@ class Strategy(Plugin):
             "x": DetailedReading._fields if self.reads_details else Reading._fields,
             "a": tuple(arrays_of(self.arrays)),
         }
-        for hook in HOOKS:
+        for hook in STRATEGY_HOOKS:
             if getattr(self, hook) is not None:
                 check_function(
                     hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
@@ -236,9 +236,6 @@ def arrays_of(declared: type) -> dict[str, Array]:
     return found
 
 
-HOOKS: Final = (
-    "begin", "on_counts", "on_message", "on_sample", "on_timer", "decision", "belief", "steer", "opposite",
-)  # fmt: skip
 CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
 
 
@@ -252,7 +249,7 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
     """
     space = vars(sys.modules[module])
     parts = {CLASSES[part]: space[part] for part in CLASSES if part in space}
-    parts |= {part: space[part] for part in HOOKS if isinstance(space.get(part), FunctionType)}
+    parts |= {part: space[part] for part in STRATEGY_HOOKS if isinstance(space.get(part), FunctionType)}
     for part, word in (
         ("state", "State"),
         ("begin", "begin"),

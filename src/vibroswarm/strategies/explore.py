@@ -24,7 +24,7 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from vibroswarm.strategies import place_message, places
+from vibroswarm.strategies import places
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import logistic, pairs_of, total_odds
@@ -100,7 +100,7 @@ class Target:
     target: int
 
 
-class Message(place_message.Message, Target):
+class Message(places.Message, Target):
     """That of ``places``, and where the robot drives to."""
 
 

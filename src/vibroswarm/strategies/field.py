@@ -31,7 +31,7 @@ from pydantic import Field
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import LEAST_SPREAD_M, RATE, score_at, share_below
-from vibroswarm.strategies.place_message import Message, fill_message
+from vibroswarm.strategies.places import Message, fill_message
 from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["Message", "decision", "field"]

@@ -22,12 +22,19 @@ from typing import Final
 
 from vibroswarm.core.jit import inlined_uncached
 from vibroswarm.strategies.bayes import Row
-from vibroswarm.strategies.place_map import RATE, felt, logistic
-from vibroswarm.strategies.world import World
+from vibroswarm.strategies.place_map import RATE, felt, logistic, score_at
+from vibroswarm.strategies.world import Draws, World
 
 RATIO_STEP: Final = 1.0 / 16.0
 RATIO_STEPS: Final = 127
 """Log ratios in messages have one byte: steps, and how many of them either way."""
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Begin with empty maps, undecided."""
+    s.decision, s.needed = -1, score_at(w.credible_threshold)
+    for j in range(w.robots):
+        a.weight[j] = 1.0 - p.broken_prior
 
 
 @inlined_uncached

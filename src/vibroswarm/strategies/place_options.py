@@ -10,7 +10,8 @@ from typing import Any, Final
 
 from vibroswarm.errors import InputError
 from vibroswarm.strategies import place_samples, place_summaries
-from vibroswarm.strategies.base import HOOKS, MAX_BYTES, Strategy, array
+from vibroswarm.strategies.base import MAX_BYTES, Strategy, array
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS
 
 TWELVE_BITS: Final = 4095
 
@@ -54,6 +55,6 @@ def message_bytes(p: Any, sizes: Mapping[str, int]) -> int:
 def _variant(places: Strategy, share_map: bool, maps: int, size: int) -> Strategy:
     module: ModuleType = place_summaries if share_map else place_samples
     arrays = type("Arrays", (module.Arrays,), {"odds": array("float64", f"{maps}*robots*tiles")})
-    changed: dict[str, Any] = {hook: getattr(module, hook, None) for hook in HOOKS}
+    changed: dict[str, Any] = {hook: getattr(module, hook, None) for hook in STRATEGY_HOOKS}
     changed |= {"state": module.State, "message": module.Message, "arrays": arrays}
     return replace(places, **changed, bytes_on_air=size, reads_details=True)

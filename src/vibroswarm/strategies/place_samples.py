@@ -20,18 +20,18 @@ from vibroswarm.strategies.base import Array, array
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.place_evidence import (
     add_evidence,
+    begin,
     chance_of_bit,
     decide,
     ratio_of_bit,
     rounded_ratio,
     score_of_maps,
 )
-from vibroswarm.strategies.place_map import score_at, share_place
-from vibroswarm.strategies.place_message import rounded
-from vibroswarm.strategies.places import State, decision, judge
+from vibroswarm.strategies.place_map import share_place
+from vibroswarm.strategies.places import State, decision, judge, rounded
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
-__all__ = ["State", "decision"]
+__all__ = ["State", "begin", "decision"]
 
 MOST_DRAWS: Final = 4
 KEPT: Final = 25
@@ -72,13 +72,6 @@ class Arrays:
     of_all = array("float64", "1")
     p = array("float64", "tiles")
     p_without = array("float64", "tiles")
-
-
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with empty maps, undecided."""
-    s.decision, s.needed = -1, score_at(w.credible_threshold)
-    for j in range(w.robots):
-        a.weight[j] = 1.0 - p.broken_prior
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:

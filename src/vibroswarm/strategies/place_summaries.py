@@ -26,17 +26,18 @@ from vibroswarm.strategies.place_evidence import (
     RATIO_STEP,
     RATIO_STEPS,
     add_evidence,
+    begin,
     chance_of_bit,
     decide,
     ratio_of_bit,
     rounded_ratio,
     score_of_maps,
 )
-from vibroswarm.strategies.place_map import score_at, share_place
+from vibroswarm.strategies.place_map import share_place
 from vibroswarm.strategies.places import State, decision, judge
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
-__all__ = ["State", "decision"]
+__all__ = ["State", "begin", "decision"]
 
 HEADER_BYTES: Final = 5
 MOST_TILES: Final = 139
@@ -70,13 +71,6 @@ class Arrays:
     of_all = array("float64", "1")
     p = array("float64", "tiles")
     p_without = array("float64", "tiles")
-
-
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with empty maps, undecided."""
-    s.decision, s.needed = -1, score_at(w.credible_threshold)
-    for j in range(w.robots):
-        a.weight[j] = 1.0 - p.broken_prior
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:

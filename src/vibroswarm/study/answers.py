@@ -5,7 +5,7 @@
 
 Shares are of robots. A difference is stated if its p-value, corrected over all comparisons of the study, is below
 0.05; it is confirmed if the other seeds show it too. A strategy that is faster and wrong more often is not called
-better: it is compared at equal error as well (``analysis.matched_error``).
+better: it is compared at equal error as well (``analysis.forced_error``).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from vibroswarm.analysis.cell_summary import CellSummary
+from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.matched_error import MatchedError
 from vibroswarm.analysis.paired import DIRECTIONS, side
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
@@ -193,7 +193,7 @@ def answers_of(
 
     Args:
         compared: all figures of all pairs. matched: by the numbers of cell and reference
-            (``equal_error.at_equal_error``).
+            (``cell_comparison.at_equal_error``).
     """
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:

@@ -40,8 +40,17 @@ from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
-from vibroswarm.study.batch_table import ROWS, WALK, BatchRows, Columns, columns_of, walked
-from vibroswarm.study.failed_runs import FAILED_ROWS, TABLE, failed_rows
+from vibroswarm.study.batch_table import (
+    FAILED_ROWS,
+    FAILED_TABLE,
+    ROWS,
+    WALK,
+    BatchRows,
+    Columns,
+    columns_of,
+    failed_rows,
+    walked,
+)
 from vibroswarm.study.plan import Group, Texts, scenario_of
 from vibroswarm.study.spec import Study
 
@@ -280,16 +289,9 @@ class BatchResult:
 
 def batch_of(study: Study, group: Group, first: int, last: int) -> Batch:
     """Make the batch of some runs of a group."""
+    code = plugins.texts_of(study.codes)
     return Batch(
-        study.hash,
-        group.number,
-        group.texts,
-        first,
-        last,
-        study.seed,
-        study.motion,
-        study.keep,
-        plugins.texts_of(study.codes),
+        study.hash, group.number, group.texts, first, last, study.seed, study.motion, study.keep, code
     )
 
 
@@ -323,7 +325,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
         order = ["cell", "run", "time_s", "robot"]
         tables["samples"] = pl.concat(samples).sort(order, maintain_order=True)
     if failures:
-        tables[TABLE] = pl.concat(failures).sort("cell", "run")
+        tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
     files = {name: _parquet(table, work) for name, table in tables.items()}
     return BatchResult(work, files, tables["robots"].height, versions())
 
@@ -351,7 +353,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         InputError: a table is missing, unexpected or wrong; it names file and column.
     """
     required = {"robots", *study.keep}
-    if set(files) - {TABLE} != required:
+    if set(files) - {FAILED_TABLE} != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -362,7 +364,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             f"describes {rows} rows; {len(cells)} cells, {len(runs)} runs and {robots} robots make {expected}"
         )
     for table, path in files.items():
-        schema = {"robots": ROBOTS, TABLE: FAILED_ROWS}.get(table, SAMPLE_ROWS)
+        schema = {"robots": ROBOTS, FAILED_TABLE: FAILED_ROWS}.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)
         frame = check_table(frame, schema, path.name, table)
         if table == "robots" and frame.height != expected:

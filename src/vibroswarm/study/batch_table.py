@@ -1,6 +1,11 @@
-"""Collect the rows of a batch in arrays of shape (cells, runs, robots), and turn them into one table at the end.
+"""The tables of a batch: rows of robots, and the runs that the source of motion gave up.
 
-Making a table for each cell and joining them takes many times as long.
+Rows are collected in arrays of shape (cells, runs, robots), and turned into one table at the end: making a table for
+each cell and joining them takes many times as long.
+
+The source of motion gives up runs such as those of MuJoCo at numbers that are not finite. Their robots stand from then
+on and count as undecided in every figure, so a study lists and counts them. A shard has that table only if a run of it
+failed.
 """
 
 from __future__ import annotations
@@ -14,8 +19,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.sampling import WALK as OF_WALK
+from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
+from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import Result
+from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -133,3 +141,42 @@ def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
     for name, column in columns.items():
         column[place] = figures[name]
     return columns
+
+
+FAILED_TABLE: Final = "failures"
+"""Name of the table in a shard."""
+FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
+"""One row per cell and failed run: since when its robots stand, and why."""
+FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
+
+
+def failed_rows(
+    failures: pl.DataFrame | None, cells: Sequence[Sequence[int]], end_s: float
+) -> list[pl.DataFrame]:
+    """Return the table of some cells with the same motion; runs that fail after their end have not failed.
+
+    Args:
+        failures: of the motion, None if no run failed. cells: as ``BatchOutcomes`` has them. end_s: of their runs.
+    """
+    if failures is None:
+        return []
+    known = failures.filter(pl.col("time_s") < end_s)
+    return [
+        known.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *FAILURES)
+        for same in cells
+        for cell in same
+        if known.height > 0
+    ]
+
+
+def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
+    """Write how many runs of a cell failed, with the first cause.
+
+    Args:
+        failed: ``FAILED_RUNS`` of the cell. runs: of the cell.
+    """
+    first = failed.sort("run").row(0, named=True)
+    return (
+        f"{failed.height:,} of {runs:,} runs of {cell.name} failed in the source of motion; their robots stand since "
+        f"then and count as undecided (run {first['run']} at {first['time_s']:.4g} s: {first['reason']})."
+    )

@@ -1,15 +1,17 @@
-"""Compare cells in pairs, run by run, and again on a second block of seeds.
+"""Compare cells in pairs, run by run, and again on a second block of seeds; strategies at equal error too.
 
 Each cell is compared with those that differ from it in a single field: strategies in all pairs, other fields with their
 first value; or with a named reference only. Compared are fields whose values are words (strategies, presets,
 labels); numeric fields only if nothing else is varied, since several of them make a curve; floors never, since nobody
 chooses them. The p-values are corrected over all comparisons of a study.
+
+For a comparison at equal error the cells are replayed with other settings (``analysis.forced_error``).
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,9 +20,16 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import run_figures
-from vibroswarm.analysis.forced_error import forced_error_by_run
+from vibroswarm.analysis.forced_error import (
+    MatchedError,
+    Reached,
+    forced_error_by_run,
+    matched_error,
+    reached,
+)
 from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
+from vibroswarm.simulation import steers
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.runner import Progress
 from vibroswarm.study.spec import SOURCE, Cell, Study
@@ -253,3 +262,54 @@ class _Figures:
 
 def _key(point: dict[str, Any]) -> str:
     return repr(sorted((k, repr(v)) for k, v in point.items()))
+
+
+MATCHED_CELLS: Final = 12
+"""With more cells nothing is compared at equal error."""
+MATCHED_RUNS: Final = 1000
+MATCHED_ROBOTS: Final = 5000
+"""Most robots in all runs that are replayed with each setting, unless that is less than 100 runs."""
+LEAST_RUNS: Final = 20
+
+
+def at_equal_error(
+    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
+) -> dict[tuple[int, int], MatchedError]:
+    """Compare each pair of cells with different strategies at equal error, by replay with other settings.
+
+    Left out are strategies that steer, cells without enough common runs or a right answer, and studies of more than
+    ``MATCHED_CELLS`` such cells.
+
+    Args:
+        progress: called with the share done.
+    """
+    pairs = {
+        (one.cell.number, one.reference.number): (one.cell, one.reference)
+        for one in compared
+        if one.cell.scenario.strategy.name != one.reference.scenario.strategy.name
+        and not steers(one.cell.scenario)
+        and not steers(one.reference.scenario)
+    }
+    cells = {cell.number: cell for pair in pairs.values() for cell in pair}
+    if len(cells) > MATCHED_CELLS:
+        return {}
+    runs = {number: _runs(result, cell) for number, cell in cells.items()}
+    common = sorted(set.intersection(*map(set, runs.values()))) if runs else []
+    if len(common) < LEAST_RUNS:
+        return {}
+    found: dict[int, Reached] = {}
+    for done, (number, cell) in enumerate(cells.items()):
+        try:
+            found[number] = reached(cell.scenario, result.study.seed, common)
+        except InputError:
+            continue
+        if progress is not None:
+            progress((done + 1) / len(cells))
+    return {(a, b): matched_error(found[a], found[b]) for a, b in pairs if a in found and b in found}
+
+
+def _runs(result: StudyResult, cell: Cell) -> list[int]:
+    """List the runs of a cell that are replayed."""
+    return result.runs_there(
+        cell.number, min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, 100))
+    )

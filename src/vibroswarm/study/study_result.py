@@ -35,11 +35,10 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
-from vibroswarm.study.failed_runs import FAILED_RUNS, TABLE
-from vibroswarm.study.frames import dataset_of, pandas_of
+from vibroswarm.study.batch_table import FAILED_RUNS, FAILED_TABLE
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
+from vibroswarm.study.precision import Settled, runs_that_count, settled
 from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
-from vibroswarm.study.sequential_stopping import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import SHARDS, Store
 
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from vibroswarm.plots.picture import Picture
-    from vibroswarm.study.comparison import Comparison, ReportFile
+    from vibroswarm.study.study_outputs import Comparison, ReportFile
 
 TABLES: Final = ("robots", "runs", "samples", "cells")
 
@@ -230,8 +229,8 @@ class StudyResult(NotebookView):
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
-        """List the runs of ``cells`` (by default all) that the source of motion gave up, see ``study.failed_runs``."""
-        scans = self._scans(TABLE, cells)
+        """List the runs of ``cells`` (by default all) that the source of motion gave up, see ``study.batch_table``."""
+        scans = self._scans(FAILED_TABLE, cells)
         return self._with_varied(
             pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=FAILED_RUNS)
         )
@@ -260,6 +259,8 @@ class StudyResult(NotebookView):
         Raises:
             InputError: pandas is not installed, or there is no such table.
         """
+        from vibroswarm.study.study_outputs import pandas_of
+
         return pandas_of(self._table(table))
 
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
@@ -268,6 +269,8 @@ class StudyResult(NotebookView):
         Raises:
             InputError: the cells form no grid of the varied fields, or xarray is not installed.
         """
+        from vibroswarm.study.study_outputs import dataset_of
+
         return dataset_of(self, table)
 
     def summary(self) -> pl.DataFrame:
@@ -285,7 +288,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no compared field has the value ``reference``.
         """
-        from vibroswarm.study.comparison import compared
+        from vibroswarm.study.study_outputs import compared
 
         return compared(self, reference, confirm)
 
@@ -297,7 +300,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: the study has no such picture, and the message lists those it has; or no such style.
         """
-        from vibroswarm.study.comparison import plotted
+        from vibroswarm.study.study_outputs import plotted
 
         return plotted(self, name, style)
 
@@ -309,7 +312,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: the folder exists, or cannot be written. RunError: the disk is full or failed.
         """
-        from vibroswarm.study.comparison import reported
+        from vibroswarm.study.study_outputs import reported
 
         return reported(self, None if folder is None else path_of(folder, "folder"), replace)
 

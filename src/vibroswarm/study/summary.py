@@ -21,10 +21,9 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
-from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
-from vibroswarm.study.equal_error import at_equal_error
-from vibroswarm.study.failed_runs import failed_words
-from vibroswarm.study.sequential_stopping import Settled, figure_of
+from vibroswarm.study.batch_table import failed_words
+from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
+from vibroswarm.study.precision import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
@@ -44,7 +43,7 @@ class CellOutcome(NotebookView):
     forced_error: Interval
     """Mean over runs of ``analysis.forced_error``: robots wrong, or undecided and leaning to the wrong side."""
     failed: pl.DataFrame
-    """Runs that the source of motion gave up, ``failed_runs.FAILED_RUNS``; their robots count as undecided."""
+    """Runs that the source of motion gave up, ``batch_table.FAILED_RUNS``; their robots count as undecided."""
     settled: Settled | None = None
     """After how many runs the cell reached the precision, and at which level its figure is reported."""
 

@@ -25,7 +25,7 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.strategies.base import Plugin
-from vibroswarm.strategies.static_checks import where
+from vibroswarm.strategies.static_analysis import where
 
 
 class Asked(NamedTuple):

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
-from vibroswarm.faults.assignment import onset_s, working
+from vibroswarm.faults import onset_s, working
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.networks import network as network_of
-from vibroswarm.observation.energy_ratio import log_ratios
+from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import Strategy

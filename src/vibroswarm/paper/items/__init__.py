@@ -1,4 +1,4 @@
-"""The items of the paper, each a module of its own, and their registry."""
+"""The items of the paper, one or two in a module, and their registry."""
 
 from __future__ import annotations
 
@@ -13,44 +13,38 @@ def all_items() -> tuple[Item, ...]:
     """Return all items, in the paper's order."""
     from vibroswarm.paper.items import (
         calibration,
-        difficulty,
         example_run,
         experiment_accuracy,
         experiments,
-        feedback_grid,
-        fill_ratios,
+        feedback,
+        fill_ratios_and_sizes,
         headline,
         hidden_threshold,
         patterns,
         readings,
         search,
-        search_repeats,
-        sharing,
         side_claims,
-        swarm_sizes,
-        timer,
     )
 
-    modules = (
-        difficulty,
-        calibration,
-        search,
-        feedback_grid,
-        fill_ratios,
-        swarm_sizes,
-        patterns,
-        experiments,
-        example_run,
-        readings,
-        side_claims,
-        headline,
-        sharing,
-        search_repeats,
-        timer,
-        experiment_accuracy,
-        hidden_threshold,
+    return (
+        patterns.DIFFICULTY,
+        calibration.ITEM,
+        search.SEARCH,
+        feedback.GRID,
+        fill_ratios_and_sizes.FILL_RATIOS,
+        fill_ratios_and_sizes.SWARM_SIZES,
+        patterns.FIVE_PATTERNS,
+        experiments.ITEM,
+        example_run.ITEM,
+        readings.OPEN_READINGS,
+        side_claims.ITEM,
+        headline.ITEM,
+        feedback.SHARING,
+        search.SEARCH_REPEATS,
+        readings.TIMER,
+        experiment_accuracy.ITEM,
+        hidden_threshold.ITEM,
     )
-    return tuple(module.ITEM for module in modules)
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:

@@ -1,4 +1,4 @@
-"""Item 7: the five patterns at two fill ratios, with P0 and P*, under the three strategies."""
+"""Items 1 and 7: the five patterns; their table of difficulty, and swarms on them with P0 and P*."""
 
 from __future__ import annotations
 
@@ -9,12 +9,86 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.floors.difficulty import paper_table
 from vibroswarm.paper.cell_tables import FIGURES, PAPERS_BAR, bars, limits, two_forms
-from vibroswarm.paper.claim_values import Row, mean
-from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
-from vibroswarm.paper.item import Cells, Drawn, Item, Picture, Settings, Tables, Work, cells_and_claims
-from vibroswarm.paper.items.difficulty import FILLS, PATTERNS
+from vibroswarm.paper.claim_values import Row, exact, frame, mean
+from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES, published
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Cells,
+    Drawn,
+    Item,
+    Picture,
+    Settings,
+    Tables,
+    TableView,
+    Work,
+    cells_and_claims,
+)
 from vibroswarm.plots import draw_error_bars
+from vibroswarm.report.html import Column
+
+PATTERNS: Final = {
+    "diagonal": "diagonal",
+    "stripe": "stripe",
+    "block_diagonal": "block-diagonal",
+    "alternating": "alternating",
+    "random": "random-fixed",
+}
+"""The paper's five patterns and our names for them."""
+FILLS: Final = ("0.48", "0.46")
+
+
+def _difficulty_table() -> pl.DataFrame:
+    """Return the printed, reproduced and correct values of each pattern and measure."""
+    published_names = {own_name: name for name, own_name in PATTERNS.items()}
+    rows = []
+    for entry in paper_table():
+        kind, _, fill = entry.pattern.partition(":")
+        key = "moran" if entry.measure == "Moran index" else "entropy"
+        printed = float(published("patterns_10x10")[f"{key}_{fill}"][published_names[kind]])
+        # Remove the rounding errors of logarithms.
+        as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)
+        rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))
+    names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
+    return pl.DataFrame(rows, schema=names, orient="row")
+
+
+def compute_difficulty(work: Work) -> Tables:
+    """Compute the 20 numbers exactly."""
+    table = _difficulty_table()
+    measured = [
+        exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
+        for row in table.to_dicts()
+    ]
+    return {"difficulty": table, CLAIMS: frame(measured)}
+
+
+DIFFICULTY: Final = Item(
+    number=1,
+    name="difficulty",
+    title="Difficulty of the five patterns",
+    about=(
+        "The paper's table of Moran indices and entropies: printed, as the paper computed it (48 vibrating "
+        "tiles in all entropies, and an alternating floor of 48 instead of 46), and correct for the fill "
+        "ratio named.",
+    ),
+    compute=compute_difficulty,
+    shown=(
+        TableView(
+            "difficulty",
+            "Printed and computed; nothing here is uncertain.",
+            {
+                "pattern": Column("pattern"),
+                "measure": Column("measure"),
+                "printed": Column("printed"),
+                "as the paper computed": Column("as the paper computed"),
+                "right": Column("correct"),
+                "printed less right": Column("printed - correct", digits=2),
+            },
+        ),
+    ),
+)
 
 HARD: Final = ("diagonal", "stripe", "block-diagonal")
 EASY: Final = ("alternating", "random-fixed")
@@ -102,7 +176,7 @@ def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
     return draw_error_bars(intervals, label=label, interval=interval, percent=figure.startswith("robots"))
 
 
-ITEM: Final = Item(
+FIVE_PATTERNS: Final = Item(
     number=7,
     name="patterns",
     title="Five patterns, P0 and P*",

@@ -1,4 +1,4 @@
-"""Item 10: the effect of each choice that the text leaves open, or states wrongly."""
+"""Items 10 and 15: the effect of each choice that the text leaves open, or states wrongly, and of the sample timer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.paper.cell_tables import TIME, limits, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
-from vibroswarm.plots import draw_forest
+from vibroswarm.plots import draw_error_bars, draw_forest
 from vibroswarm.report.html import Column
 
 READINGS: Final[dict[str, dict[str, Any]]] = {
@@ -118,7 +119,7 @@ _CHANGE: Final = {
         for end in ("", "_low", "_high")
     },
 }
-ITEM: Final = Item(
+OPEN_READINGS: Final = Item(
     number=10,
     name="readings",
     title="What the text leaves open",
@@ -130,4 +131,63 @@ ITEM: Final = Item(
     compute=compute,
     pictures=pictures,
     shown=(TableView("changes", "Effect of each reading, with 95 % intervals over runs.", _CHANGE),),
+)
+
+ALWAYS, FROZEN, RAN = "always", "frozen_in_avoidance", "reset_after_turn"
+TIMERS: Final = (ALWAYS, RAN, FROZEN)
+"""As in the text, as it ran, and as in earlier work according to the text."""
+TIMER_KEYS: Final = ("timer", "strategy")
+
+
+def cells_of_timers(settings: Settings) -> Cells:
+    """Return the cells by (timer, strategy)."""
+    by_key: Cells = {}
+    for timer in TIMERS:
+        for strategy in STRATEGIES:
+            values: dict[str, Any] = {"floor.source": "random:0.48", "strategy.name": strategy}
+            by_key[timer, strategy] = settings.cell(COLUMN, values | {"sample.timer": timer})
+    return by_key
+
+
+def compute_timers(work: Work) -> Tables:
+    """Return the cells and claims."""
+    return {"cells": work.rows(TIMER_KEYS), CLAIMS: frame(list(_measured_timers(work)))}
+
+
+def _measured_timers(work: Work) -> Iterator[Row]:
+    """Yield the rows of the claims about the sample timer."""
+    pair = (ALWAYS, "none"), (FROZEN, "none")
+    yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
+    for strategy in STRATEGIES:
+        pair = (ALWAYS, strategy), (FROZEN, strategy)
+        for claim, name in (
+            ("timer-harder-time", "decision_time_s"),
+            ("timer-harder-belief", "belief_in_truth"),
+        ):
+            yield work.change(claim, COLUMN, strategy, name, *pair, check=False)
+
+
+def pictures_of_timers(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Yield decision time with each timer."""
+    points = limits(tables["cells"], "decision_time_s").select(
+        "estimate", "low", "high", "runs", x=pl.col("timer").str.replace_all("_", " "), series="strategy"
+    )
+    draw = partial(draw_error_bars, points, label=TIME)
+    yield Picture("timer-decision-time", "Decision time with each timer", draw)
+
+
+TIMER: Final = Item(
+    number=15,
+    name="timer",
+    title="The sample timer",
+    about=(
+        "The paper keeps the timer on at all times, and says that this raises the correlation of samples and so the "
+        "difficulty of the task, compared with a timer that stops during avoidance. Both are run here, and the timer "
+        "as it really ran; preset `paper`, five robots, P*, fill ratio 0.48. A difficult task takes longer or is "
+        "judged less accurately: both are tested.",
+    ),
+    cells=cells_of_timers,
+    compute=compute_timers,
+    pictures=pictures_of_timers,
+    shown=two_forms("cells", TIMER_KEYS, walk=True),
 )

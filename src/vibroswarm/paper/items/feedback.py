@@ -1,4 +1,4 @@
-"""Item 13: positive feedback without message loss, and whether the best eta and kappa depend on the task.
+"""Items 4 and 13: soft feedback over eta and kappa, whether the best depend on the task; positive without loss.
 
 | name | symbol | equation |
 |---|---|---|
@@ -22,11 +22,100 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
+from vibroswarm.paper.cell_tables import FIGURES, both_forms, two_forms
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, fills, published, sizes
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Cells,
+    Item,
+    Picture,
+    Settings,
+    Tables,
+    TableView,
+    Work,
+    cells_and_claims,
+)
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
+
+FILL: Final = "random:0.48"
+
+
+def _etas() -> list[int]:
+    return [int(eta) for eta in published("parameters.soft_feedback_grid.eta")]
+
+
+def _kappas() -> list[int]:
+    return [int(kappa) for kappa in published("parameters.soft_feedback_grid.kappa")]
+
+
+def cells_of_grid(settings: Settings) -> Cells:
+    """Return the cells by (column, strategy, eta, kappa)."""
+    by_key: Cells = {}
+    for column in settings.columns:
+        for strategy in ("none", "positive"):
+            values = {"floor.source": FILL, "strategy.name": strategy}
+            by_key[column, strategy, None, None] = settings.cell(column, values)
+        for eta in _etas():
+            for kappa in _kappas():
+                values = {"floor.source": FILL, "strategy.name": "soft"}
+                values |= {"strategy.soft.eta": float(eta), "strategy.soft.kappa": float(kappa)}  # type: ignore[dict-item]
+                by_key[column, "soft", eta, kappa] = settings.cell(column, values)
+    return by_key
+
+
+def _measured_grid(work: Work, column: str) -> Iterator[Row]:
+    """Yield the rows of the claims about eta and kappa."""
+    time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
+    none = (column, "none", None, None)
+    most = (column, "soft", max(_etas()), max(_kappas()))
+    label = f"eta {most[2]}, kappa {most[3]}"
+    yield work.change("grid-approaches-none", column, label, time, most, none)
+    for eta in _etas():
+        kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
+        for claim, name, first, second in (
+            ("grid-kappa-4", time, kappa_4, none),
+            ("grid-kappa-1-fast", time, kappa_1, kappa_2),
+            ("grid-kappa-1-belief", belief, kappa_1, kappa_2),
+            ("grid-kappa-1-wrong", wrong, kappa_1, kappa_2),
+        ):
+            yield work.change(claim, column, f"eta {eta}", name, first, second)
+    for kappa in _kappas():
+        low, high = ((column, "soft", eta, kappa) for eta in (min(_etas()), max(_etas())))
+        for claim, name in (("grid-eta-fast", time), ("grid-eta-belief", belief)):
+            yield work.change(claim, column, f"kappa {kappa}, eta {low[2]} less {high[2]}", name, low, high)
+
+
+def pictures_of_grid(tables: Tables, settings: Settings) -> Iterator[Picture]:
+    """Yield a line for each kappa (κ) over eta (η), with no feedback and positive feedback across, as in the paper."""
+    table = tables["cells"]
+    soft = table.filter(pl.col("strategy") == "soft").with_columns(series=pl.format("κ {}", pl.col("kappa")))
+    across = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
+    lines = across.join(pl.DataFrame({"eta": _etas()}), how="cross")
+    names = [name for name in soft.columns if name != "strategy"]
+    together = pl.concat([soft.select(names), lines.select(names)]).sort("series", maintain_order=True)
+    flat = ("none", "positive")
+    yield from both_forms(
+        "feedback-grid", together, settings.columns, "eta", "η", "series", FIGURES[:5], flat
+    )
+
+
+GRID_KEYS: Final = ("column", "strategy", "eta", "kappa")
+GRID: Final = Item(
+    number=4,
+    name="feedback-grid",
+    title="Soft feedback over eta and kappa",
+    about=(
+        "The second stage of the paper's optimisation: five robots with P* at a fill ratio of 0.48. No "
+        "feedback and positive feedback, which know neither eta nor kappa, are drawn across. All cells of a "
+        "column share their motion.",
+    ),
+    cells=cells_of_grid,
+    compute=cells_and_claims(GRID_KEYS, _measured_grid),
+    pictures=pictures_of_grid,
+    shown=two_forms("cells", GRID_KEYS),
+)
 
 HERE: Final = "random:0.48"
 EASIER: Final = "random:0.44"
@@ -155,7 +244,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         yield Picture("sharing-costs", "Cost over kappa, eta 1500", draw)
 
 
-ITEM: Final = Item(
+SHARING: Final = Item(
     number=13,
     name="sharing",
     title="Positive feedback without loss, and the best eta and kappa",

@@ -1,4 +1,7 @@
-"""Objects that a study's result returns to a session: a comparison in sentences, a picture, a report."""
+"""What a study's result gives to a session: a comparison in sentences, a picture, a report, and tables of other kinds.
+
+Pandas and xarray, to which tables are converted, are optional.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import check_choice
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.plots.picture import Picture
 from vibroswarm.study.answers import Answer, cell_sentences
 from vibroswarm.study.baselines import references_of
@@ -20,6 +23,9 @@ from vibroswarm.study.study_report import REPORT, write_pictures_and_report
 from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
     from vibroswarm.study.study_result import StudyResult
 
 
@@ -99,3 +105,46 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     write_outcome(outcome, folder)
     write_pictures_and_report(outcome, references_of(result), folder, "column")
     return ReportFile(folder / REPORT)
+
+
+def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
+    """Convert a table to pandas.
+
+    Raises:
+        InputError: pandas or pyarrow is not installed.
+    """
+    try:
+        import pandas  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ImportError as error:
+        raise _missing(error, "to_pandas") from None
+    return frame.to_pandas()
+
+
+def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
+    """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
+
+    Raises:
+        InputError: the cells form no grid of the varied fields, or xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise _missing(error, "to_xarray") from None
+    index = [
+        *result.study.varied,
+        *(["run"] if table in ("runs", "robots") else []),
+        *(["robot"] if table == "robots" else []),
+    ]
+    frame = result.to_pandas(table).drop(columns="cell")
+    for name in frame.select_dtypes("category"):
+        frame[name] = frame[name].astype(str)
+    indexed = frame.set_index(index) if index else frame
+    if not indexed.index.is_unique:
+        raise InputError("several cells have the same varied values", field="to_xarray")
+    return xarray.Dataset.from_dataframe(indexed)
+
+
+def _missing(error: ImportError, field: str) -> InputError:
+    """Return the error that names the package that is missing, and the extra that has it."""
+    return InputError(f"needs {error.name}: pip install 'vibroswarm[frames]'", field=field)

@@ -1,26 +1,35 @@
-"""Which robots of a run fail, and from when on.
+"""Robots that fail: which of a run, from when on, and what sensors that fail read.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | order | - | - | robots by their uniform number at (seed, run, robot, FAULT, kind): the first n fail |
 | n | - | - | share of the swarm times its robots, rounded half up |
 | since | - | s | given, or low + (high - low) u, u the robot's second number at that address |
+| below | F(theta_E) | - | share of energies below the threshold: 1 - false positives, or false negatives |
+| hours | h | h | time since the fault began |
+| still | - | - | F(theta_E) - shift - drift h: more false positives, cut off at 0 and 1 |
+| vibrating | - | - | F(theta_E) + shift + drift h: more false negatives, cut off at 0 and 1 |
+| observation | O | 0, 1 | 1 if u > that share, u the same number as without the fault |
 
 The numbers belong to seed and run, so a larger share contains the robots of a smaller one, and curves over shares are
 paired. Each kind has an order of its own, but for sensors stuck at 0 and at 1: these share one, from its two ends, so
 that no sensor is stuck at both.
+
+A sensor that is stuck reads its bit whatever it stands on. The energy of a sample is that of the floor in any case: the
+fault lies in what the robot makes of it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.jit import inner, read_only
 from vibroswarm.core.rng import ALONE, FAULT, uniform
 from vibroswarm.scenario.fault_fields import FAULTS, SINCE, count_of
 from vibroswarm.scenario.scenario import Scenario
@@ -116,3 +125,71 @@ def fault_frame(scenario: Scenario, seed: int, runs: Sequence[int]) -> pl.DataFr
 def fault_words(kind: str) -> str:
     """Return a kind of fault in words: ``stuck at 1``."""
     return "sends the opposite" if kind == "opposite" else kind.replace("_", " ")
+
+
+PER_H: Final = 1.0 / 3600.0
+
+
+class SensorFaults(NamedTuple):
+    """The sensors of some runs that fail, (runs, robots) each unless stated; of no rows if none does."""
+
+    at_0_from_s: NDArray[np.float64]
+    """Since when a sensor is stuck at 0, s; inf: never. ``at_1_from_s``, ``biased_from_s``: likewise."""
+    at_1_from_s: NDArray[np.float64]
+    biased_from_s: NDArray[np.float64]
+    shifts: NDArray[np.float64]
+    """(4,): shift and drift per s of the false positives, then of the false negatives."""
+
+
+_NONE: Final = read_only(np.empty((0, 0)))
+NO_SENSOR_FAULTS: Final = SensorFaults(_NONE, _NONE, _NONE, read_only(np.zeros(4)))
+
+
+def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
+    """Return the sensors that fail in some runs."""
+    faults = scenario.faults
+    if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.biased):
+        return NO_SENSOR_FAULTS
+    at_0, at_1, biased = (
+        read_only(onset_s(scenario, seed, runs, kind)) for kind in ("stuck_at_0", "stuck_at_1", "biased")
+    )
+    shifts = np.array(
+        [
+            faults.false_positive_shift,
+            faults.false_positive_drift_per_h * PER_H,
+            faults.false_negative_shift,
+            faults.false_negative_drift_per_h * PER_H,
+        ]
+    )
+    return SensorFaults(at_0, at_1, biased, read_only(shifts))
+
+
+def of_run(faults: SensorFaults, r: int) -> SensorFaults:
+    """Return the faults of run ``r``, counted from the first, alone."""
+    at_0, at_1, biased = (onset[r : r + 1] for onset in faults[:3])
+    return SensorFaults(at_0, at_1, biased, faults.shifts)
+
+
+@inner
+def observation_of(
+    faults: SensorFaults, r: int, i: int, time_s: float, vibrates: bool, u: float, below: float
+) -> int:
+    """Return the bit that robot ``i`` of run ``r``, counted from the first, reads.
+
+    Args:
+        vibrates: whether the tile that it senses does. u: the sample's uniform number. below: share of energies there
+            that are not above the threshold, without faults.
+    """
+    if faults.at_0_from_s.shape[0] == 0:
+        return 1 if u > below else 0
+    if time_s >= faults.at_1_from_s[r, i]:
+        return 1
+    if time_s >= faults.at_0_from_s[r, i]:
+        return 0
+    for_s = time_s - faults.biased_from_s[r, i]
+    if for_s >= 0.0:
+        if vibrates:
+            below += faults.shifts[2] + faults.shifts[3] * for_s
+        else:
+            below -= faults.shifts[0] + faults.shifts[1] * for_s
+    return 1 if u > below else 0
