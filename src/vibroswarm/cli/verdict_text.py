@@ -98,7 +98,7 @@ MOST_ROBOTS: Final = 20
 
 def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
     """Return a table of how many robots decided what, when, and with what confidence."""
-    from vibroswarm.analysis.verdict_words import decision_words
+    from vibroswarm.analysis.verdict import decision_words
 
     groups: dict[str, list[RobotVerdict]] = {}
     for robot in sorted(found.robots, key=lambda one: (one.decision in (None, -1), one.decision or 0)):

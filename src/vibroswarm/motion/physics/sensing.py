@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner
 from vibroswarm.motion.control_step import Swarm, account, is_blind, load
-from vibroswarm.motion.fixed_step import sample
 from vibroswarm.motion.physics.arcs import note_arcs
 from vibroswarm.motion.recorder import Record
 from vibroswarm.motion.robot_params import Setup
@@ -148,25 +147,19 @@ def end_period(
     warned: bool,
     swarm: Swarm,
     setup: Setup,
-    speeds: NDArray[np.float64],
     record: Record,
     opened: NDArray[np.void],
-    seed: int,
     run: int,
     tick: int,
-    sampling: int,
 ) -> None:
-    """Write down a control period after its moves: fails, arcs, samples, what robots did.
+    """Write down a control period after its moves: fails, arcs, what robots did.
 
     Args:
         warned: MuJoCo has warned in this period: it is undone, and from it on the robots stand.
-        sampling: robots that sample at its end.
     """
     if world.frozen[0]:
         stand(swarm)
     elif warned:
         freeze(world, swarm, tick)
     note_arcs(record, opened, swarm, setup, run, tick)
-    if sampling > 0:
-        sample(swarm, setup, speeds, record, seed, run, tick)
     account(swarm)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.motion.control_step import Swarm, control
+from vibroswarm.motion.fixed_step import sample
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.physics.arcs import fit_period
 from vibroswarm.motion.physics.groups import LARGEST, Model, copy_robot, members_of, rests, set_groups
@@ -146,11 +147,13 @@ def wheels_steps(
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)
-        sampling, warned = control(swarm, setup, seed, run, now), False
+        if control(swarm, setup, seed, run, now) > 0:
+            sample(swarm, setup, speeds, record, seed, run, now)  # where they are now: they may be pushed on
+        warned = False
         if not world.frozen[0]:
             move_wheels(world, wheels, swarm, setup)
             warned = has_warned_in_groups(world, wheels)
-        end_period(world, warned, swarm, setup, speeds, record, opened, seed, run, now, sampling)
+        end_period(world, warned, swarm, setup, record, opened, run, now)
         if warned:
             return now + 1
     return max(tick, until)
