@@ -17,7 +17,7 @@ RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).
 
 def group_of(number: int, t_end_s: float, robots: int) -> Group:
     scenario = preset("paper").with_values({"run.t_end_s": t_end_s, "swarm.robots": robots})
-    return Group(number, plan_of(Study(scenario)).groups[0].observed)
+    return Group(number, plan_of(Study(scenario)).groups[0].observed, 1.5e-4)
 
 
 GROUPS = [group_of(k, *size) for k, size in enumerate([(60.0, 2), (1200.0, 5), (8000.0, 100)])]
@@ -98,3 +98,11 @@ def test_what_is_no_share_is_said(text: str) -> None:
 
 def test_a_share_from_words():
     assert Job.from_words("3/16") == (3, 16)
+
+
+def test_runs_of_a_slow_source_are_kept_one_by_one():
+    """A run of five robots on wheels takes some 8 s: what is done is kept after each."""
+    five = preset("paper")
+    assert plan_of(Study(five, motion="mujoco")).groups[0].block == 1
+    assert plan_of(Study(five, motion="mujoco-planar")).groups[0].block == 10
+    assert plan_of(Study(five)).groups[0].block > 10

@@ -164,10 +164,8 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
         report("Nothing to do: all runs exist.")
         return
     part = f" (this shard: 1/{job.of} of it)" if job else ""
-    report(
-        f"To do: {left.runs:,} runs of motion, about {duration(left.core_s)} of one core{part} (estimated from "
-        f"{left.tried} trial runs)"
-    )
+    how = f"estimated from {left.tried} trial runs" if left.tried else "a rough estimate"
+    report(f"To do: {left.runs:,} runs of motion, about {duration(left.core_s)} of one core{part} ({how})")
 
 
 def duration(seconds: float) -> str:

@@ -160,6 +160,8 @@ class Source:
     about: str = field(default="", compare=False)
     tolerance: Tolerance = field(default=Tolerance(), compare=False)
     """What ``vibroswarm.testing`` allows it."""
+    robot_s: float = field(default=1.5e-4, compare=False)
+    """Rough processor time of a robot's 1200 s, s: a study keeps what it has done after every batch, of some 10 s."""
     is_ours: bool = field(default=False, compare=False)
     """An engine of this package: its tables are checked by tests, not while it runs."""
     source: str = field(default="", compare=False)

@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Final
 
 from vibroswarm import strategies
+from vibroswarm.motion.source import source
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION
 from vibroswarm.study.spec import Cell, Study
@@ -75,6 +76,8 @@ class Group:
 
     number: int
     observed: tuple[tuple[tuple[Cell, ...], ...], ...]
+    robot_s: float
+    """``Source.robot_s`` of the study's source of motion."""
 
     @property
     def first(self) -> Scenario:
@@ -105,7 +108,7 @@ class Group:
         size, many = 10, len(self.cells) > MANY_CELLS
         while 2 * size * self.run_s <= (CELL_S * len(self.cells) if many else FIRST_BLOCK_S):
             size *= 2
-        while size > 1 and size * self.rows > MOST_ROWS:
+        while size > 1 and (size * self.rows > MOST_ROWS or size * self.run_s > LARGEST_BLOCK_S):
             size //= 2
         return size
 
@@ -118,7 +121,7 @@ class Group:
     def run_s(self) -> float:
         """Rough time of a run on one core, s; only the size of batches depends on it."""
         robots, share = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
-        motion = 0.15e-3 * robots * (1 + robots / 10 if robots <= 30 else 4)
+        motion = self.robot_s * robots * (1 + robots / 10 if robots <= 30 else 4)
         each = robots * (1e-5 * len(self.observed) + 3e-6 * self.inferences)
         return 5e-4 + 4e-5 * self.inferences + share * (motion + each)
 
@@ -171,7 +174,7 @@ def plan_of(study: Study) -> Plan:
     for number, observations in enumerate(motions.values()):
         seen = [tuple(tuple(same) for same in inferences.values()) for inferences in observations.values()]
         seen.sort(key=lambda inferences: -inferences[0][0].scenario.run.t_end_s)  # the longest moves first
-        groups.append(Group(number, tuple(seen)))
+        groups.append(Group(number, tuple(seen), source(study.motion).robot_s))
     plan = Plan(study, tuple(groups))
     object.__setattr__(study, "_plan", plan)  # a study does not change
     return plan

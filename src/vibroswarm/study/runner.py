@@ -234,7 +234,7 @@ FEW: Final = 2
 MORE: Final = 22
 """Trial batches of two sizes separate the cost of a batch from that of a run."""
 LONG_S: Final = 1.0
-"""If a few runs take longer, the cost of a batch is negligible, and no more are tried."""
+"""If a few runs take longer, the cost of a batch is negligible, and no more are tried; if one is expected to, none."""
 
 
 class Expected(NamedTuple):
@@ -256,6 +256,9 @@ def expected(store: Store, plan: Plan) -> Expected:
     tried = chosen[:: max(len(chosen) // TRIED_GROUPS, 1)][:TRIED_GROUPS]
     a_run, a_batch, count_tried = 0.0, 0.0, 0
     for group in tried:
+        if group.run_s > LONG_S:
+            a_run += 1.0 / len(tried)  # a trial would take too long: its source says what a run takes
+            continue
         _time_s(plan, group, FEW)  # tables and kernels are loaded
         few_s = _time_s(plan, group, FEW)
         long = few_s > LONG_S

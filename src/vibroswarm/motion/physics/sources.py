@@ -17,6 +17,7 @@ PLANAR: Final = register(
         partial(batch_of, PlanarRun),
         "discs in MuJoCo: mass, finite forces, contact",
         tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop_m=0.02, stop_rad=0.02),
+        robot_s=0.1,
         is_ours=True,
     )
 )
@@ -27,6 +28,7 @@ WHEELS: Final = register(
         partial(batch_of, WheelsRun),
         "robots on magnetic wheels in MuJoCo, with cones of rays",
         tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop_m=0.02, stop_rad=0.15),
+        robot_s=1.1,
         is_ours=True,
     )
 )
