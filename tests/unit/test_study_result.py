@@ -13,6 +13,7 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from vibroswarm import InputError, Study, StudyResult, preset
+from vibroswarm.study.cell_comparison import at_equal_error, comparisons
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -150,3 +151,28 @@ def test_a_missing_package_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(InputError, match=rf"^{convert}: needs {package}: pip install 'vibroswarm\[frames\]'"):
         getattr(result, convert)()
+
+
+def test_runs_of_a_slow_source_are_simulated_again_once_and_for_a_short_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pictures and references would take longer than the study. Those of the engines are as they were."""
+    slow = Study(SHORT, runs=30, seed=3, motion="mujoco-planar").run()
+    chosen = slow.runs_again(0, 30)
+    assert chosen == slow.runs_there(0, 30)
+    again = slow.result(0, chosen)
+    assert slow.result(0, chosen) is again
+    assert_frame_equal(again.motion, vibroswarm.simulate(SHORT, 3, chosen, motion="mujoco-planar").motion)
+    monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_S", 5 * slow.plan.groups[0].run_s)
+    assert slow.runs_again(0, 30) == [0, 1, 2, 3, 4]
+    quick = Study(SHORT, runs=30, seed=3).run()
+    assert quick.runs_again(0, 30) == list(range(30))
+
+
+def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_source() -> None:
+    """Settings are replayed on the engines' motion, which a study of another source did not have."""
+    grid = {"grid": {"strategy.name": ["none", "soft"]}}
+    for motion, is_compared in (("event", True), ("mujoco-planar", False)):
+        scenario = SHORT.with_values({"run.t_end_s": 300.0, "decision.min_observations": 5})
+        result = Study(scenario, grid, 30, seed=3, motion=motion).run()
+        assert bool(at_equal_error(result, comparisons(result))) == is_compared

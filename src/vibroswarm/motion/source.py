@@ -46,7 +46,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +133,10 @@ class Batch(Protocol):
         ``runs``."""
 
 
+ROBOT_S: Final = 1.5e-4
+"""Rough processor time of a robot's 1200 s in the event-driven engine, s."""
+
+
 class Tolerance(NamedTuple):
     """How far a source may miss what it promises, at the ticks of the control period; 0: exact but for rounding."""
 
@@ -160,7 +164,7 @@ class Source:
     about: str = field(default="", compare=False)
     tolerance: Tolerance = field(default=Tolerance(), compare=False)
     """What ``vibroswarm.testing`` allows it."""
-    robot_s: float = field(default=1.5e-4, compare=False)
+    robot_s: float = field(default=ROBOT_S, compare=False)
     """Rough processor time of a robot's 1200 s, s: a study keeps what it has done after every batch, of some 10 s."""
     is_ours: bool = field(default=False, compare=False)
     """An engine of this package: its tables are checked by tests, not while it runs."""

@@ -104,7 +104,7 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
         cells = [cell for cell in group.cells if cell.number in result.selected]
         simulated: Result | None = None
         for cell in cells:
-            chosen = result.runs_there(cell.number, runs)
+            chosen = result.runs_again(cell.number, runs)
             if len(chosen) < MIN_RUNS or cell.scenario.task.name != "fill_ratio":
                 yield cell, None
                 continue

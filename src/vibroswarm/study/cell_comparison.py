@@ -270,6 +270,8 @@ MATCHED_RUNS: Final = 1000
 MATCHED_ROBOTS: Final = 5000
 """Most robots in all runs that are replayed with each setting, unless that is less than 100 runs."""
 LEAST_RUNS: Final = 20
+ENGINES: Final = ("event", "fixed-step")
+"""Sources of the motion that strategies are replayed on at other settings: both give the same."""
 
 
 def at_equal_error(
@@ -277,12 +279,14 @@ def at_equal_error(
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare each pair of cells with different strategies at equal error, by replay with other settings.
 
-    Left out are strategies that steer, cells without enough common runs or a right answer, and studies of more than
-    ``MATCHED_CELLS`` such cells.
+    Left out are strategies that steer, cells without enough common runs or a right answer, studies of more than
+    ``MATCHED_CELLS`` such cells, and those of another source of motion than the engines: motion is simulated again.
 
     Args:
         progress: called with the share done.
     """
+    if result.study.motion not in ENGINES:
+        return {}
     pairs = {
         (one.cell.number, one.reference.number): (one.cell, one.reference)
         for one in compared

@@ -322,7 +322,7 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
     """Draw where the robots of a cell sampled."""
-    chosen = outcome.result.runs_there(one.cell.number, SIMULATED_RUNS)
+    chosen = outcome.result.runs_again(one.cell.number, SIMULATED_RUNS)
     result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
     arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
     fixed = not one.cell.scenario.floor.drawn_by_run
@@ -342,10 +342,9 @@ def _belief(outcome: Outcome, style: str) -> Picture:
     """Draw the beliefs of each cell over time."""
     frames, runs = [], SIMULATED_RUNS
     for cell_outcome in outcome.cells:
-        runs = min(cell_outcome.summary.runs, SIMULATED_RUNS)
-        result = outcome.result.result(
-            cell_outcome.cell.number, outcome.result.runs_there(cell_outcome.cell.number, runs)
-        )
+        number = cell_outcome.cell.number
+        chosen = outcome.result.runs_again(number, min(cell_outcome.summary.runs, SIMULATED_RUNS))
+        result, runs = outcome.result.result(number, chosen), len(chosen)
         robots = cell_outcome.cell.scenario.swarm.robots
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)

@@ -32,6 +32,7 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.motion.source import ROBOT_S, source
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
@@ -60,6 +61,10 @@ class _TemporaryFolder:
         self.folder = Path(gettempdir()) / f"vibroswarm-{tag()}"
         self.folder.mkdir(mode=0o700)
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+
+AGAIN_S: Final = 30.0
+"""Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
 
 
 @dataclass(frozen=True)
@@ -241,9 +246,13 @@ class StudyResult(NotebookView):
         Args:
             cell: its number. runs: one or several. segments: include the table from which poses are computed.
         """
-        return simulate(
-            self.cell(cell).scenario, self.study.seed, runs, motion=self.study.motion, segments=segments
-        )
+        scenario, study = self.cell(cell).scenario, self.study
+        if not self._is_slow:
+            return simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
+        chosen = (cell, (runs,) if isinstance(runs, int) else tuple(runs), segments)
+        if chosen not in self._again:
+            self._again[chosen] = simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
+        return self._again[chosen]
 
     def runs_there(self, cell: int, most: int) -> list[int]:
         """List the first ``most`` stored runs of a cell: all from 0, unless some failed."""
@@ -252,6 +261,21 @@ class StudyResult(NotebookView):
         ranges = sorted(self.store.ranges(self._group_of[cell].number))
         stored = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
         return [run for run in stored if run < self.runs_of(cell)][:most]
+
+    def runs_again(self, cell: int, most: int) -> list[int]:
+        """List the runs of a cell to simulate again: ``runs_there``, but no more than ``AGAIN_S`` of a slow source."""
+        if self._is_slow:
+            most = max(1, min(most, int(AGAIN_S / self._group_of[cell].run_s)))
+        return self.runs_there(cell, most)
+
+    @cached_property
+    def _is_slow(self) -> bool:
+        return source(self.study.motion).robot_s > ROBOT_S
+
+    @cached_property
+    def _again(self) -> dict[tuple[int, tuple[int, ...], bool], Result]:
+        """Runs of a slow source that were simulated again."""
+        return {}
 
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:
         """Convert the table ``robots``, ``runs``, ``cells`` or ``samples`` to pandas.
