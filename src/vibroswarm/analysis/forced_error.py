@@ -194,10 +194,13 @@ def _least(value: float, x: Array, y: Array) -> float:
 
 
 def _limits(values: Array, runs: int) -> Interval:
-    """Return the first value with percentiles of the others."""
+    """Return the estimate ``values[0]`` with the 95 % percentile interval of its bootstrap draws ``values[1:]``.
+
+    The limits are NaN if the estimate is, or if less than ``LEAST_KNOWN`` of the draws are numbers.
+    """
     drawn = values[1:][~np.isnan(values[1:])]
-    known = drawn.size >= LEAST_KNOWN * DRAWS and not math.isnan(values[0])
-    low, high = np.quantile(drawn, (0.025, 0.975)) if known else (np.nan, np.nan)
+    is_enough = drawn.size >= LEAST_KNOWN * DRAWS and not math.isnan(values[0])
+    low, high = np.quantile(drawn, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
     return Interval(float(values[0]), float(low), float(high), 0.95, runs, "bootstrap of fronts")
 
 

@@ -115,7 +115,10 @@ def _alike(values: Floats) -> float:
 
 
 def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
-    """Fit weights (the first is the intercept), balanced over both kinds; columns should be standardised."""
+    """Fit a logistic regression with a ridge penalty; return its coefficients, the intercept first.
+
+    Both labels weigh the same in all. The intercept is not penalised; columns should be standardised.
+    """
     design = np.column_stack([np.ones(len(columns)), columns])
     weight = np.where(label, 0.5 / max(label.mean(), 1e-9), 0.5 / max(1 - label.mean(), 1e-9))
     sign = np.where(label, 1.0, -1.0)

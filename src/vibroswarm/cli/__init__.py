@@ -203,7 +203,7 @@ def _leave_at_once(code: int) -> NoReturn:
     with suppress(Exception):
         for process in multiprocessing.active_children():
             process.kill()
-        atexit._run_exitfuncs()  # temporary folders and the second process
+        atexit._run_exitfuncs()  # removes temporary folders, ends the second process
         sys.stdout.flush()
     os._exit(code)
 

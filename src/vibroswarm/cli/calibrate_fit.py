@@ -24,7 +24,7 @@ examples:
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``fit``."""
     parser = tasks.add_parser(
         "fit",
         help="fit a scenario to recordings, and validate it on held-out sessions",

@@ -126,7 +126,7 @@ def _list_paper(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draw a floor in the terminal or to a file."""
+    """Draw a floor in the terminal, say how difficult it is, and save its picture with ``--out``."""
     import shutil
 
     from vibroswarm.floors.difficulty import measure

@@ -310,7 +310,7 @@ def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
         )
         print_paragraph(
             f"Camera {f'{number} ' if several else ''}{camera.position_m[2]:.2f} m above the floor; lens {lens}; "
-            f"corners of the floor's markers are met to {camera.floor_error_px:.2f} px."
+            f"its model fits the corners of the floor's markers to {camera.floor_error_px:.2f} px."
         )
         if overlap is not None:
             print_paragraph(

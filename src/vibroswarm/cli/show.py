@@ -279,14 +279,14 @@ def results_or_need(store: Store) -> tuple[Outcome | None, str]:
 
 
 def print_results(store: Store) -> None:
-    """Print the tables of a study."""
+    """Print the tables of a study, or say which code is missing to make them."""
     from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.cli.studies import print_tables
 
     outcome, needed = results_or_need(store)
     if needed:
         print_paragraph(
-            f"Results need code that is not loaded ({needed}); the command that made them prints them again."
+            f"Results need code that is not loaded ({needed}). Run the command that made them again to print them."
         )
     if outcome is not None:
         print_line()

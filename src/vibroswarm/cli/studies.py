@@ -306,7 +306,7 @@ def print_answers(outcome: Outcome) -> None:
 
 
 def answer_lines(outcome: Outcome) -> list[str]:
-    """Return a sentence for each comparison, or for each cell where none are compared."""
+    """Return sentences on the first comparisons, or on the first cells where none are compared."""
     from vibroswarm.study.answers import cell_sentences
 
     if not outcome.answers:

@@ -240,7 +240,10 @@ def register_source(file: str, text: str) -> None:
 
 
 def _is_changed(source: str) -> bool:
-    """Return whether a source was changed since this process started; a time in the future is no sign of it."""
+    """Return whether a source file was changed since this process read it.
+
+    Generated sources never count as changed, nor does a time of change in the future (a clock that was wrong).
+    """
     from vibroswarm.core import kernel_cache
 
     path = Path(source)
@@ -248,6 +251,7 @@ def _is_changed(source: str) -> bool:
         return False
     if source in _stamps:
         return _stamp(path) != _stamps[source]
+    # Without a stamp, by its time alone.
     return _hashed_at_s < path.stat().st_mtime <= time.time()
 
 

@@ -104,7 +104,7 @@ class _Files(IndexDataCacheFile):
                 Path(self._data_path(before)).unlink()
 
     def _load_index(self) -> dict[Any, str]:
-        """Load the index of cached kernels; empty if it is of other sources or versions."""
+        """Load the index of cached kernels; empty if there is none, or if it is of other sources or another version."""
         content = self._read(self._index_path)
         if content is None:
             return {}

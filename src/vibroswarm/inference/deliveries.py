@@ -158,9 +158,10 @@ class Timeline:
         return self._estimates[key]
 
     def reach(self, seed: int, loss: float) -> Reach:
-        """Return the receivers of each sample's message, the same under every strategy.
+        """Return who receives the message of each sample where a share ``loss`` is lost.
 
-        Empty if nothing is lost, or if there are too many robots or messages for the packed counts.
+        It is the same under every strategy, so it is computed once for each seed and loss. ``NO_REACH``, which says
+        nothing, if nothing is lost, or if there are too many robots or messages for the packed counts.
         """
         if loss <= 0.0 or self.robots > MAX_ROBOTS or self.longest >= 1 << LANE_BITS:
             return NO_REACH

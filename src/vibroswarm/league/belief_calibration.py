@@ -64,8 +64,9 @@ def belief_calibration(
     """Simulate floors of every fill ratio and compare beliefs with outcomes.
 
     Args:
-        league: its entries, base and smallest swarm; other floors and another seed than its own.
-        folder: where its runs are kept; those that are there are not repeated. runs: motions, each with every floor.
+        league: gives the entries, the base scenario and the smallest swarm; floors and seed differ from the league's.
+        folder: where runs are kept; those that are there are not repeated.
+        runs: motions; each is read on every floor.
         how: workers and executor, as of ``League.play``.
     Returns: ``COLUMNS`` with ``_low`` and ``_high``, a row for each entry that has a belief, its settings and prior.
     """
@@ -73,15 +74,18 @@ def belief_calibration(
     if not entries:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
     floors = [LeagueFloor("random", k / TILES, f"random:{k / TILES:g}") for k in COUNTS]
-    kinds = [settings for entry in entries for settings, _ in _settings_of(entry)]
-    both = [
-        replace(entry, label=f"{entry.label}, {settings}", settings={**entry.settings, **more})
+    variants = [
+        (
+            entry.label,
+            settings,
+            replace(entry, label=f"{entry.label}, {settings}", settings={**entry.settings, **more}),
+        )
         for entry in entries
         for settings, more in _settings_of(entry)
     ]
     asked = replace(
         league,
-        entries=tuple(both),
+        entries=tuple(variant for _, _, variant in variants),
         floors=tuple(floors),
         robots=(min(league.robots),),
         runs=runs,
@@ -89,7 +93,7 @@ def belief_calibration(
     )
     study = run(asked.study, folder, **how)
     rows: list[dict[str, Any]] = []
-    for place, entry in enumerate(both):
+    for place, (label, settings, entry) in enumerate(variants):
         mine = asked.study.cells[place * len(COUNTS) : (place + 1) * len(COUNTS)]
         table = study.rows(*(cell.number for cell in mine)).select(
             "cell", "run", "decision", "belief_below", "truth"
@@ -97,11 +101,12 @@ def belief_calibration(
         sums = _sums(table.collect(), mine[0].number, (len(COUNTS), runs))
         for prior in (OWN, COMMON):
             weights = prior_weights(prior, entry, league)
+            # Each figure is the ratio of two of the sums.
             found = {"confidence": (1, 0), "right": (2, 0), "decided": (0, 3)}
             row: dict[str, Any] = {
-                "name": entry.label.removesuffix(f", {kinds[place]}"),
+                "name": label,
                 "strategy": entry.strategy,
-                "settings": kinds[place],
+                "settings": settings,
                 "prior": prior,
             }
             for name, (top, bottom) in found.items():

@@ -110,7 +110,7 @@ def _time_and_error(table: pl.DataFrame) -> Section:
 
 
 def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the sections on single floors: a picture, differences from the reference, and all figures."""
+    """Return the sections on each floor: a picture, differences from the reference, and all numbers."""
     heat = draw_heat(
         by_difficulty(floors),
         x_label="pattern and share of tiles in the minority",

@@ -161,7 +161,7 @@ def checked_batch(
 
 
 def _refuse_faults(scenario: Scenario) -> None:
-    """Refuse robots that stop for good."""
+    """Raise an ``InputError`` if robots of a scenario stop for good."""
     for kind in MOTION_FAULTS:
         if getattr(scenario.faults, kind):
             raise InputError(

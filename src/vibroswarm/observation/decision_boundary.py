@@ -85,11 +85,11 @@ def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
-    """Return the share of ones expected of one floor at uniformly random places in an arena of this size (m)."""
-    a, b = error_rates(sensor)
+    """Return the expected share of ones among samples at uniformly random places in an arena of this size (m)."""
+    false_alarm, miss = error_rates(sensor)
     sensed = sensed_shares_on(sensor, floor, size)
-    share = sensed.detected + sensed.spillover
-    return share * (1.0 - b) + (1.0 - share) * a
+    felt = sensed.detected + sensed.spillover
+    return felt * (1.0 - miss) + (1.0 - felt) * false_alarm
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:

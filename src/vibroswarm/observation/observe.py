@@ -323,10 +323,11 @@ def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
 def observation_frame(
     scenario: Scenario, samples: pl.DataFrame, read: Readings, energies: bool
 ) -> pl.DataFrame:
-    """Return the observation table of a motion table's readings."""
-    energy = pl.Series("energy", [None], dtype=pl.Float32).new_from_index(0, samples.height)
+    """Return the table of observations: each sample's tile, bit and energy (null without ``energies``)."""
     if energies:
         energy = pl.Series("energy", energies_read(scenario, read))
+    else:
+        energy = pl.repeat(None, samples.height, dtype=pl.Float32, eager=True).alias("energy")
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),

@@ -259,7 +259,7 @@ MOST_BYTES: Final = 2**30
 
 
 def load_tables(folder: Path, fingerprint: str) -> Tables | None:
-    """Return the tables saved in a folder; None if missing, damaged, or of another fingerprint."""
+    """Return the tables saved in a folder; None if they are missing, damaged, or of another fingerprint."""
     path = folder / MARKER
     if not path.exists():
         return None

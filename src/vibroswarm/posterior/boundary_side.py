@@ -105,7 +105,10 @@ class Chains:
         begin(evidence, target, seed, run, self.states)
 
     def sweep(self, count: int, sweeps: int) -> Values:
-        """Sweep given the first ``count`` samples; return the sums above, under, and in all, (chains, 3)."""
+        """Run ``sweeps`` sweeps of each chain, given the first ``count`` samples.
+
+        Returns: for each chain the sums of its states above the boundary, below it, and of all, (chains, 3).
+        """
         sums = np.zeros((self.states.tiles.shape[0], 3))
         advance(self.evidence, self.target, self.known, count, sweeps, self.seed, self.run, self.states, sums)
         self.known = count

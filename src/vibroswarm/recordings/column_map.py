@@ -299,13 +299,19 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
 def _converted(
     cells: pl.Series, lines: pl.Series, name: str, use: str, column: Column, missing: tuple[str, ...]
 ) -> pl.Series:
-    """Return the values of one column, converted and checked."""
+    """Return one column as numbers: scaled and shifted, or looked up in its ``values``; missing cells become null.
+
+    Args:
+        lines: number of each cell's line. name: of the file. use: what the column is, by which it is checked.
+    Raises:
+        InputError: a cell is no number, not one of ``values``, or out of range; names the row.
+    """
     if column.values is None:
         numbers = numbers_of(cells, lines, name, column.name, missing)
         if (column.times, column.plus) != (1.0, 0.0):
             numbers = numbers * column.times + column.plus
     else:
-        keys = cells.str.strip_chars().str.replace(r"\.0$", "")
+        keys = cells.str.strip_chars().str.replace(r"\.0$", "")  # a spreadsheet writes 1 as 1.0
         unknown = ~keys.is_in(list(column.values)) & ~keys.is_in(list(missing))
         if unknown.any():
             k = int(unknown.arg_true()[0])

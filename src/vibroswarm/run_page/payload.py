@@ -278,7 +278,7 @@ def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
-    """Return the floor for the page."""
+    """Return the floor as the page reads it."""
     floor = record.floor
     rows, columns = floor.tiles.shape
     return {

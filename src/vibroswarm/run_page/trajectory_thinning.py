@@ -124,7 +124,7 @@ def _points(
 def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:
     """Return (3, n) x, y, heading after ``elapsed_s`` at constant speed and turn rate."""
     half = rate * elapsed_s / 2
-    chord = speed * elapsed_s * np.sinc(half / np.pi)
+    chord = speed * elapsed_s * np.sinc(half / np.pi)  # sin(half) / half
     return np.stack(
         [x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2 * half]
     )

@@ -110,7 +110,7 @@ def score(a: Row, p: Row, w: World) -> float:
 
 @inlined_uncached
 def score_at(probability: float) -> float:
-    """Return z with this normal distribution function, from 1/2 to 1, by bisection."""
+    """Return the standard normal quantile of a probability from 1/2 to 1, at most 10, by bisection."""
     low, high = 0.0, 10.0
     for _ in range(50):
         middle = 0.5 * (low + high)

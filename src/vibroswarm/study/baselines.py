@@ -115,15 +115,19 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
 def _runs_of_cell(
     result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None
 ) -> Result:
-    """Return a cell's runs; reuse the motion of ``made`` if it is the same."""
+    """Return a cell's runs: replayed on the motion of ``made``, another cell's, where that serves; else simulated."""
+    if made is not None and _serves(made, group, cell, runs):
+        return replay(made, cell.scenario)
+    return result.result(cell.number, runs)
+
+
+def _serves(made: Result, group: Group, cell: Cell, runs: list[int]) -> bool:
+    """Return whether a cell can be replayed on the motion of another cell of its group."""
     # Cells of a group may differ in their end, and in how many runs they have.
-    if made is None or made.scenario.run != cell.scenario.run or made.runs["run"].to_list() != runs:
-        return result.result(cell.number, runs)
-    if group.first.run.stop != "t_end":
-        return result.result(cell.number, runs)
-    if needs_moves(cell.scenario) and made.moves is None:
-        return result.result(cell.number, runs)
-    return replay(made, cell.scenario)
+    is_same = made.scenario.run == cell.scenario.run and made.runs["run"].to_list() == runs
+    # A run that ends when all have decided is as long as its own strategy needs.
+    is_whole = group.first.run.stop == "t_end"
+    return is_same and is_whole and (made.moves is not None or not needs_moves(cell.scenario))
 
 
 def _references(cell: Cell, made: Result) -> References:

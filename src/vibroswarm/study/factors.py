@@ -104,6 +104,7 @@ def _sobol(block: Any, name: str) -> list[Point]:
     """Draw points of a scrambled Sobol sequence."""
 
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
+        """Return the first points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
         from scipy.stats import qmc
 
         size = 1 << max(count - 1, 0).bit_length()  # a Sobol sequence is balanced at powers of two

@@ -353,8 +353,10 @@ NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_run
 
 
 def _fingerprint(text: str) -> str:
-    """Hash the parts of a study's text that determine cells and seed, independent of how a version reads
-    it."""
+    """Hash a study's TOML without the entries that change neither its cells nor its seed.
+
+    It is the text that is hashed, not the study read from it, so that all versions of this program agree.
+    """
     values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 

@@ -263,7 +263,10 @@ class StudyResult(NotebookView):
         return [run for run in stored if run < self.runs_of(cell)][:most]
 
     def runs_again(self, cell: int, most: int) -> list[int]:
-        """List the runs of a cell to simulate again: ``runs_there``, but no more than ``AGAIN_S`` of a slow source."""
+        """List the runs of a cell that are simulated again for a picture or a reference.
+
+        The first ``most`` that are there; of a slow source of motion only as many as take ``AGAIN_S``, at least one.
+        """
         if self._is_slow:
             most = max(1, min(most, int(AGAIN_S / self._group_of[cell].run_s)))
         return self.runs_there(cell, most)

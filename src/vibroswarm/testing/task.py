@@ -83,6 +83,7 @@ def _leaves_floors(name: str) -> Iterator[str]:
 
 
 def _tells_floors_apart(name: str) -> Iterator[str]:
+    """Yield what is wrong if the right answer is the same on every floor."""
     scenario = _scenario(name)
     answers = {truth_on(scenario, floor) for floor in floors(scenario).values()}
     if len(answers) < 2:

@@ -286,7 +286,7 @@ BOARD_FRAMES: Final = 40
 
 
 def write_chessboard(scene: Scene, path: Path, frames: int = BOARD_FRAMES) -> None:
-    """Write a video of a chessboard that is held before the scene's camera, tilted in all directions."""
+    """Write a video of a chessboard that is held in front of the scene's camera and tilted in all directions."""
     look = scene.look
     with VideoWriter(path, look.size_px, look.frames_per_s) as writer:
         for k in range(frames):

@@ -85,7 +85,7 @@ def review_of(
 
 
 def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
-    """Return how well the robots were tracked, and whether anything is doubtful, in sentences."""
+    """Return a summary in sentences: how much was found, how exact it is, and what is doubtful."""
     robots = len(session.markers.robots)
     text = (
         f"{100 * session.share_found():.1f} % of the positions of {robots} robots were found, and "
@@ -93,7 +93,7 @@ def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | Non
     )
     worst = max(session.cameras, key=lambda camera: camera.camera.floor_error_px * mm_per_px(camera))
     error_px = worst.camera.floor_error_px
-    text += f"The floor's markers are met to {error_px * mm_per_px(worst):.1f} mm ({error_px:.2f} px). "
+    text += f"The camera's model fits the floor's markers to {error_px * mm_per_px(worst):.1f} mm ({error_px:.2f} px). "
     for overlap in filter(None, session.overlaps):
         text += f"Where views overlap, cameras agree to {1000 * overlap.disagreement_m():.1f} mm (median). "
     if tracked is not None:
@@ -102,10 +102,8 @@ def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | Non
     if not doubts:
         return text + "Nothing is doubtful."
     kinds = [kind for kind in TITLES if any(doubt.kind == kind for doubt in doubts)]
-    counted = ", ".join(
-        f"{TITLES[kind][0].lower()}{TITLES[kind][1:]} ({sum(doubt.kind == kind for doubt in doubts)})"
-        for kind in kinds
-    )
+    counts = {kind: sum(doubt.kind == kind for doubt in doubts) for kind in kinds}
+    counted = ", ".join(f"{TITLES[kind][0].lower() + TITLES[kind][1:]} ({counts[kind]})" for kind in kinds)
     return f"{text}Doubtful: {counted}."
 
 
@@ -285,7 +283,7 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
     sizes = [size for size in marker_sizes_m(tracking).values() if np.isfinite(size)]
     text = (
         f"Camera {camera.position_m[2]:.2f} m above the floor, above ({camera.position_m[0]:.2f}, "
-        f"{camera.position_m[1]:.2f}) m; lens {lens}. Corners of the floor's markers are met to "
+        f"{camera.position_m[1]:.2f}) m; lens {lens}. The camera's model fits the corners of the floor's markers to "
         f"{camera.floor_error_px:.2f} px; a pixel in the middle covers {mm_per_px(tracking):.2f} mm.",
         f"Robots' markers measure {1000 * float(np.median(sizes)):.1f} mm (median; stated: "
         f"{1000 * tracking.markers.size_m:g} mm). Edges are seen "

@@ -67,7 +67,7 @@ class Tracking:
         """Return what a user should know of this video, in sentences.
 
         Args:
-            alone: whether no other camera sees what this one does not.
+            alone: whether this is the only camera; else a robot that it never sees may be in another's view.
         """
         found = []
         small = float(np.nanmin(self.detections.edge_px()))
@@ -88,7 +88,7 @@ class Tracking:
         if uneven is not None:
             found.append(
                 f"Frames are uneven: {100 * uneven[0]:.1f} % of the steps differ from the usual one "
-                f"({1000 * uneven[1]:.0f} to {1000 * uneven[2]:.0f} ms); times are those of the file."
+                f"({1000 * uneven[1]:.0f} to {1000 * uneven[2]:.0f} ms); the file's own times are used."
             )
         if self.camera.floor_error_px > 1.0:
             found.append(

@@ -395,9 +395,12 @@ def move_or_block(
 
 @inlined
 def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m: float, y_m: float) -> bool:
-    """Return whether a body at (x, y) would overlap robot ``j`` at its position when robot ``i`` moves from
-    ``tick``."""
+    """Return whether robot ``i``, moved from ``tick`` to (x, y), would overlap robot ``j``.
+
+    Robots that are awake move in the order of their numbers.
+    """
     other = planners[j]
+    # One before it that is awake has moved already: ``from_`` is where it will be.
     if j < i and other.tick == tick and other.mode != STOP:
         other_x, other_y = other.from_x_m, other.from_y_m
     else:

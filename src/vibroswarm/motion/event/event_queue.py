@@ -23,11 +23,14 @@ NOBODY: Final[int] = np.int64(-1)  # type: ignore[assignment]
 
 
 def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
-    """Return the queue rows of robots that all wake at ``tick``."""
+    """Return a queue in which every robot wakes at ``tick``.
+
+    A row holds 16 robots: its earliest key, then the key of each, NEVER where there is no robot.
+    """
     wakes = np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
     for i in range(robots):
         wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i
-    wakes[:, 0] = wakes[:, 1]
+    wakes[:, 0] = wakes[:, 1]  # keys rise with the robot: the first of a row is its earliest
     return wakes
 
 

@@ -188,16 +188,19 @@ SAG_ROUNDING_M = 1e-9
 
 @inlined
 def wall_tick(row: Planner, setup: Setup) -> int:
-    """Return the first later tick of the plan at which a ray may detect a wall or the body may reach one; NEVER if
-    none."""
+    """Return the next tick of the plan at which a wall may matter: a ray may detect it, or the body reach it.
+
+    NEVER if there is none.
+    """
     if row.mode == STOP:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
-    if row.mode != DRIVE:
-        if row.blocked:  # and stays so
+    if row.mode != DRIVE:  # it turns on the spot
+        if row.blocked:  # for as long as its plan lasts: it does not move
             return NEVER
         clearance_m = wall_clearance_m(setup, row.mid_x_m, row.mid_y_m)
         return NEVER if clearance_m - row.position_error_m >= inset else turn_at_walls(row, setup)
+    # It drives: no wall matters if the box around its path is far from all of them.
     reach_m = max(setup.ray_reach_m, inset) + row.position_error_m
     left, right = min(row.x_m, row.end_x_m), max(row.x_m, row.end_x_m)
     low, high = min(row.y_m, row.end_y_m), max(row.y_m, row.end_y_m)

@@ -51,7 +51,7 @@ class World(NamedTuple):
 
 @inner
 def has_warned(warnings: NDArray[np.int32]) -> bool:
-    """Return whether MuJoCo has warned since its data were reset, by the counts of ``World.warnings``."""
+    """Return whether MuJoCo has warned since its data were reset: any of ``World.warnings`` is not 0."""
     count = 0
     for kind in range(warnings.size):
         count += warnings[kind]

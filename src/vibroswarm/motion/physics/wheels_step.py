@@ -12,7 +12,7 @@ reads MuJoCo's rays and MuJoCo's gyro.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from vibroswarm.motion.physics.sensing import World, end_period, has_warned, sen
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE
+
+MOTORS: Final = 2
+"""Controls of a robot that change: left and right motor. Its magnets are always on."""
 
 
 class Wheels(NamedTuple):
@@ -76,21 +79,24 @@ def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int
 
 @inner
 def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
-    """Step the first ``size`` of ``wheels.members`` through one control period in a model of their own."""
-    every, group, members = wheels.all, wheels.groups[size - 1], wheels.members
-    controls = every.control.size // every.robots
+    """Step the first ``size`` of ``wheels.members`` through one control period in a model that holds only them.
+
+    Their state is copied there and back. Nothing happens if all of them rest.
+    """
+    whole, part, members = wheels.all, wheels.groups[size - 1], wheels.members
+    controls = whole.control.size // whole.robots
     standing = True
     for k in range(size):
-        standing = standing and rests(every, members[k])
+        standing = standing and rests(whole, members[k])
     if standing:
         return
     for k in range(size):
-        copy_robot(every, members[k], group, k)
-        for c in range(2):
-            group.control[controls * k + c] = every.control[controls * members[k] + c]
-    step_group(world, group, swarm, members)
+        copy_robot(whole, members[k], part, k)
+        for motor in range(MOTORS):
+            part.control[controls * k + motor] = whole.control[controls * members[k] + motor]
+    step_group(world, part, swarm, members)
     for k in range(size):
-        copy_robot(group, k, every, members[k])
+        copy_robot(part, k, whole, members[k])
 
 
 @inner
