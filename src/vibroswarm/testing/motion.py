@@ -156,7 +156,7 @@ def check_poses_at_samples(source: Source) -> None:
                     gap = np.abs(gap_of(pose, expected))
                     require(
                         (gap < allowed_m + more).all(),
-                        f"{label}: a sample is {gap.max():.2g} m or rad from its segment, at {column}",
+                        f"{label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
                     )
                     require((kind == "stop").all(), f"{label} does not stand at {column}")
                 before = track.at(rows["stop_start_s"].to_numpy() - case.scenario.tick_s)[1]
