@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 from scipy.special import logit
 
-from vibroswarm.analysis.floor_maps import floor_maps, map_cells, maps_over_time
+from vibroswarm.analysis.floor_maps import floor_maps, maps_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer, outcomes
@@ -193,10 +193,6 @@ def test_maps_show_the_floor_and_scores_come_from_them() -> None:
     robot = maps.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
     p = robot["vibrating"].to_numpy()
     assert robot["spread"].to_numpy() == pytest.approx(np.sqrt(p * (1.0 - p)))
-    cells = map_cells(maps, 1, 2)
-    top_left = robot.filter((pl.col("row") == 0) & (pl.col("column") == 0))["vibrating"].item()
-    assert cells.filter((pl.col("x") == 1) & (pl.col("y") == 5))["value"].item() == top_left
-    assert map_cells(maps, 0).height == 25
     growing = maps_over_time(result, 1, np.array([0.0, 300.0, 1200.0]))
     assert growing.shape == (3, 6, 25)
     assert np.all(growing[0] == 0.5)  # nothing is known yet
@@ -204,8 +200,6 @@ def test_maps_show_the_floor_and_scores_come_from_them() -> None:
     true = result.floor(1).tiles.ravel() == 1
     right = np.where(true, growing, 1.0 - growing).mean(axis=(1, 2))
     assert 0.5 < right[1] < right[2]
-    with pytest.raises(InputError, match="no map of run 7"):
-        map_cells(maps, 7)
     with pytest.raises(InputError, match="'none' keeps no map"):
         floor_maps(replace(result, scenario=Scenario()))
 

@@ -152,23 +152,3 @@ def _frame(
         schema=MAPS,
         strict=False,
     )
-
-
-def map_cells(maps: pl.DataFrame, run: int, robot: int | None = None) -> pl.DataFrame:
-    """Return one map as ``plots.draw_heat`` takes it: x, y, value; y grows upwards.
-
-    Args:
-        maps: as ``floor_maps`` returns them. run, robot: which; without a robot the pooled one.
-    Raises:
-        InputError: there is no such map.
-    """
-    of_robot = pl.col("robot").is_null() if robot is None else pl.col("robot") == robot
-    own = maps.filter((pl.col("run") == run) & of_robot)
-    if own.is_empty():
-        raise InputError(f"there is no map of run {run}, robot {robot}", field="run")
-    top = own["row"].max()
-    return own.select(
-        x=pl.col("column") + 1,
-        y=pl.lit(top).cast(pl.Int64) + 1 - pl.col("row").cast(pl.Int64),
-        value="vibrating",
-    )
