@@ -208,6 +208,12 @@ def register(source: Source) -> Source:
     return _registry.register(source)
 
 
+def robot_s_of(name: str) -> float:
+    """Return ``Source.robot_s`` of a source; ``ROBOT_S`` if its code is not loaded, as where a study is only shown."""
+    found = _registry.known().get(plugins.name_in(name) if plugins.is_code(name) else name)
+    return ROBOT_S if found is None else found.robot_s
+
+
 def source(name: str) -> Source:
     """Return the source of that name, or of a loaded file (``FILE.py:NAME`` with its hash).
 

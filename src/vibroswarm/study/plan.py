@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import Final
 
 from vibroswarm import strategies
-from vibroswarm.motion.source import source
+from vibroswarm.motion.source import robot_s_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION
 from vibroswarm.study.spec import Cell, Study
@@ -174,7 +174,7 @@ def plan_of(study: Study) -> Plan:
     for number, observations in enumerate(motions.values()):
         seen = [tuple(tuple(same) for same in inferences.values()) for inferences in observations.values()]
         seen.sort(key=lambda inferences: -inferences[0][0].scenario.run.t_end_s)  # the longest moves first
-        groups.append(Group(number, tuple(seen), source(study.motion).robot_s))
+        groups.append(Group(number, tuple(seen), robot_s_of(study.motion)))
     plan = Plan(study, tuple(groups))
     object.__setattr__(study, "_plan", plan)  # a study does not change
     return plan

@@ -32,7 +32,7 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.motion.source import ROBOT_S, source
+from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
@@ -273,7 +273,7 @@ class StudyResult(NotebookView):
 
     @cached_property
     def _is_slow(self) -> bool:
-        return source(self.study.motion).robot_s > ROBOT_S
+        return robot_s_of(self.study.motion) > ROBOT_S
 
     @cached_property
     def _again(self) -> dict[tuple[int, tuple[int, ...], bool], Result]:
