@@ -312,7 +312,7 @@ def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
 def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
     """Advance a run to ``until_s``, and replay it in the loops of several scenarios with the same motion.
 
-    Returns the new motion as tables if the source gives nothing else, otherwise None.
+    Returns the new motion as tables, or None if the state is a ``KernelRun``, which passes its rows on directly.
     """
     tick_ms = loop[0].tick_ms
     if isinstance(state, KernelRun):

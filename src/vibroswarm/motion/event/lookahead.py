@@ -59,7 +59,8 @@ def set_chord(row: Planner, setup: Setup) -> None:
         row.end_sin_h, row.end_cos_h = sin_h, cos_h
         if not row.blocked:
             row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
-            # An arc leaves its chord by about an eighth of its length times the angle it turns, if that is small.
+            # An arc leaves its chord by about an eighth of its length times the angle it turns, if that is small; a
+            # seventh is safe.
             bend = abs(row.rate_rad_s) * ticks * setup.tick_s
             row.position_error_m = row.max_step_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
     elif not row.blocked:

@@ -307,7 +307,8 @@ def ticks_until_seen(
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
     """Return whether a move from ``tick`` of one of the two would end in the other, according to their plans.
 
-    ``first`` moves first: it must clear the other's position before its move and after it.
+    ``first`` moves first. Where it ends up is compared with where ``second`` is then, which may block ``first``, and
+    with where ``second`` would move to, as ``first`` may block that.
     """
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)
