@@ -65,7 +65,11 @@ class RaysFit:
 
 
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
-    """Fit the rays; robots are identified by number, as are their sensors in all sessions."""
+    """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
+
+    A robot's number is taken to mean the same robot, with the same sensors, in all sessions. What too few approaches or
+    turns determine is left out.
+    """
     values: dict[str, float] = {}
     bootstrap: dict[str, Floats] = {}
     forward: tuple[float, ...] = ()

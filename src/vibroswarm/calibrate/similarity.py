@@ -96,7 +96,7 @@ def cosine(a: Floats, b: Floats) -> float:
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:
-    """Return the cosine similarity S of two sets of values."""
+    """Return the cosine similarity S of the histograms of two sets of values; NaN if one has none within its range."""
     return cosine(histogram(one, feature), histogram(other, feature))
 
 
