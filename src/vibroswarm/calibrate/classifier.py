@@ -149,10 +149,10 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
 
 
 def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Train on one pair of rows of both kinds, and return the share classified correctly in another, mean of the kinds.
+    """Train a classifier on rows of two kinds, and return its balanced accuracy on other rows.
 
     Args:
-        train, test: rows of either kind, (rows, columns).
+        train, test: rows of the first and of the second kind, (rows, columns).
     """
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
@@ -206,7 +206,7 @@ def classifier_accuracy(
 
 
 def _share_interval(shares: list[float], level: float) -> Interval:
-    """``mean_interval`` clipped to [0, 1]."""
+    """Return ``mean_interval`` of shares, clipped to [0, 1]."""
     interval = mean_interval(shares, level)
     return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 

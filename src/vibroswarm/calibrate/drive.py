@@ -120,7 +120,7 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
 
 
 def _median(values: Floats) -> float:
-    """``np.median``, faster for few numbers."""
+    """Return the median as ``np.median`` does, but faster for few numbers."""
     half, odd = divmod(values.size, 2)
     ordered = np.sort(values)
     return float(ordered[half] if odd else (ordered[half - 1] + ordered[half]) / 2)

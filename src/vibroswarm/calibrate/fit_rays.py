@@ -112,7 +112,7 @@ def _most(turned: Floats) -> float:
 
 
 def _resampled(robot: Ints, draw: int) -> Ints:
-    """Return the bootstrap rows, resampled within each robot."""
+    """Return the row that each row is replaced by in a bootstrap draw: one of the same robot, (rows,)."""
     u = uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, robot.size)
     picked = np.empty(robot.size, dtype=np.int64)
     for number in np.unique(robot):

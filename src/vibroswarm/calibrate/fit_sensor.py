@@ -115,7 +115,7 @@ def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
 
 
 def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
-    """Start values: log shape, log scale, location of each kind by moments, reach (cm), log blur (cm)."""
+    """Return start values of a fit: log shape, log scale, location of either kind; then reach (cm), log blur (cm)."""
     theta = []
     for kind in (True, False):
         own = energy[on == kind]

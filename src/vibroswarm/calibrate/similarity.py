@@ -226,7 +226,7 @@ def mean_distance(one: Floats, other: Floats | None = None) -> float:
 
 
 def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
-    """``mean_distance`` of single numbers, from their ranks."""
+    """Return ``mean_distance`` of single numbers, (values,) each, from their ranks instead of all pairs."""
     others = np.sort(one if other is None else other)
     below = np.searchsorted(others, one)
     sums = np.append(0.0, np.cumsum(others))

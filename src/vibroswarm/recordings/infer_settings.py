@@ -260,8 +260,8 @@ def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
 def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
     """Infer p_c: from the largest belief of an undecided robot past the gate to the smallest at a first decision.
 
-    A belief counts for the likelier side, max(p, 1 - p). There is no value, only bounds, if the gate is undetermined
-    or the bounds contradict each other.
+    A belief counts for the likelier side, max(p, 1 - p). There is no value, only bounds, if no undecided robot was
+    past a known gate, or if the bounds contradict each other.
     """
     name = "decision.credible_threshold"
     low, high, decisions = 0.5, 1.0, 0

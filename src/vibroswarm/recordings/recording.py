@@ -447,7 +447,7 @@ def _problem_counts(
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
     """Return the final state of each robot, as in ``inference.agents.final_frame``.
 
-    A robot that ends decided did so at the first sample after which its decision stays the same; its belief is that at
+    A robot that ends decided did so at the first sample from which on its decision is the same; its belief is that at
     this sample. A robot without samples is undecided, and its posterior is null.
     """
     rows: list[dict[str, Any]] = []

@@ -66,7 +66,6 @@ def detect(
 
     Args:
         partial: whether a video that ends early is accepted. progress: called with frames done and frames in all.
-
     Raises:
         InputError: no video, or none of the robots is seen in it.
     """

@@ -124,7 +124,6 @@ def usual_markers(
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
         size_mm, height_mm: edge and height of robots' markers; None: the usual ones.
         cameras: how many film side by side.
-
     Raises:
         InputError: markers that repeat, or too many for a dictionary.
     """
