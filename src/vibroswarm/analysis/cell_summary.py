@@ -253,7 +253,11 @@ def interval(name: str, figures: Columns, level: float = 0.95, seed: int = 0) ->
 
 
 def consensus_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
-    """Return the other shares of runs by consensus, from ``cell_summary.run_figures``."""
+    """Return the shares of runs that are split, incomplete or without a truth, and the consensus error.
+
+    Args:
+        table: of ``run_figures``. level: of confidence.
+    """
     counts = dict(table.group_by("consensus").len().iter_rows())
     others = ("split", "incomplete", "truth_undefined")
     shares = {f"swarm_{name}": wilson(counts.get(name, 0), table.height, level) for name in others}
@@ -296,5 +300,5 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
 
 
 def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
-    """Compute the ratio of the variance to that of as many independent robots."""
+    """Compute the ratio of a figure's variance to that with as many independent robots; nan if the correlation is."""
     return 1.0 + (float(of.mean()) - 1.0) * correlation if of.size else math.nan

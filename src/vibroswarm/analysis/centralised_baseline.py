@@ -146,7 +146,10 @@ def pooled_counting(
 
 @dataclass(frozen=True)
 class Passages(NotebookView):
-    """Time and side at which the evidence of each run first passes each threshold; tables (runs, thresholds)."""
+    """Time and side at which the evidence of each run first passes each threshold; arrays (runs, thresholds).
+
+    Where it never passes, the decision is -1 and the time infinite.
+    """
 
     thresholds: NDArray[np.float64]
     decision: NDArray[np.int8]
@@ -200,7 +203,10 @@ def _tune(
     aim: float,
     undecided_counts: float,
 ) -> tuple[int, float]:
-    """Return the index of the threshold for the wanted error on the tuning half, and the error there."""
+    """Return the index of the smallest threshold whose error on the tuning half is at most ``aim``, and that error.
+
+    If there is none, it is the threshold with the smallest error.
+    """
     decision = passages.decision[tuning]
     wrong = ((decision != -1) & (decision != truth[tuning][:, None])).mean(axis=0)
     error = wrong + undecided_counts * (decision == -1).mean(axis=0)

@@ -143,7 +143,7 @@ def decidability_of_share(
     level: float = 0.95,
     error: float = 0.05,
 ) -> Decidability:
-    """Decide the same for a measured share of ones, such as one over tiles with different error rates.
+    """Judge a measured share of ones as ``decidability`` does the expected one.
 
     Args:
         share: of ones. truth: 1 if more than the boundary vibrates, else 0; None: neither.
@@ -194,7 +194,7 @@ def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillo
 def mending_thresholds(
     sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spillover: float = 0.0
 ) -> tuple[float, float] | None:
-    """Find (theta_-, theta_+), between which thresholds are right for the fill ratio and its mirror; None if none is.
+    """Find (theta_-, theta_+), between which thresholds are right for the fill ratio and its mirror; None if none are.
 
     The mirror is 2x - f, or the nearest possible fill ratio. On the boundary itself both are the threshold at which
     the sensor's errors balance.
@@ -217,7 +217,7 @@ def mending_thresholds(
 
 
 def _falls_through(share: Callable[[float], float], level: float) -> float:
-    """Find the threshold at which the decreasing ``share`` falls to ``level``, by bisection."""
+    """Find the threshold at which the decreasing ``share`` falls to ``level``, by bisection; 0 if it is never above."""
     low, high = 0.0, 1.0
     if share(low) <= level:
         return low
@@ -249,6 +249,7 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
 
     It is the mean over tiles of each tile's share of ones, so that unequal visits do not matter. Its
     variance is the sum of p (1 - p) / n over tiles, over their number squared, with p = (ones + 1/2) / (n + 1).
+    Without a sample on a tile the share is nan.
 
     Args:
         tile: tile of each sample, -1 for none. bits: what it read; both of shape (samples,).

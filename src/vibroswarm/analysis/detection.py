@@ -233,7 +233,7 @@ def _robot_events(
 
 
 def _first_below(right: _Events, error: float) -> dict[str, float | None]:
-    """Find when the upper limit of the misses is first low enough, and the misses at the end."""
+    """Find when the upper limit of the misses first is below ``error`` (None: never), and the misses at the end."""
     enough = np.flatnonzero(1.0 - right.low < error)
     return {
         "needed_s": float(right.time_s[enough[0]]) if enough.size else None,
@@ -243,7 +243,7 @@ def _first_below(right: _Events, error: float) -> dict[str, float | None]:
 
 
 def _clear(wrong: _Events, wanted: float) -> dict[str, float | None]:
-    """Find until when the upper limit of the false alarms is low enough, and the false alarms at the end."""
+    """Find until when the upper limit of false alarms is below ``wanted`` (None: to the end), and those at the end."""
     over = np.flatnonzero(~(wrong.high < wanted))
     return {
         "false_alarm": plain(float(wrong.share[-1])),

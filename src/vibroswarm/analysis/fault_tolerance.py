@@ -127,7 +127,7 @@ def fault_curve(
 
 
 def _figures(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, level: float) -> dict[str, Any]:
-    """Return the figures of one point, with their limits."""
+    """Return the figures of one point, with their limits; None if no run has a robot that is judged."""
     found: dict[str, Any] = {}
     whole = summary(robots, runs, scenario.run.t_end_s, level) if runs.height else None
     for name, figure in FIGURES.items():
@@ -142,7 +142,7 @@ def _figures(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, level
 def _tables(
     points: Sequence[Scenario], kind: str, seed: int, runs: Sequence[int]
 ) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Return the tables of robots and of runs of each point, which share motion where the fault leaves it alone."""
+    """Return the tables of robots and runs of each point; motion is shared unless fault or strategy changes it."""
     first = points[0]
     if kind in MOTION_FAULTS or steers(first):
         results = (simulate(point, seed, runs, energies=False) for point in points)

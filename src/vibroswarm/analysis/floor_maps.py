@@ -106,7 +106,11 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
 
 
 def _check_maps(result: Result) -> int:
-    """Return the seed of a result whose robots keep maps."""
+    """Return the seed of a result whose robots keep maps.
+
+    Raises:
+        InputError: they keep none, or the result is a recording.
+    """
     name = result.scenario.strategy.name
     if name not in WITH_MAP:
         raise InputError(

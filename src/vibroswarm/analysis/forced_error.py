@@ -104,7 +104,7 @@ DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
 
 @dataclass(frozen=True)
 class Reached(NotebookView):
-    """What a scenario reaches with its settings: (points, runs) each; the first point is the scenario as it is."""
+    """Decision time, s, and forced error of each setting in each run, (points, runs); point 0: the scenario itself."""
 
     time_s: Array
     error: Array
@@ -189,7 +189,7 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
 
 
 def _least(value: float, x: Array, y: Array) -> float:
-    """Return the least y of a front at an x of at most ``value``; nan below its beginning. x rises, y falls."""
+    """Return the least y that a front has up to x = ``value``; nan if all x are larger. ``x`` rises, ``y`` falls."""
     return float(y[-1]) if value > x[-1] else on_line(value, x, y)
 
 

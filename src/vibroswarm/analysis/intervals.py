@@ -107,7 +107,7 @@ def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tu
 
 
 def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
-    """Compute a share of runs with Wilson's limits."""
+    """Compute a share of runs with Wilson's limits; undefined (nan) for no runs."""
     if n == 0:
         check_level(level)
         return undefined(level, 0, "wilson")
@@ -219,7 +219,10 @@ def cluster_share_of_distinct(
     level: float = 0.95,
     seed: int = 0,
 ) -> Interval:
-    """``cluster_share`` where ``runs`` runs have each pair of count and of; all of shape (distinct,), in any order."""
+    """Compute ``cluster_share`` from distinct pairs: ``runs`` runs have ``count`` of ``of`` robots, (distinct,) each.
+
+    The order of the pairs does not matter. Undefined without any robot.
+    """
     check_level(level)
     order = np.lexsort((of, count))  # one order, so that the same runs get the same draws
     count, of, runs = count[order], of[order], runs[order]
@@ -239,7 +242,7 @@ def cluster_share_of_distinct(
 
 
 def _independent_robots(above: Values, below: Values, runs: NDArray[np.int64], share: float) -> float:
-    """Compute the number of independent robots with this variance of the share; the runs if there is none."""
+    """Compute how many independent robots give this variance of the share; the number of runs if the variance is 0."""
     n, robots = float(runs.sum()), float(below @ runs)
     variance = float(runs @ (above - share * below) ** 2) / robots**2
     if n > 1:
@@ -262,14 +265,15 @@ class SignFlip(NamedTuple):
 def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:
     """Estimate the mean of paired differences, one for each run, by inverting the sign-flip test.
 
-    Under "the centre is m" the signs of the d - m are as good as tossed. A toss that flips the subset S gives a
-    sum at least as large as the one seen exactly when the mean of S is at most m. So the limits are quantiles of
-    the means of random subsets (each difference in or out with probability 1/2: Hartigan's typical values), and
-    0 lies outside exactly when p < 1 - level. Exact when the differences are symmetric about their centre;
-    otherwise right as their number grows, like Student's. Fewer than 6 pairs set no limits at 95 %.
+    If the differences are symmetric about m, each d - m is as likely to have the one sign as the other. Flipping the
+    signs of a subset S gives a sum at least as large as the observed one exactly when the mean of S is at most m. So
+    the limits are quantiles of the means of random subsets (each difference in or out with probability 1/2: Hartigan's
+    typical values), and 0 lies outside exactly when p < 1 - level. For symmetric differences the interval is exact, for
+    others it is right in the limit of many, like Student's. With fewer than 6 pairs the limits at 95 % are infinite;
+    without pairs, estimate, limits and p are nan.
 
-    Where fewer than ``_TAIL`` of the drawn sums are as far out as the one seen, p is that of the normal limit: a family
-    of many comparisons needs p-values smaller than the draws can give.
+    If fewer than ``_TAIL`` of the drawn sums are as extreme as the observed one, p is that of the normal limit if it
+    is smaller: a correction over many comparisons needs p-values smaller than the draws can give.
 
     Up to 10 differences all subsets are enumerated; otherwise ``draws`` subsets are drawn (equal differences
     together), and for very many distinct ones the normal limit is used.
@@ -312,7 +316,7 @@ def _all_subsets(d: Values) -> Values:
 
 
 def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int, draws: int) -> Values:
-    """Compute the means of random subsets, shape (draws,)."""
+    """Compute the means of random subsets, shape (draws,); an empty subset counts with the mean of all."""
     random, drawn, alone = generator(seed, "sign flip"), [], bool((counts == 1).all())
     at_once = max(1, _BLOCK // distinct.size)
     for first in range(0, draws, at_once):
@@ -341,7 +345,7 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     """Compute a quantile over runs with distribution-free limits from order statistics.
 
     Values may be infinite (a run that never reached the event). The estimate is the ceil(share n)-th smallest value,
-    or the mean of the middle two for the median of an even number.
+    or the mean of the middle two for the median of an even number. Limits are infinite if there are too few values.
 
     Raises:
         InputError: a share or level that is not between 0 and 1.

@@ -261,7 +261,8 @@ def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.in
     """Find the tiles in the arena, of this width and height in m; returns their indices, (tiles,).
 
     Raises:
-        InputError: none does, or not all of them lie in it with equal parts: what is true of the floor goes by area.
+        InputError: no tile lies in the arena, or those that do have unequal parts inside: the truth counts the area
+            of vibrating tiles, the posterior whole tiles.
     """
     sides = sides_inside(floor.geometry, width_m, height_m)
     if sides is None:
@@ -287,7 +288,7 @@ def _sums_over_time(
     inside: NDArray[np.int64],
     times: Values,
 ) -> Values:
-    """Compute ln L_t at each time, shape (times, N)."""
+    """Compute ln L_t from the samples until each time, (times, N); samples off the tiles ``inside`` do not count."""
     column = np.searchsorted(inside, tile)
     on = (tile >= 0) & (column < inside.size)
     on[on] = inside[column[on]] == tile[on]

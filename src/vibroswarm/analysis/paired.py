@@ -140,7 +140,7 @@ def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, 
 
 
 def holm(p_values: ArrayLike) -> list[float]:
-    """Correct p-values over their family by Holm's method, in their order; undefined ones are ignored."""
+    """Correct p-values over their family by Holm's method, in their order; nan stays nan and does not count."""
     p = np.asarray(p_values, dtype=np.float64).ravel()
     corrected = np.full(p.size, np.nan)
     defined = np.flatnonzero(~np.isnan(p))

@@ -149,8 +149,8 @@ def _consecutive(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows of each sample and of the same robot's next, both (pairs,), ordered by run and robot.
 
-    Rows are brought together by robot with a sort on 16 bits (which costs little) of rows that are sorted by run and
-    time already.
+    The rows are sorted by run and time; a stable sort by run and robot groups each robot's rows in the order of time.
+    It uses 16-bit keys where these suffice, which is faster.
     """
     robot = samples["robot"].to_numpy()
     robots = int(robot.max()) + 1
@@ -182,7 +182,7 @@ def _mean_of_steps(
 
 
 def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Average each run's values that are not nan, shape (runs,)."""
+    """Average each run's values that are not nan, shape (runs,); nan if a run has none."""
     known = ~np.isnan(values)
     if known.all():
         return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, values.size)))
@@ -193,7 +193,7 @@ def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDA
 def _effective(
     tile: NDArray[np.int32], first: NDArray[np.int64], count: NDArray[np.int64], tiles: int | None
 ) -> NDArray[np.float64]:
-    """Compute n_v of each run, shape (runs,)."""
+    """Compute n_v of each run, shape (runs,); nan if a run has no sample on a tile."""
     run_count, width = first.size, int(tile.max(initial=0)) + 1
     key = np.repeat(np.arange(run_count) * width, count) + tile
     if tile.min(initial=0) < 0:
@@ -217,7 +217,7 @@ def _effective(
 
 
 def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
-    """Compute n_v from sum w_t^2 and the number of tiles, broadcasting; nan for a floor of one tile."""
+    """Compute n_v from sum w_t^2 and the number of tiles, broadcasting; infinite at equal visits, nan for one tile."""
     s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
     excess = number * s - 1.0
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -334,7 +334,10 @@ def _of_run(
 
 
 def lag_one(result: Result, level: float = 0.95) -> Interval:
-    """Correlate each robot's bit with its next, in each run over all robots; mean over runs."""
+    """Compute the correlation of consecutive bits of a robot, over all robots of a run; its mean over runs.
+
+    Runs without consecutive samples, or whose bits are all equal, are left out.
+    """
     ordered = result.observations.sort("run", "robot", "sample")
     robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
     correlations = []
@@ -349,13 +352,13 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
 
 
 def packet_loss(result: Result) -> pl.DataFrame:
-    """Count the messages addressed to the robots of each run and those that they received, as far as known.
+    """Count the messages addressed to the robots of each run and those received; compute the share lost.
 
-    Only messages sent at least two control periods before the receiver's last stop began count: it had come past
-    these, heard or not, when it took its last sample. What was sent later may still have been on its way, and a
-    robot that never sampled says nothing. The share is of messages addressed to a robot, its own not among them.
-    Samples count by their numbers, so that rows that a recording lost count too; where it does not tell what was
-    received, heard and the share are null.
+    Only messages sent at least two control periods before the receiver's last stop began count: when it took its last
+    sample, each of these had been received or lost. Later ones may still have been on their way. Robots that never
+    sampled are left out, and a robot's own messages are not addressed to it. Messages are counted by the numbers of
+    samples, so that those whose rows a recording lost count too. If a recording does not contain what was received in
+    a run, ``heard`` and ``packet_loss`` are null; ``packet_loss`` is also null if no message counts.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)

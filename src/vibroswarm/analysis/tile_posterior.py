@@ -103,7 +103,7 @@ def log_prior(prior: Prior, tiles: int) -> Values:
 
 
 def mirrored(vibrating: int, tiles: int, boundary: float) -> Values:
-    """Weight a number of vibrating tiles and its mirror across the boundary, shape (tiles + 1,).
+    """Return weights of 1 for a number of vibrating tiles and its mirror across the boundary, else 0, (tiles + 1,).
 
     The mirror, 2xN - k, is rounded to a possible whole number on the other side of the boundary. A number on the
     boundary has no mirror."""
@@ -170,7 +170,7 @@ def posterior_of_counts(log_likelihood_ratios: Values, log_of_prior: Values) -> 
 
 
 def sides_of(log_likelihood_ratios: Values, log_of_prior: Values, boundary: float) -> tuple[Values, Values]:
-    """Compute P(k > x N) and P(k < x N) for each row; the rest is on the boundary."""
+    """Compute P(k > x N) and P(k < x N) for each row of ln L_t, (rows,) each; the rest is P(k = x N)."""
     tiles = log_likelihood_ratios.shape[1]
     k = np.arange(tiles + 1)
     posterior = posterior_of_counts(log_likelihood_ratios, log_of_prior)

@@ -51,8 +51,9 @@ def time_error_curve(
     Args:
         scenario: all else; it is run to t_end, whatever its ``run.stop``. seed, runs: as ``simulate`` has them.
         undecided_counts: u of the module's head, in [0, 1]. batch: runs at a time. workers: threads.
-    Returns: credible_threshold, min_observations, error, error_low, error_high, all of ``swarm.summary`` as
-        columns, and pareto. Tables of all robots are kept meanwhile, some 100 bytes per robot and point.
+    Returns: credible_threshold, min_observations, error, error_low, error_high, all figures of
+        ``cell_summary.summary``, and pareto. Meanwhile tables of all robots are in memory, some 100 bytes per robot and
+        point.
     Raises:
         InputError: no settings, u outside [0, 1], or a setting that the scenario refuses.
     """

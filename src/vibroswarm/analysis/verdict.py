@@ -177,7 +177,7 @@ def strategy_name(name: str) -> str:
 
 
 def percent(share: float) -> str:
-    """``0.5`` as ``50 %``."""
+    """Write a share as a percentage: ``0.5`` as ``50 %``."""
     return f"{100 * share:.4g} %"
 
 

@@ -54,7 +54,11 @@ class Camera(NotebookView):
         )
 
     def true(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """True positions of objects seen at (x, y)."""
+        """Return the true positions of objects seen at (x, y), m.
+
+        Args:
+            size_m: width and height of the arena.
+        """
         x0, y0 = size_m[0] / 2, size_m[1] / 2
         return (
             x0 + (x_m - x0 - self.shift_x_m) / self.magnification,
@@ -62,7 +66,11 @@ class Camera(NotebookView):
         )
 
     def seen(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Return the positions at which objects at (x, y) are seen."""
+        """Return the positions at which objects at (x, y) are seen, m; those beyond a wall are moved onto it.
+
+        Args:
+            size_m: width and height of the arena.
+        """
         x0, y0 = size_m[0] / 2, size_m[1] / 2
         x = x0 + self.shift_x_m + self.magnification * (x_m - x0)
         y = y0 + self.shift_y_m + self.magnification * (y_m - y0)

@@ -64,7 +64,10 @@ class ClassifierAccuracy(NotebookView):
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
-    """Return the features of a robot's stretches, (stretches, columns); an incomplete last stretch is left out.
+    """Return the features of a robot's stretches, (stretches, columns).
+
+    Samples without a step or a time spent avoiding, and an incomplete last stretch, are left out; (0, 0) if there is
+    no complete stretch.
 
     Args:
         samples: of one robot and session, ordered by time (``features.sample_table``).
@@ -108,7 +111,7 @@ def _mean_and_spread(values: Floats) -> tuple[float, float]:
 
 
 def _alike(values: Floats) -> float:
-    """Return the lag-1 correlation."""
+    """Return the correlation of each value with the next; 0 if all are equal."""
     deviation = values - values.mean()
     square = float((deviation**2).mean())
     return float((deviation[1:] * deviation[:-1]).mean()) / square if square > 0 else 0.0
@@ -146,7 +149,11 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
 
 
 def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Return the balanced accuracy on the test rows; each pair holds the rows of both kinds."""
+    """Train a classifier on rows of two kinds, and return its balanced accuracy on other rows.
+
+    Args:
+        train, test: rows of the first and of the second kind, (rows, columns).
+    """
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
     spread = np.where(spread > 1e-9, spread, 1.0)
@@ -199,7 +206,7 @@ def classifier_accuracy(
 
 
 def _share_interval(shares: list[float], level: float) -> Interval:
-    """``mean_interval`` clipped to [0, 1]."""
+    """Return ``mean_interval`` of shares, clipped to [0, 1]."""
     interval = mean_interval(shares, level)
     return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 
@@ -213,7 +220,10 @@ def _rows(sessions: Sequence[Stretches], robots: Sequence[int]) -> Floats:
 
 
 def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, robots: list[int]) -> float:
-    """Test on one real and one simulated session, train on the other sessions; mean over robots."""
+    """Return the accuracy on one real and one simulated session, mean over robots, trained on the other sessions.
+
+    Where there is only one session of a kind, it is trained on too, without the robot that is tested.
+    """
     other = session % len(simulated)
     rest_real = [table for i, table in enumerate(real) if i != session] or real
     rest_simulated = [table for i, table in enumerate(simulated) if i != other] or simulated
@@ -226,10 +236,10 @@ def _by_robot_share(
     robots: list[int],
     train: tuple[list[Stretches], list[Stretches]] | None = None,
 ) -> float:
-    """Return the share of two sessions' stretches classified correctly, mean over robots.
+    """Return the accuracy on two sessions, mean over robots; each is tested by a classifier trained on the others.
 
     Args:
-        train: sessions of both kinds to train on, with the other robots; without, the two sessions themselves.
+        train: sessions of both kinds to train on; None: the two sessions themselves.
     """
     train = train or ([one], [other])
     shares = []
@@ -241,7 +251,7 @@ def _by_robot_share(
 
 
 def _among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
-    """Return the accuracy between real sessions, pair by pair; None with one session."""
+    """Return the accuracy between pairs of real sessions, averaged for each session; None with one session."""
     if len(sessions) < 2:
         return None
     numbers = range(len(sessions))

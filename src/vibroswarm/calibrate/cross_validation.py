@@ -64,7 +64,7 @@ class Reading(NotebookView):
 
     @property
     def deviation(self) -> float:
-        """Deviation of the recorded session in standard deviations of a session."""
+        """Recorded minus simulated value, in standard deviations between simulated sessions; NaN if that is 0."""
         return (self.recorded - self.simulated) / self.spread if self.spread > 0 else np.nan
 
 
@@ -129,6 +129,7 @@ def folds(
 
     Args:
         found: at least two sessions. other: sessions of another simulator, for comparison.
+        candidates: as of ``fit.fit``. progress: called with the share that is done.
     Raises:
         InputError: fewer than two sessions.
     """
@@ -199,13 +200,16 @@ def _score(
 
 
 def _distance(feature: str, own: Floats, other: Floats) -> float:
-    """Return the energy distance of one session to the pooled sessions of a source."""
+    """Return the energy distance of one session to the pooled sessions of a source; NaN with too few values."""
     distance = compare_distance(feature, [own], [other])
     return np.nan if distance is None else distance.effect.estimate
 
 
 def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
-    """Return the error rates of one session, also by distance from the edge, and the lag-1 correlation of bits."""
+    """Return the error rates of one session, also by distance from the edge, and the lag-1 correlation of bits.
+
+    A rate without samples is NaN.
+    """
     ordered = samples.sort("robot", "time_s")
     on, edge = ordered["vibrating"].to_numpy(), np.abs(ordered["edge_m"].to_numpy())
     bits = ordered["energy"].to_numpy() > threshold

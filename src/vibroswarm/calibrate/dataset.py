@@ -59,7 +59,7 @@ class Dataset(NotebookView):
         return dataset_of([corrected(result, camera) for result in self.results]).only(self.sessions)
 
     def seen_by(self, camera: Camera) -> pl.DataFrame:
-        """``samples`` at the positions where a camera would see them, with all columns that depend on the position."""
+        """Return ``samples`` as a camera would see them: all columns that depend on the position are recomputed."""
         x, y = camera.seen(self.samples["x_m"].to_numpy(), self.samples["y_m"].to_numpy(), self.arena_m)
         moved = self.samples.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))
         parts = []
@@ -79,7 +79,7 @@ class Dataset(NotebookView):
         )
 
     def only(self, sessions: Sequence[int]) -> Dataset:
-        """Only these sessions; they keep their numbers."""
+        """Return the data of these sessions only; they keep their numbers."""
         chosen = pl.col("run").is_in(list(sessions))
         tables = ("samples", "drives", "approaches", "turns", "exchange")
         return replace(self, **{name: getattr(self, name).filter(chosen) for name in tables})
@@ -128,11 +128,11 @@ def _with_edges(samples: pl.DataFrame, floor: Floor) -> pl.DataFrame:
 def signed_edge_distance(
     floor: Floor, x_m: Floats, y_m: Floats
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the distance to the nearest tile of the other kind, m; negative where the tile below vibrates.
+    """Return how far each place is from the nearest tile of the other kind, and both tiles; (places,) each.
 
-    Returns: it (inf or -inf where there is no tile of the other kind), the tile below (beyond the rim the nearest
-    one, as
-        the authors count), and the nearest tile of the other kind (-1: none).
+    Returns: the distance, m, negative where the tile below vibrates (inf or -inf without a tile of the other kind); the
+        index of the tile below (beyond the rim of the nearest one, as the authors count); and that of the nearest tile
+        of the other kind (-1: none).
     """
     row, column = nearest_tile(floor, x_m, y_m)
     vibrating = floor.tiles[row, column] == 1

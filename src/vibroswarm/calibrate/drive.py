@@ -120,7 +120,7 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
 
 
 def _median(values: Floats) -> float:
-    """``np.median``, faster for few numbers."""
+    """Return the median as ``np.median`` does, but faster for few numbers."""
     half, odd = divmod(values.size, 2)
     ordered = np.sort(values)
     return float(ordered[half] if odd else (ordered[half - 1] + ordered[half]) / 2)
@@ -217,16 +217,19 @@ def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
 
 
 class Course(NamedTuple):
-    """How one robot drives in one session: per interval, and in units of misalignment times 2 / track (1/m)."""
+    """How one robot drives in one session, from its undisturbed intervals.
+
+    Values in 1/m, times half the track (m), are misalignments.
+    """
 
     turn_rad: float
     """Median turn from interval to interval."""
     bend_per_m: float
-    """Median turn over the length of the arc."""
+    """Median turn, divided by the length of the arc."""
     spread_per_m: float
     slow_share: float
     distance_spread: float
-    """Relative."""
+    """Spread of the distances about their line in time, as a share of their median."""
     turns: int
     samples: int
 
@@ -259,7 +262,13 @@ def quartile_spread(values: Floats) -> float:
 
 
 def _slow_share(index: NDArray[np.int64], deviation: Floats, spread: float) -> float:
-    """Return the mean autocorrelation over ``SLOW_LAGS``, within [0, 1]; nan without pairs."""
+    """Return the mean autocorrelation over ``SLOW_LAGS``, clipped to [0, 1].
+
+    NaN if no two intervals are such a lag apart, or if all deviations are equal.
+
+    Args:
+        index: of the sample that ends each interval, (intervals,). deviation: of its turn. spread: of the deviations.
+    """
     clipped = np.clip(deviation, -CLIPPED * spread, CLIPPED * spread)
     clipped = clipped - clipped.mean()
     by_index = np.full(int(index[-1]) + 1, np.nan)

@@ -57,7 +57,7 @@ def effects(
     """Estimate the effect of changing from the first scenario to the second, under each strategy.
 
     Args:
-        runs: of each scenario, and as many again on other seeds.
+        runs: number for each scenario; as many again are run on other seeds, to confirm what is found.
     """
     blocks = []
     done, all_of = 0, 4 * -(-runs // BATCH)

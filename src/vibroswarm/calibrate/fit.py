@@ -142,7 +142,7 @@ def fit(
 
 
 def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
-    """Return the share of intervals with avoidance in which it took longer than the sampling interval.
+    """Return the share of intervals with avoidance in which it took longer than the sampling interval; 0 without any.
 
     The timer counts avoidance, so a robot that interrupts its turn to sample has almost none of these.
     """
@@ -158,7 +158,10 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
 
 
 def _share(name: str, value: float, each: Floats) -> Fitted:
-    """Return a share with the error of the mean over ``each``, one value a cluster."""
+    """Return a share with its standard error and 95 % interval, from the scatter of ``each``, one value per cluster.
+
+    They are NaN with fewer than two clusters.
+    """
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
     return Fitted(name, value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
@@ -166,7 +169,8 @@ def _share(name: str, value: float, each: Floats) -> Fitted:
 def stop_of(found: Dataset, base: Scenario) -> float | None:
     """Return the duration of a stop, ms, in whole control periods, from the intervals without avoidance or turn.
 
-    These last tau, the stop and two control periods. None if there are too few, or tau is a different one.
+    These last tau, the stop and two control periods. None with fewer than 50 of them, or if the stop would not be
+    between half and twice the base's: tau is then another one than the base's.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
     if calm.len() < 50:

@@ -133,7 +133,7 @@ def fit_avoidance(
     candidates: int = CANDIDATES,
     progress: Progress | None = None,
 ) -> AvoidanceFit:
-    """Fit the posterior.
+    """Fit the parameters of avoidance and turning; return their posterior sample and what it predicts.
 
     Args:
         scenario: all other fields as fitted. speed_m_s: at the start, mean over robots (for turning rates).
@@ -201,7 +201,7 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
 
 
 def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
-    """Simulate sessions with parameters drawn from the posterior; return their summaries."""
+    """Simulate sessions with parameters drawn from the posterior; return their statistics, (``CHECKS``, statistics)."""
     u = uniforms(_SEED, 1, 0, Purpose.OPTIMIZER, CHECKS)
     picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
     return np.array(

@@ -49,7 +49,7 @@ class CameraFit(NotebookView):
 
 
 def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
-    """Fit the camera.
+    """Fit the camera; it is ``RIGHT``, without draws, if the gain in log likelihood is too small.
 
     Args:
         found: sessions as they were seen. draws: bootstrap resamples of robots in sessions.

@@ -150,7 +150,10 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
 
 
 def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
-    """See ``DriveFit.distance_ratio``; driving takes tau and a control period. Mean over robots."""
+    """Return ``DriveFit.distance_ratio``, where driving from sample to sample takes tau and a control period.
+
+    1 with too few undisturbed intervals, or if the ratio is implausible (beyond 0.8 to 1.25).
+    """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
     calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
     drive_s = base.sample.sample_interval_ms / 1000.0 + base.tick_s
@@ -182,7 +185,7 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
 
 
 def _mean_of_known(matched: Floats) -> Floats:
-    """Return the mean over the sessions in which it is known, (robots, 2); nan: in none."""
+    """Return each robot's mean speed and bend over the sessions that have them, (robots, 2); NaN if none has."""
     known = np.isfinite(matched)
     total = np.where(known, matched, 0.0).sum(axis=0)
     with np.errstate(invalid="ignore"):
@@ -209,10 +212,11 @@ MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES = 
 
 
 def _by_robot(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
-    """Return what is known of each robot in each session (nan: unknown): (robots in sessions, columns as above).
+    """Return a row for each robot in each session, and the session of each row; ordered by session and robot.
 
-    Mean speed, speed at the start, share lost a second, sd within, veer in the middle of drives; then its ``Course``.
-    Also the session of each row; rows by session and robot.
+    The columns, ``MEAN`` to ``SAMPLES``, are mean speed, speed at the start, share lost a second, sd within, veer in
+    the middle of drives, and the robot's ``Course`` without its turn. NaN: unknown. Robots with too few drives are
+    left out.
     """
     courses = {
         key: course_of(own)
@@ -239,7 +243,7 @@ def _by_robot(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _estimates(table: Floats) -> dict[str, float]:
-    """Return the estimates from the table of ``_by_robot``."""
+    """Return the estimates from the table of ``_by_robot``; those of veer or bend only if two or more are known."""
     mean, start, lost, within, veer = table.T[:5]
     between = float(start.std(ddof=1))
     inside = float(np.sqrt((within**2).mean()))

@@ -65,7 +65,11 @@ class RaysFit:
 
 
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
-    """Fit the rays; robots are identified by number, as are their sensors in all sessions."""
+    """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
+
+    A robot's number is taken to mean the same robot, with the same sensors, in all sessions. What too few approaches or
+    turns determine is left out.
+    """
     values: dict[str, float] = {}
     bootstrap: dict[str, Floats] = {}
     forward: tuple[float, ...] = ()
@@ -108,7 +112,7 @@ def _most(turned: Floats) -> float:
 
 
 def _resampled(robot: Ints, draw: int) -> Ints:
-    """Return the bootstrap rows, resampled within each robot."""
+    """Return the row that each row is replaced by in a bootstrap draw: one of the same robot, (rows,)."""
     u = uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, robot.size)
     picked = np.empty(robot.size, dtype=np.int64)
     for number in np.unique(robot):

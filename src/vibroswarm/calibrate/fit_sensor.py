@@ -115,7 +115,7 @@ def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
 
 
 def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
-    """Start values: log shape, log scale, location of each kind by moments, reach (cm), log blur (cm)."""
+    """Return start values of a fit: log shape, log scale, location of either kind; then reach (cm), log blur (cm)."""
     theta = []
     for kind in (True, False):
         own = energy[on == kind]
@@ -140,7 +140,7 @@ def _density(energy: Floats, shape: float, scale: float, location: float) -> Flo
 
 
 def _parts(theta: Floats, data: _Data) -> tuple[Floats, Floats]:
-    """Return the likelihood of each sample as felt from a vibrating and from a still tile."""
+    """Return the two terms of each sample's likelihood: read on a vibrating tile, and read on a still one."""
     k, s, loc, k2, s2, loc2, reach, blur = theta
     p = ndtr((reach / 100.0 - data.edge_m) / (np.exp(blur) / 100.0))
     from_vibrating = p * _density(data.energy / data.vibrating, np.exp(k), np.exp(s), loc) / data.vibrating
@@ -190,7 +190,13 @@ def _factors(
 
 
 def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int) -> tuple[Floats, float]:
-    """Group means, shrunk to their common mean, and the standard deviation between groups without sampling noise."""
+    """Return the deviation of each group from the common mean, shrunk by its noise, and the sd between groups.
+
+    The standard deviation is that without sampling noise. Groups with hardly any weight have deviation 0.
+
+    Args:
+        rest, weight, group: of each sample: value, weight, and number of its group from 0. groups: how many there are.
+    """
     total = np.maximum(np.bincount(group, weight, groups), 1e-9)
     mean = np.bincount(group, weight * rest, groups) / total
     inside = np.bincount(group, weight * (rest - mean[group]) ** 2, groups) / total
@@ -207,7 +213,7 @@ def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int
 
 
 def _mean_log(shape: float, scale: float, location: float) -> float:
-    """Return E log(G) of a shifted Gamma, by its quantiles, clipped at 1e-3."""
+    """Return the mean of log(G), G of a shifted Gamma distribution and at least 1e-3, from 400 quantiles."""
     from scipy.special import gammaincinv
 
     u = (np.arange(400) + 0.5) / 400

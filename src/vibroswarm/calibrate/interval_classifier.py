@@ -102,7 +102,11 @@ def _told(pairs: Sequence[tuple[pl.DataFrame, pl.DataFrame]]) -> Told:
 
 
 def same_robots(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str] = FEATURES) -> float:
-    """Return the accuracy on minutes not trained on, of the same robots; two sessions of ``undisturbed``."""
+    """Return the accuracy between two sessions on minutes not trained on, of the same robots; NaN if too short.
+
+    Args:
+        one, other: from ``undisturbed``.
+    """
     rows = [session.select(features).to_numpy() for session in (one, other)]
     folds = [(session["time_s"] // MINUTE_S).to_numpy() % FOLDS for session in (one, other)]
     return _mean_accuracy(
@@ -115,7 +119,11 @@ def same_robots(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str] 
 
 
 def other_robots(one: pl.DataFrame, other: pl.DataFrame) -> float:
-    """Return the accuracy on robots not trained on; two sessions of ``undisturbed``."""
+    """Return the accuracy between two sessions on robots that were not trained on; NaN with fewer than two in common.
+
+    Args:
+        one, other: from ``undisturbed``.
+    """
     robots = [pl.col("robot") == robot for robot in sorted(set(one["robot"]) & set(other["robot"]))]
     return _mean_accuracy(
         tuple(
@@ -187,7 +195,7 @@ def _codes(rows: Floats, edges: list[Floats]) -> Codes:
 
 
 def _grown(codes: Codes, gradient: Floats, curvature: Floats, depth: int) -> Node:
-    """Grow a tree on these rows."""
+    """Grow a tree on these rows; it is a leaf if ``depth`` is 0 or no split gains anything."""
     total, curved = float(gradient.sum()), float(curvature.sum())
     best, at = 0.0, (-1, 0)
     for column in range(codes.shape[1] if depth else 0):

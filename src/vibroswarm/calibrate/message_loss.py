@@ -75,7 +75,7 @@ class Bursts(NotebookView):
 
 
 def windows_of(result: Result) -> list[Windows]:
-    """Return the windows of each robot of each run; of a robot whose log counts no messages, none.
+    """Return the windows of each robot of each run; robots whose log does not count messages are left out.
 
     The time of a sample whose row is missing is taken to be half-way between its neighbours'.
     """
@@ -112,7 +112,7 @@ def second_s(windows: Sequence[Windows]) -> float:
 
 
 def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Bursts:
-    """Fit the model by maximum likelihood; start from ``start``, or from figures of usual size."""
+    """Fit the model by maximum likelihood, from ``start`` or, without it, from typical values."""
     spacing_s = second_s(windows)
     table = _Table(windows)
     first = start or Bursts(0.02, 15.0, 0.8, 0.01, 0.5, 0.0, 5)
@@ -208,7 +208,11 @@ class _Table:
 
 
 def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float) -> NDArray[np.float64]:
-    """Return P(received, state after | sent, state before), (sent + 1, received + 1, 2, 2)."""
+    """Return the probability of so many received messages and the state after, given those sent and the state before.
+
+    Returns: (``most_sent`` + 1, ``most_received`` + 1, 2, 2): by sent, received, state before and state after (0: good,
+        1: bad).
+    """
     b = model.bad_share
     anew = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - b), 1e-9))
     step = (1.0 - anew) * np.eye(2) + anew * np.array([[1.0 - b, b], [1.0 - b, b]])

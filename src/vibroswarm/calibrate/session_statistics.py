@@ -100,7 +100,7 @@ def _interval(name: str, values: list[float]) -> Interval:
 
 
 def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
-    """Return the statistics of one session's samples."""
+    """Return the statistics of one session's samples by name; None if undefined."""
     arena = result.scenario.arena
     x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold
@@ -123,7 +123,10 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
 
 
 def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
-    """Return the density of samples in corner tiles, and off the outermost tiles, relative to a uniform one."""
+    """Return the density of samples in corner tiles, and off the outermost tiles, relative to a uniform one.
+
+    None on floors with fewer than three rows or columns of tiles.
+    """
     floor = result.floor(int(result.runs["run"][0]))
     rows, columns = floor.tiles.shape
     if rows < 3 or columns < 3:
@@ -145,7 +148,7 @@ def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: floa
 
 
 def _lag_one(samples: pl.DataFrame, bits: Any) -> float | None:
-    """``analysis.correlation.lag_one`` of these bits."""
+    """Return the correlation of each bit with the same robot's next; None if all bits are equal."""
     deviation = bits - bits.mean()
     variance = float((deviation**2).mean())
     robot = samples["robot"].to_numpy()

@@ -96,7 +96,7 @@ def cosine(a: Floats, b: Floats) -> float:
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:
-    """Return the cosine similarity S of two sets of values."""
+    """Return the cosine similarity S of the histograms of two sets of values; NaN if one has none within its range."""
     return cosine(histogram(one, feature), histogram(other, feature))
 
 
@@ -226,7 +226,7 @@ def mean_distance(one: Floats, other: Floats | None = None) -> float:
 
 
 def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
-    """``mean_distance`` of single numbers, from their ranks."""
+    """Return ``mean_distance`` of single numbers, (values,) each, from their ranks instead of all pairs."""
     others = np.sort(one if other is None else other)
     below = np.searchsorted(others, one)
     sums = np.append(0.0, np.cumsum(others))

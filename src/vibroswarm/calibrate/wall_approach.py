@@ -59,7 +59,7 @@ class _Path:
 
 
 def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """``APPROACHES`` and ``TURNS``; both empty if paths are unknown.
+    """Return turns away from walls (``APPROACHES``) and at the ends of legs (``TURNS``); both empty without paths.
 
     Args:
         samples: ``features.sample_table``.
@@ -100,7 +100,13 @@ def _path(result: Result, run: int, robot: int) -> _Path | None:
 def _approaches(
     path: _Path, samples: Floats, others: list[_Path], size: tuple[float, float]
 ) -> list[tuple[float, float, float]]:
-    """Return the distance and incidence of each turn away from a wall, and distance of the nearest robot."""
+    """Return the distance, m, and incidence, rad, of each turn away from a wall, and the distance of the nearest robot.
+
+    Without other robots that distance is inf.
+
+    Args:
+        samples: (samples, 2): time, and avoidance since the sample before, s.
+    """
     approaches = []
     for before, (until_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
         if not avoid_s > 1e-9:
@@ -125,7 +131,10 @@ def _approaches(
 
 
 def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float, float] | None:
-    """Return the time, position and course of the first standstill after a drive among the positions first..last-1."""
+    """Return the time, position and course of the first standstill after a drive among the positions first..last-1.
+
+    None if there is no such standstill, the drive before it is too short, or the path has a gap.
+    """
     driving = path.driving[first : max(last - 1, first)]
     starts = np.flatnonzero(driving)
     if last - first < 6 or starts.size == 0 or np.diff(path.time_s[first:last]).max() > LONGEST_GAP_S:

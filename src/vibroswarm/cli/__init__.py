@@ -127,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_user_code(command: argparse.ArgumentParser) -> None:
-    """Add the options for code of the user's."""
+    """Add the options for running the user's own code."""
     own = command.add_argument_group("user code")
     own.add_argument(
         "--trust", action="store_true", help="run code named in scenario and study files (FILE.py:NAME)"
@@ -136,7 +136,7 @@ def _add_user_code(command: argparse.ArgumentParser) -> None:
 
 
 def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """Yield the parsers of all commands and tasks that do something themselves."""
+    """Yield the parsers of all commands and tasks that have no tasks below them."""
     parts = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     if not parts:
         yield parser
@@ -179,7 +179,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _code_of(error: Exception) -> int:
-    """Print what an error says and return the exit code; raise an error of the program again."""
+    """Print the message of an expected error and return its exit code; any other error, a bug, is raised again."""
     if isinstance(error, InputError):
         return _failed(str(error), 2)
     if isinstance(error, RunError):
@@ -209,7 +209,7 @@ def _leave_at_once(code: int) -> NoReturn:
 
 
 def _resume_hint(argv: Sequence[str] | None) -> str:
-    """Return what to say after Ctrl-C; another Ctrl-C meanwhile changes nothing."""
+    """Return the message after Ctrl-C; just "interrupted" if Ctrl-C comes again meanwhile or there is no better one."""
     try:
         return interruption.resume_hint(
             _parsed[-1] if _parsed else None, sys.argv[1:] if argv is None else argv

@@ -146,7 +146,7 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
 
 
 def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str:
-    """Format an estimate with its interval over sessions, which one session has not."""
+    """Format an estimate with its interval over sessions; with one session, which has no interval, alone."""
     from vibroswarm.cli.output import with_interval
 
     if one is not None and one.n < 2:

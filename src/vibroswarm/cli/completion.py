@@ -76,7 +76,7 @@ def _describe_briefly(parser: argparse.ArgumentParser) -> None:
 
 
 def names_by_option() -> dict[str, Iterable[str]]:
-    """Return the names that options take."""
+    """Return the names that each option takes, by option."""
     import vibroswarm.simulation  # noqa: F401  (registers the engines)
     from vibroswarm.optimize.objective import NAMES
     from vibroswarm.optimize.spec import METHODS
@@ -94,7 +94,7 @@ def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParse
 
 
 def _words(option: str, names: Iterable[str]) -> dict[str, Any]:
-    """Return how each shell completes one of these words."""
+    """Return how each shell completes an option that takes one of these names, in the form that the writer expects."""
     listed = " ".join(names)
     function = f"_vibroswarm_words_{option.strip('-')}"
     return {

@@ -140,7 +140,10 @@ def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list[float]]:
-    """Return the fill ratios to simulate, and those among them that were added below the boundary."""
+    """Return the fill ratios to simulate, and those of them that were added to the given ones.
+
+    If none of the given ones is below the boundary, some below it are added: only they can show false alarms.
+    """
     boundary, tiles = base.decision.decision_boundary, base.floor.rows * base.floor.columns
 
     def in_tiles(shares: Iterable[float]) -> list[float]:
@@ -160,7 +163,7 @@ def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list
 
 
 def _warnings(study: Study) -> list[str]:
-    """Fill ratios that no number of robots and no waiting time gets right."""
+    """Return a sentence for each fill ratio that no number of robots and no waiting time gets right."""
     from vibroswarm.analysis.decidability import decidability
 
     verdicts = [decidability(cell.scenario) for cell in study.cells]
@@ -261,7 +264,7 @@ def _time(time_s: float | None, t_end_s: float) -> str:
 
 
 def _clear(row: dict[str, float | None]) -> str:
-    """Format the time until which false alarms are rare enough."""
+    """Format the time until which false alarms are rare enough; ``-`` if they were not measured."""
     if row["false_alarm"] is None:
         return "-"
     until_s = row["clear_until_s"]

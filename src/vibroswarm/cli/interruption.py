@@ -53,7 +53,7 @@ def listen() -> None:
 
 
 def _again() -> None:
-    """Send Ctrl-C to the main thread again; a real signal, where there is one, also ends its waiting."""
+    """Send Ctrl-C to the main thread again: as a signal, which also ends a wait, where the system can send it one."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:

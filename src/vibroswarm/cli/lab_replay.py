@@ -138,7 +138,11 @@ def _rule(scenario: Scenario) -> dict[str, Any]:
 
 
 def _row(name: str, found: SessionOutcome, *, one: bool) -> list[object]:
-    """Return a row on a session: its single outcome, or (with ``one`` false) shares over the draws."""
+    """Return the row of a session in the table of outcomes, a dash where a value is unknown.
+
+    Args:
+        one: whether there is a single outcome, as logged; otherwise shares and quantiles over the draws are shown.
+    """
     consensus = ", ".join(
         outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in found.consensus.items()
     )

@@ -125,7 +125,7 @@ def _print_profile(profile: pl.DataFrame) -> None:
 
 
 def _written(chosen: Threshold) -> float:
-    """Return the threshold as written: energies are logged to three places."""
+    """Return the threshold rounded to three decimals, to which robots log energies."""
     return round(chosen.value, 3)
 
 

@@ -92,10 +92,10 @@ def _board(text: str) -> tuple[int, int]:
 
 
 def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
-    """Return what an option states of each video: nothing, one for all, or one each.
+    """Return the value of an option for each video: None if it is not given, one value for all, or one for each.
 
     Raises:
-        InputError: another number of them.
+        InputError: the number of values is neither one nor that of the videos.
     """
     if given is None:
         return [None] * videos

@@ -129,7 +129,7 @@ class Printed(NamedTuple):
 
 
 def hash_of(*parts: object) -> str:
-    """Return 16 hexadecimal digits of what a command computes, from its settings."""
+    """Return 16 hexadecimal digits that identify a command's work: the hash of its settings."""
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
@@ -142,7 +142,11 @@ def deliver(
     *,
     work: str = "",
 ) -> None:
-    """Print what ``show`` prints, or ``document`` as JSON if ``--json``; keep the former in ``folder``."""
+    """Print what ``show`` prints, or with ``--json`` the document; save what ``show`` prints in ``folder``, if given.
+
+    Args:
+        work: hash of the settings, by which ``refuse_other`` recognises the same work.
+    """
     with collected() as blocks:
         show()
     if folder is not None:

@@ -86,7 +86,7 @@ def collected() -> Iterator[list[Block]]:
 
 
 def put(block: Block) -> None:
-    """Print a block, or collect it."""
+    """Print a block; inside ``collected``, collect it instead."""
     if _collecting:
         _collecting[-1].append(block)
     elif "text" in block:
@@ -127,7 +127,7 @@ def table_lines(
 
 
 def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit: str = "") -> str:
-    """``44.1 % [41.0, 47.2]``; ``-`` without a value, and no brackets without an interval.
+    """Format a value as ``44.1 % [41.0, 47.2]``; ``-`` without a value, and no brackets without an interval.
 
     Args:
         form: format specification of each number, such as ``.1f``.

@@ -114,7 +114,7 @@ _listens: list[bool] = []
 
 @contextmanager
 def _while_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` when a kernel is about to be compiled: no run ends meanwhile, and the rest would seem stuck."""
+    """Call ``tell`` when a kernel is about to be compiled: no run ends meanwhile, so the display would seem stuck."""
     from vibroswarm.core.jit import add_compile_listener
 
     if not _listens:
@@ -154,7 +154,7 @@ def say_compiling(*sources: str) -> None:
     """Report on stderr if kernels must be compiled first, and start a process that helps.
 
     Args:
-        sources: names of motion sources; without, any will do.
+        sources: names of the motion sources whose kernels are needed; without names, cached kernels of any suffice.
     """
     from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached

@@ -45,7 +45,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what is there."""
+    """Print what a folder or file holds, and open its page with ``--open``."""
     path: Path = arguments.folder
     if path.is_dir():
         _show_folder(path, arguments)

@@ -209,7 +209,7 @@ def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
 
 
 def _cell(value: Any) -> str:
-    """Return a value as it is; numbers that no decimal writes briefly with six digits."""
+    """Return a value of a table as text: fractions to six significant digits, ``-`` for a missing value."""
     if value is None or value != value:
         return "-"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -143,7 +143,7 @@ def _wrap(text: str, width: int) -> list[str]:
 def _row(
     cells: Sequence[Sequence[str]], widths: Sequence[int], texts: int, *, bottom: bool = False
 ) -> list[str]:
-    """Return the lines of a row whose cells are lists of lines; ``bottom`` aligns cells there."""
+    """Return the lines of a row whose cells are lists of lines; with ``bottom``, shorter cells end on the last line."""
     height = max(map(len, cells))
     lines = []
     for k in range(height):
@@ -158,7 +158,7 @@ def _row(
 
 
 def _transposed(table: Table) -> Table:
-    """Return the table with a column for each row."""
+    """Return the table with rows and columns exchanged; the names of a row become the heading of its column."""
     heads = [GAP.join(filter(None, row[: table.names])) for row in table.rows]
     corner = GAP.join(filter(None, table.columns[: table.names]))
     places = range(table.names, len(table.columns))
@@ -167,7 +167,10 @@ def _transposed(table: Table) -> Table:
 
 
 def _under_names(table: Table, width: int, *, stacked: bool) -> list[str] | None:
-    """Give each name a line of its own; rows that have further names share the line of an equal first one."""
+    """Lay out a table with the first name of each row on a line above the rest; None if the rest does not fit.
+
+    Where rows have several names, neighbours with the same first name share its line.
+    """
     rest = Table(table.columns[1:], tuple(row[1:] for row in table.rows), table.names - 1, table.texts - 1)
     laid = _grid(rest, width - len(INDENT), wrapped=True, stacked=stacked) if rest.columns else None
     if laid is None:
@@ -207,7 +210,7 @@ def _parts(table: Table, width: int) -> list[str] | None:
 
 
 def _records(table: Table, width: int) -> list[str]:
-    """Give each value a line, after the name of its column."""
+    """Lay out a table as records: the names of a row, then each value on a line, after the name of its column."""
     lines: list[str] = []
     for row in table.rows:
         lines += _wrap(GAP.join(filter(None, row[: table.names])), width)

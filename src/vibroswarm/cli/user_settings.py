@@ -23,7 +23,7 @@ VARIABLE: Final = "VIBROSWARM_CONFIG"
 
 
 def location() -> Path | None:
-    """Return where the file is, if there is one; None if none is wanted."""
+    """Return where the settings file is looked for; None if the environment variable is empty: use none."""
     if (given := os.environ.get(VARIABLE)) is not None:
         return Path(given) if given else None
     if sys.platform == "win32":

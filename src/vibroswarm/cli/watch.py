@@ -106,7 +106,7 @@ class Playback:
         return message_log(self.result)
 
     def _radio(self, time_s: float) -> Radio | None:
-        """Return what was sent until a time."""
+        """Return what was sent and lost until a time, s; None without a log of messages."""
         if self.log is None:
             return None
         sent = int(np.searchsorted(self.log.time_s, time_s, side="right"))

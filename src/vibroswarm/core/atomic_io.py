@@ -143,7 +143,11 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def _acquire(path: Path) -> int | None:
-    """Open and lock a lock file; None if it cannot be written."""
+    """Open and lock a lock file; return its descriptor, or None if it cannot be written.
+
+    Raises:
+        InputError: another process holds the lock.
+    """
     while True:
         try:
             stream = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -344,7 +348,11 @@ def _swap_in(part: Path, path: Path) -> None:
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
-    """Refuse a result folder that exists (unless it may be replaced) or whose name is taken by a file."""
+    """Refuse a result folder that exists (unless it may be replaced) or whose name is taken by a file.
+
+    Raises:
+        InputError: the folder is refused.
+    """
     for left in reversed(range(MAX_TRIES)):
         before = _identity(path)
         try:

@@ -16,10 +16,10 @@ LANES: Final = 8
 
 @allocating_kernel
 def sum_of_distances(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    """Return the sum of the distances of all pairs, without storing them.
+    """Return the sum of the Euclidean distances from each of ``points`` to each of ``others``, without storing them.
 
     Args:
-        points: (n, columns). others: (columns, m).
+        points: (n, columns). others: (columns, m), transposed, so that inner loops run along rows.
     """
     count = others.shape[1]
     squared = np.zeros(count + LANES)  # the padding stays 0

@@ -53,10 +53,12 @@ def _threads_begun() -> bool:
 
 
 def _before() -> None:
+    """Note, before a fork, whether polars has threads that the new process will lack."""
     _State.begun = _threads_begun()
 
 
 def _in_child() -> None:
+    """Note in the forked process that these threads are missing, here or since an earlier fork."""
     _State.lost = _State.lost or _State.begun
 
 

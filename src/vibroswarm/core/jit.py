@@ -131,7 +131,7 @@ def is_cached(*sources: str) -> bool:
     Other kernels do not count: drawing a floor compiles a few before any robot moves.
 
     Args:
-        sources: sources of motion, by name; without, any will do.
+        sources: names of motion sources; True if any one of them is cached. Without names, any engine will do.
     """
     if not compiles():
         return True
@@ -227,7 +227,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 _stamps = {str(source): _stamp(source) for source in simulation_sources()} if compiles() else {}
-"""Of the sources before any module with a kernel was imported."""
+"""Time of change and size of each source, before any module with a kernel was imported."""
 
 
 def register_source(file: str, text: str) -> None:
@@ -295,7 +295,7 @@ def _compile(
 
 
 def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> Callable[P, R]:
-    """Return a kernel compiled for arguments of these types, without Numba's dispatch.
+    """Return a kernel compiled for arguments of these types, without Numba's dispatch; the kernel itself in plain mode.
 
     Dispatch takes some 0.1 microseconds per array. Callers must pass arguments of exactly these types.
     """
@@ -329,7 +329,7 @@ def _type_key(value: Any) -> Any:
 
 
 def _call_plain(compiled: Any) -> None:
-    """Make calls from Python run the plain function, as an entry point for Python takes time to compile."""
+    """Make calls from Python run the uncompiled function, since an entry point for Python takes time to compile."""
     kind = type(compiled)
     called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
     compiled.__class__ = type(kind.__name__, (kind,), called)

@@ -154,7 +154,7 @@ def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: in
 def uniforms(
     seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Return the numbers of ``count`` consecutive indices, shape (count,)."""
+    """Return the uniform numbers of ``count`` consecutive indices from ``first`` on, shape (count,)."""
     out = np.empty(count, dtype=np.float64)
     _fill(out, seed, run, robot, int(purpose), first)
     return out

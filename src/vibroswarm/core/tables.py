@@ -92,7 +92,7 @@ def read_frame(path: Path, what: str) -> pl.DataFrame:
     """Read a Parquet file, whatever its columns.
 
     Raises:
-        InputError: it is not a complete Parquet file.
+        InputError: it is missing, larger than MAX_BYTES, or not a complete Parquet file.
     """
     if not path.exists():
         raise InputError("is missing", field=str(path))
@@ -110,7 +110,7 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
     """Return the frame with its columns in schema order, if it conforms to the schema.
 
     Args:
-        name: of the file, for errors. what: the name of the table.
+        name: name of the file, for errors. what: name of the table, for errors.
     Raises:
         InputError: missing, unexpected or wrongly typed columns; values that are missing, out of range or not finite;
             duplicate rows. Names the file and the column.

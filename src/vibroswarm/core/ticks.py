@@ -15,9 +15,9 @@ def tick_at(time_s: float, tick_ms: int) -> int:
 
 
 def reached(time_s: float, until_s: float, tick_ms: int) -> bool:
-    """Return whether motion known up to ``time_s`` is all that ``advance(until_s)`` can give.
+    """Return whether motion known up to ``time_s`` has reached ``until_s``, so that ``advance(until_s)`` adds nothing.
 
-    Times are not compared as they are: the sum 4.98 s + 0.02 s is a little more than the 250th tick, so that a loop
-    until then would never end.
+    Times are compared as ticks. As floats, the sum 4.98 s + 0.02 s is a little more than the time of the 250th tick,
+    so a loop that waits for it would never end.
     """
     return tick_at(time_s, tick_ms) >= tick_at(until_s, tick_ms)

@@ -117,7 +117,7 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
 
 
 def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
-    """Return the values of the template's names for a strategy."""
+    """Return what stands for each open name of ``robot_program`` with a strategy: its hooks, or what replaces them."""
     found: dict[str, Any] = {hook: getattr(strategy, hook) for hook in HOOKS if getattr(strategy, hook)}
     found["on_message"] = strategy.on_message
     if strategy.on_message is None:

@@ -144,7 +144,7 @@ class Calls(Expressions):
         return Value(f"{compiled.name}({', '.join(texts)})", compiled.returns)
 
     def hold(self, value: Value) -> str:
-        """Keep a value in a variable of its own, before the statement under way; return its name."""
+        """Store a value in a variable that is set before the current statement; return the variable's name."""
         self.held += 1
         name = f"held_{self.held}"
         kind = value.type.name if isinstance(value.type, Struct | CTuple) else value.type

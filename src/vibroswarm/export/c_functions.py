@@ -99,7 +99,7 @@ class Program:
         return made
 
     def name_for(self, source: Source) -> str:
-        """Return a new name in C."""
+        """Return a name in C for a function that no other has: with its module, and a number if that is not enough."""
         module = source.function.__module__
         tail = "" if module == self.template else f"{module.rpartition('.')[2]}_"
         name = base = f"vs_{tail}{source.function.__name__}"
@@ -125,7 +125,10 @@ class Function(Calls):
         self.loops, self.pending = [], []
 
     def translated(self) -> Compiled:
-        """Return the function; types of variables are joined until nothing changes."""
+        """Return the function in C.
+
+        A variable's type can widen at any assignment, so the body is translated again until no type changes.
+        """
         body = without_docstring(self.source.tree.body)
         while True:
             before = dict(self.types), self.returns
@@ -356,7 +359,7 @@ class Function(Calls):
         self.write(f"{place.text} = {as_real(value) if place.type == REAL else value.text};")
 
     def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
-        """Assign a value to a variable; rows and arrays are given a second name."""
+        """Assign a value to a variable; for a row or an array the variable becomes a second name of it, not a copy."""
         if isinstance(value.type, CArray) or (isinstance(value.type, Struct) and value.type.mutable):
             if "[" in value.text or self.aliases.get(name, value).text != value.text or name in self.types:
                 self.refuse(node, f"the name '{name}' for more than one row or array")

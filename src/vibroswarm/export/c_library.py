@@ -87,7 +87,7 @@ class Memory:
 
 
 def measured(sources: Path) -> Memory | None:
-    """Return the memory of the library in a folder of sources; None without the compiler.
+    """Return the memory of the library in a folder of sources, the smallest over some flags; None without the compiler.
 
     Raises:
         RunError: the compiler failed.

@@ -189,12 +189,12 @@ def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[st
 
 
 def initial(name: str, kind: Struct) -> list[str]:
-    """Return the initialisers of a constant row, by the macros of the parameters."""
+    """Return the initialisers of a constant row, which take their values from macros; ``["0"]`` for an empty row."""
     return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields if field != "unused"] or ["0"]
 
 
 def text_of(text: str, is_public: bool) -> str:
-    """Return a function, internal unless a program around it calls it."""
+    """Return the text of a function, made ``static`` unless the program around it calls it."""
     if is_public:
         return text
     place, rest = text.split("\n", 1)
@@ -202,7 +202,7 @@ def text_of(text: str, is_public: bool) -> str:
 
 
 def checks_of(parts: RobotParts) -> list[str]:
-    """Return checks that sizes in the parameters are those for which the program was generated."""
+    """Return preprocessor checks that refuse parameters with other sizes than the program was generated for."""
     return [
         f'#if VS_WORLD_{name.upper()} != {size}\n#error "this program is for {size} {name}: export again"\n#endif'
         for name, size in parts.sizes.items()

@@ -107,7 +107,7 @@ def parameter(kind: Any, name: str) -> str:
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return the type that holds values of both; None if there is none."""
+    """Return the type that holds values of both types, ``other`` if ``one`` is None; None if there is no such type."""
     if one is None or one == other:
         return other
     order = (BOOL, INT, LONG, REAL)

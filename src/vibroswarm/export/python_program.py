@@ -77,7 +77,7 @@ def class_text(name: str, kind: Struct) -> str:
 
 
 def zero(kind: Any) -> str:
-    """Return an expression for zeros of a type."""
+    """Return an expression for the zero of a type: of arrays nested lists; ``None`` for a row that cannot change."""
     if isinstance(kind, CArray):
         text = zero(kind.element)
         for size in reversed(kind.shape):
@@ -130,7 +130,11 @@ class Collected:
         return self.names[found]
 
     def global_of(self, source: Source, node: ast.Name) -> ast.expr:
-        """Return what a global name becomes."""
+        """Return what a global name becomes in the module: a number, or the name of a class, function or constant row.
+
+        Raises:
+            InputError: it is none of these.
+        """
         name = node.id
         fixed = {"RMS_THRESHOLD": self.parts.rms_threshold, "SENSING_BLIND_MS": self.parts.blind_ms}
         of_template = source.function.__module__ == robot_program.__name__
@@ -216,7 +220,7 @@ class Rewriter(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def truth(self, node: ast.expr) -> bool | None:
-        """Return the value of a test if it is known now."""
+        """Return the value of a test if constants alone decide it; None otherwise."""
         if isinstance(node, ast.BoolOp):
             values = [self.truth(item) for item in node.values]
             decisive = isinstance(node.op, ast.Or)
@@ -230,7 +234,7 @@ class Rewriter(ast.NodeTransformer):
         return found if isinstance(found, bool) else None
 
     def known(self, node: ast.expr) -> Any:
-        """Return the number of a constant; None if it is none."""
+        """Return the number of a constant or of a global that is one; None otherwise."""
         if isinstance(node, ast.Constant):
             return number_of(node.value)
         if isinstance(node, ast.Name) and node.id not in self.local and node.id in self.source.space:
@@ -256,7 +260,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.Attribute(value, node.attr, node.ctx)
 
     def visit_Subscript(self, node: ast.Subscript) -> Any:
-        """Replace several indices and lengths."""
+        """Replace ``a[i, j]`` by ``a[i][j]``, and ``a.shape[k]`` by a ``len``: arrays are nested lists here."""
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             inner: ast.expr = self.visit(node.value.value)
             for _ in range(int(self.known(node.slice))):
@@ -270,7 +274,7 @@ class Rewriter(ast.NodeTransformer):
         return found
 
     def visit_Call(self, node: ast.Call) -> Any:
-        """Leave out fields that the program does not have, of a row that is made."""
+        """Leave out the table of beliefs where a ``World`` is constructed: the program has none."""
         made = self.generic_visit(node)
         assert isinstance(made, ast.Call)
         if isinstance(made.func, ast.Name) and made.func.id == "World":

@@ -57,7 +57,11 @@ class Clusters(NamedTuple):
 
 @allocating_kernel
 def no_clusters(cells: int, stride: int) -> Clusters:
-    """Return a grid of still tiles."""
+    """Return the clusters of a grid in which no tile vibrates yet.
+
+    Args:
+        cells: cells of the grid with its border. stride: cells of a row.
+    """
     terms = np.zeros(cells + 1)
     free = np.zeros(cells + 1, dtype=np.int64)
     free[0] = cells - 1
@@ -205,7 +209,13 @@ def _degrees(rows: int, columns: int) -> Cells:
 
 @kernel
 def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int, columns: int) -> int:
-    """Return the still cell to swap with ``p``: half the time any, else one within two steps of ``p`` (or -1)."""
+    """Return a still cell to swap with ``p``: half the time any, else one at most two rows and columns from ``p``.
+
+    -1 if the cell that was drawn near ``p`` vibrates or is outside the floor.
+
+    Args:
+        u: uniform number. zeros: the still cells. blanks: their number.
+    """
     if u < 0.5:
         return int(zeros[int(2.0 * u * blanks)])
     stride = columns + 2
@@ -221,7 +231,10 @@ def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int
 def _place_tiles(
     state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
 ) -> tuple[int, int, float]:
-    """Make all ``ones`` vibrate and note each cell's index in its list; return links2, sides and S."""
+    """Make all ``ones`` vibrate and note each cell's index in its list, ``ones`` or ``zeros``, in ``place``.
+
+    Returns: twice the number of pairs of vibrating neighbours, the number of neighbours of all vibrating tiles, and S.
+    """
     links2, sides, cluster_bits = 0, 0, 0.0
     for i in range(zeros.size):
         place[zeros[i]] = i

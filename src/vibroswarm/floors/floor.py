@@ -148,7 +148,7 @@ def _size_of(value: float, field: str) -> float:
 def sides_inside(
     geometry: tuple[int, int, float, float, float, float], width_m: float, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return widths of columns and heights of rows inside an arena of this size, m; None if none is cut."""
+    """Return the widths of columns and heights of rows inside an arena of this size, m; None if it cuts no tile."""
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
     left = left_m + tile_width_m * np.arange(columns)
     bottom = bottom_m + tile_height_m * np.arange(rows)[::-1]
@@ -164,7 +164,7 @@ def check_size(rows: int, columns: int, field: str = "tiles") -> None:
     """Refuse a floor without tiles, or with more than ``TILE_LIMIT``.
 
     Raises:
-        InputError: so it is.
+        InputError: the size is impossible.
     """
     if rows < 1 or columns < 1:
         raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field=field)

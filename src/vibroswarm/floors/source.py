@@ -182,7 +182,11 @@ def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
 
 
 def _fill_ratio(spec: str) -> float:
-    """Parse the fill ratio of a name such as ``random:0.48``."""
+    """Parse the fill ratio of a name such as ``random:0.48``.
+
+    Raises:
+        InputError: there is none, or it is not a number.
+    """
     text = spec.partition(":")[2].strip()
     try:
         return float(text)

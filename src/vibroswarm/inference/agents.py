@@ -84,10 +84,10 @@ class Swarm(NamedTuple):
 
 
 def strategy_used(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy, or the variant of it that its parameters ask for.
+    """Return the scenario's strategy, or the variant of it that its parameters require.
 
     Raises:
-        InputError: these parameters do not go together.
+        InputError: the strategy's parameters do not fit together.
     """
     named, arena = strategy_of(scenario.strategy.name), scenario.arena
     if named.variant is None:
@@ -212,7 +212,11 @@ def begin_draws(seed: int, run: int, i: int) -> Draws:
 
 @inlined
 def sample_draws(seed: int, run: int, i: int, number: int, first: float) -> Draws:
-    """Return the random numbers of ``on_sample``, which soft feedback draws its messages from."""
+    """Return the random numbers of ``on_sample``, which soft feedback draws its messages from.
+
+    Args:
+        number: index of the sample. first: number 0 if computed already, else -1.
+    """
     return Draws(seed, run, i, MESSAGE, number, ALONE, 0, first)
 
 
@@ -259,8 +263,11 @@ def loss_uniform(seed: int, run: int, receiver: int, sender: int, number: int) -
 
 
 def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """Return the columns of ``FINALS`` except run and robot, plus ``sent``, (runs * robots,) each; nan for
-    missing."""
+    """Return the columns of ``FINALS`` except run and robot, plus ``sent``, (runs * robots,) each.
+
+    For a robot that never decided, the decision is -1, and ``decision_time_s`` and ``belief_at_decision`` are nan;
+    alpha and beta are nan if the strategy keeps none.
+    """
     agents, states = swarm.agents, swarm.states
     decided = agents["decision"] != -1
     kept = states.dtype.names or ()
@@ -289,7 +296,10 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
 
 
 def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """Return a table column with nan as null, made without polars' threads, which a forked process lacks."""
+    """Return a table column with nan as null.
+
+    It uses none of polars' threads, which a forked process lacks.
+    """
     if values.dtype == np.float64 and kind != pl.Float64:
         if np.isnan(values).any():
             return pl.Series(name, [None if np.isnan(value) else int(value) for value in values], dtype=kind)

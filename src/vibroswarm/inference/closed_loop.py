@@ -91,7 +91,8 @@ def record_samples(
     """Append new samples and their readings to the buffer; return the new number of samples.
 
     Args:
-        rows: ``motion.record.SAMPLE_ROW``.
+        rows: the new samples, ``motion.recorder.SAMPLE_ROW``.
+        filled: number of samples in the buffer so far.
     """
     for n in range(rows.size):
         row, k = rows[n], filled
@@ -213,8 +214,9 @@ class ClosedLoop:
         """Replay everything appended since the last call.
 
         Args:
-            known_tick: motion is known up to this tick, exclusive. stop_tick: (robots,): tick since which each robot
-                stands; -1: it walks.
+            known_tick: motion is known up to this tick, exclusive.
+            stop_tick: (robots,): tick since which each robot stands; -1: it walks. Read only if the replayer needs
+                stops.
         """
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
@@ -280,7 +282,7 @@ class ClosedLoop:
 
     @property
     def estimate(self) -> NDArray[np.float64]:
-        """Posterior mean of each robot, (robots,); nan if the strategy keeps no posterior."""
+        """Posterior mean of the fill ratio by each robot, (robots,); nan if the strategy keeps no posterior."""
         states = self.replayer.swarm.states
         if not {"alpha", "beta"} <= set(states.dtype.names or ()):
             return np.full(states.size, np.nan)
@@ -298,7 +300,7 @@ class ClosedLoop:
 
 
 def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
-    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``), without its time accounts."""
+    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``); the times spent in each mode are left at 0."""
     rows = zero_rows(samples.height, SAMPLE_ROW)
     for name in ("run", "robot", "sample", "x_m", "y_m", "heading_rad"):
         rows[name] = samples[name].to_numpy()
@@ -310,7 +312,7 @@ def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
 def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
     """Advance a run to ``until_s``, and replay it in the loops of several scenarios with the same motion.
 
-    Returns the new motion as tables if the source gives nothing else, otherwise None.
+    Returns the new motion as tables, or None if the state is a ``KernelRun``, which passes its rows on directly.
     """
     tick_ms = loop[0].tick_ms
     if isinstance(state, KernelRun):
@@ -337,7 +339,11 @@ def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float
 
 
 def add_piece(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
-    """Append a piece of motion; return the tick up to which motion is known, and since when each robot stands."""
+    """Append a piece of motion to each loop.
+
+    Returns: the tick up to which motion is known, exclusive, and the tick since which each robot stands, (robots,),
+        -1: it walks.
+    """
     rows = sample_rows(piece.samples, tick_ms)
     for member in loop:
         member.add_samples(rows)

@@ -43,7 +43,8 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
 
 
 def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
-    """Return the files of functions that do not belong to this package, with one function each."""
+    """Return the files of the functions that do not belong to this package, with one function of each file; empty if
+    all do."""
     functions = [function for function in vars(declared).values() if hasattr(function, "__code__")]
     return {
         function.__code__.co_filename: function

@@ -70,7 +70,7 @@ def opposite(m: Row) -> None:
 
 
 def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
-    """Return the reading of row ``k`` as the strategy is given it, in more or less detail."""
+    """Return the reading of row ``k`` as the strategy gets it; a ``DetailedReading`` if it ``reads_details``."""
     return own_reading(readings, k, time_s, number)
 
 
@@ -80,7 +80,7 @@ def views(arrays: Any, i: int) -> Any:
 
 
 def clear_network(a: Any) -> None:
-    """Zero the network's arrays, but not the lists among its parameters."""
+    """Zero the network's arrays, but not the parameters among them."""
 
 
 def bit_of(m: Row) -> int:

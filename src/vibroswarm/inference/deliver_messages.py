@@ -35,13 +35,14 @@ def deliver(
     network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any, bytes_on_air: int,
     seed: int,
 ) -> int:  # fmt: skip
-    """Fill in the messages that each robot has read before each of its samples and after its last one.
+    """Fill in ``found``: the messages that each robot reads before each of its samples and after its last one.
 
-    Returns ``DONE``, or ``BUFFER_FULL`` if more messages were under way at a time than ``scratch`` holds.
+    Returns ``DONE``, or ``BUFFER_FULL`` if more messages were under way at a time than ``scratch`` holds; ``found`` is
+    then incomplete.
 
     Args:
-        tracks: empty unless the network reads positions. found: written. network_params, network_state: (1,).
-        network_arrays: its arrays, or 0.
+        tracks: empty unless the network reads positions. network_params, network_state: (1,).
+        network_arrays: the network's arrays, or 0.
     """
     robots, filled = world.robots, 0
     for r in range(rows.runs.size):

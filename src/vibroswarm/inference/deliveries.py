@@ -143,10 +143,11 @@ class Timeline:
         return self._message_uniforms[seed]
 
     def estimates(self, scenario: Scenario, seed: int) -> NDArray[np.float64]:
-        """Return where robots believe they are, the same for all strategies; of no rows if they know it.
+        """Return where robots believe they are at each sample, (rows, 9 and more) as ``Readings.estimates``; of no rows
+        if they know where they are. It is the same for all strategies.
 
         Raises:
-            InputError: they estimate it, and the motion has no moves.
+            InputError: the robots estimate their positions, and the motion has no moves.
         """
         if not is_estimated(scenario):
             return NO_ESTIMATES
@@ -160,8 +161,8 @@ class Timeline:
     def reach(self, seed: int, loss: float) -> Reach:
         """Return who receives the message of each sample where a share ``loss`` is lost.
 
-        It is the same under every strategy, so it is computed once for each seed and loss. ``NO_REACH``, which says
-        nothing, if nothing is lost, or if there are too many robots or messages for the packed counts.
+        It is the same under every strategy, so it is computed once for each seed and loss. The result is the empty
+        ``NO_REACH`` if nothing is lost, or if there are too many robots or messages for the packed counts.
         """
         if loss <= 0.0 or self.robots > MAX_ROBOTS or self.longest >= 1 << LANE_BITS:
             return NO_REACH
@@ -239,7 +240,8 @@ def tick_of(time_s: float, tick_ms: int) -> int:
 def last_read_ticks(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
     """Return the tick up to which each robot has read all messages when the run ends, (runs * robots,).
 
-    A robot that walks at the end last walked one tick before; one that stands, one tick before its stop began.
+    A robot reads until the tick at which it last walked: one before the end, or one before its stop began if it
+    stands at the end. By then it has read what was sent before that tick.
     """
     stop_start_s, end_s = ends["stop_start_s"].to_numpy(), ends["end_s"].to_numpy()
     standing_since_s = np.where(np.isnan(stop_start_s), end_s, stop_start_s)
@@ -258,8 +260,8 @@ def compute_heard(
     """Return ``Timeline.heard`` and ``heard_at_end``.
 
     Args:
-        robot, time_s, stop_start_s: (rows,) of the motion table. until_at_end: (runs * robots,): what was sent up
-            to this tick has been read at the end.
+        robot, time_s, stop_start_s: (rows,), columns of the motion table.
+        until_at_end: (runs * robots,), the tick up to which each robot has read all messages at the end of the run.
     """
     robots = until_at_end.size // max(bounds.size - 1, 1)
     heard = np.empty((robot.size, 3), dtype=np.int32)
@@ -297,9 +299,12 @@ def write_heard(
     last_own: int,
     own: int,
 ) -> None:
-    """Fill in ``row``, the messages that lie behind a robot before row ``k``.
+    """Fill in ``row``, a row of ``Timeline.heard``: what a robot has read of the messages of rows ``low`` to ``k``.
 
-    The robot has taken ``own`` samples, the last in row ``last_own``.
+    Args:
+        until: tick up to which the robot has read all messages.
+        last_own: row of the robot's last sample before row ``k``, from the run's first; -1: none.
+        own: number of its samples before row ``k``.
     """
     rows = k - low
     while rows > 0 and tick[low + rows - 1] > until:
@@ -366,7 +371,9 @@ def mark_receivers(
     """Mark robot ``i`` in the words of the messages that reach it.
 
     Args:
-        words: (rows, words), robot, sample: (rows,), of the run. numbers: scratch, at least as long.
+        words: (rows, words), rows of the run; written.
+        robot, sample: (rows,), columns of the run.
+        numbers: scratch for at least as many rows.
     """
     for k in range(unsigned(robot.size)):  # a separate loop, which compilers vectorise
         numbers[k] = loss_uniform(seed, run, i, signed(robot[k]), signed(sample[k]))
@@ -378,7 +385,7 @@ def mark_receivers(
 
 @inner
 def in_lane(words: NDArray[np.uint64], i: int) -> int:
-    """Return robot ``i``'s count from a row of words."""
+    """Return robot ``i``'s count from a row of packed counts (``LANES``)."""
     shifted = words[i // LANES] >> np.uint64(i % LANES * LANE_BITS)
     return signed(shifted & np.uint64((1 << LANE_BITS) - 1))
 

@@ -83,7 +83,7 @@ def on_message(s, a, m, sender, t_s, d, p, w):
 
 
 def uses_uniforms(strategy: Strategy) -> bool:
-    """Return whether ``on_sample`` appears to draw a number, which may then be computed in advance."""
+    """Return whether ``on_sample`` reads ``u``, so that it may draw a number, which can be computed in advance."""
     function = strategy.on_sample
     return any(value is u for value in globals_of(function).values())
 
@@ -96,7 +96,8 @@ def key_of(*declared: Strategy | Network) -> str:
 
 
 def _text_of(declared: Strategy | Network) -> str:
-    """Return the source of the module that defines the functions, or their code if they were typed in."""
+    """Return the source of the module that defines the functions; a description of their code if there is no source
+    file, as for functions typed in; "" if there are no functions."""
     functions = _functions_of(declared)
     try:
         return inspect.getsource(inspect.getmodule(functions[0]) or default_hooks) if functions else ""
@@ -220,15 +221,18 @@ def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
-    """Return whether a function that is called from a module is to be compiled with it."""
+    """Return whether a function that a hook calls is compiled with the hook: one of the hook's module or of the
+    strategies."""
     return function.__module__ == module or function.__module__.startswith(STRATEGIES)
 
 
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:
     """Compile a function for use in a kernel, and the plain functions of its module and of strategies that it calls.
 
+    Args:
+        compiled: functions compiled so far, extended; None marks one whose calls are being compiled.
     Raises:
-        InputError: functions that call themselves, directly or not.
+        InputError: a function calls itself, directly or indirectly.
     """
     if function in compiled:
         if compiled[function] is None:

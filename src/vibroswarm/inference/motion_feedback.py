@@ -48,9 +48,10 @@ def steered_motion(
     """Move runs that a strategy steers, to their end or, if the scenario says so, until all robots have decided.
 
     Args:
-        floors: of each run. motion: the source, by name. progress: called with the share done.
+        floors: floor of each run, by run number. motion: name of the motion source.
+        wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     Raises:
-        InputError: a source that cannot be steered, a turn or a leg out of range.
+        InputError: the source cannot be steered, or a turn or a leg is out of range.
     """
     loop, t_end_s = ClosedLoop(scenario, seed), scenario.run.t_end_s
     first = steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion)
@@ -94,6 +95,9 @@ def steer_on(
 ) -> bool:
     """Advance to the next sample or to ``until_s``, and let the strategy steer the robots that sampled.
 
+    Args:
+        take, take_moves, take_segments: called with new rows of samples, moves and segments, if given.
+
     Returns whether any robot sampled.
     """
     before = int(loop.bounds[1])
@@ -121,7 +125,8 @@ def steer_on(
 
 
 def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
-    """Return the tick after all robots had decided for the first time, as a time in s, or the end of the run."""
+    """Run until all robots have decided; return the time one tick after that, s, or the end of the run if they never
+    have."""
     while not reached(state.time_s, t_end_s, loop.tick_ms):
         steer_on(state, loop, t_end_s)
         decided_s = loop.first_all_decided_s
@@ -131,7 +136,7 @@ def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
 
 
 def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: SampleColumns) -> Rows:
-    """Run from start to ``until_s``; append the samples to ``columns``."""
+    """Run from start to ``until_s``; append the samples to ``columns``, and return all other rows."""
     moves, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
 
     def keep(rows: NDArray[np.void], kept: list[NDArray[np.void]]) -> None:
@@ -181,7 +186,8 @@ def until_all_decided(
     """Move runs until one tick after the last robot has decided, or to their end.
 
     Args:
-        floors: of each run. motion: the source, by name. wanted: tables. progress: called with the share done.
+        floors: floor of each run, by run number. motion: name of the motion source.
+        wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     """
     loop, pieces, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
     shortest_s = scenario.run.t_end_s
@@ -197,7 +203,11 @@ def until_all_decided(
 
 
 def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
-    """Move one run."""
+    """Move one run until one tick after the last robot has decided, or to its end.
+
+    Motion advances in pieces; the piece in which the last decision falls is repeated up to it, from a copy of the
+    state.
+    """
     t_end_s, pieces, length_s = loop.scenario.run.t_end_s, list[Motion](), first_s
     while not reached(state.time_s, t_end_s, loop.tick_ms):
         before = state.copy()

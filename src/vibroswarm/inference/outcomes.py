@@ -86,9 +86,9 @@ def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) 
     """Return the right decision on a floor by the scenario's task: 1, 0, or None where neither is.
 
     Args:
-        fill_ratio: of the floor inside the arena; without, it is worked out.
+        fill_ratio: fill ratio of the floor inside the arena; None: it is computed.
     Raises:
-        CodeError: a task of the user's raised.
+        CodeError: a user-defined task raised.
     """
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
@@ -126,7 +126,7 @@ def wrong_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
 
 
 def belief_in_truth(belief: Array, truth: Array) -> Array:
-    """Return the belief in the truth, shape as they broadcast; nan where the truth or the belief is."""
+    """Return the belief in the truth, shape as they broadcast; nan where the truth or the belief is nan."""
     return np.where(truth == 0.0, belief, np.where(truth == 1.0, 1.0 - belief, np.nan))
 
 
@@ -138,7 +138,7 @@ def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> Array:
 
 
 def capped_time_s(time_s: Array, t_end_s: ArrayLike) -> Array:
-    """Return min(time, T_end), s, T_end in place of nan; shape as they broadcast."""
+    """Return min(time, T_end), s; T_end where the time is nan; shape as they broadcast."""
     return np.minimum(np.where(np.isnan(time_s), t_end_s, time_s), t_end_s)
 
 
@@ -146,7 +146,9 @@ def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
     """Return the columns of the table of robots but run and robot, (..., runs, robots) each.
 
     Args:
-        finals: ``inference.agents.final_columns``, of that shape. truth: (..., runs).
+        finals: ``inference.agents.final_columns``, (..., runs, robots) each. Without ``sent``, each robot is taken to
+            have sent one message per sample.
+        truth: (..., runs).
     """
     in_truth = belief_in_truth(finals["belief_below"], truth[..., None])
     return {**finals, "belief_in_truth": in_truth, "sent": finals.get("sent", finals["samples"])}
@@ -155,12 +157,13 @@ def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
 def run_columns(
     decision: NDArray[Any], time_s: Array, fills: Array, truth: Array, end_s: Array, t_end_s: float
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of the table of runs but run; consensus by its index in ``CONSENSUS``.
+    """Return the columns of the table of runs except ``run``; consensus is an index into ``CONSENSUS``.
 
     Args:
         decision, time_s: (..., runs, robots); -1 and nan where undecided. truth: (..., runs).
         fills, end_s: (runs,). t_end_s: end of a run that does not stop early, s.
-    Returns: (..., runs) each, (runs,) what fills and ends say.
+    Returns: columns of shape (..., runs); those that depend only on ``fills`` and ``end_s`` have shape (runs,). The
+        consensus time is nan unless all robots decided alike.
     """
     undecided = (decision == -1).sum(axis=-1)
     right, wrong = right_of(decision, truth).sum(axis=-1), wrong_of(decision, truth).sum(axis=-1)
@@ -189,7 +192,8 @@ def outcome_tables(
     """Return the tables of robots and of runs.
 
     Args:
-        floors: of each run. finals: of each robot (``inference.minds.FINALS``), run by run. ends: of the same rows.
+        floors: the floor of each run, by run number.
+        finals: final state of each robot (``inference.agents.FINALS``), run by run. ends: ends of the same rows.
     """
     robots = scenario.swarm.robots
     fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots])
@@ -200,10 +204,10 @@ def outcome_tables(
 def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
     """Return the table of robots, one row per run and robot, also for robots that never sampled.
 
-    A robot's decision is its last one, and its time that of the sample at which it was made.
+    A robot's decision is its last one, and the decision time that of the sample at which it was made.
 
     Args:
-        finals: of each robot, run by run. truth: (runs,).
+        finals: final state of each robot, run by run. truth: (runs,).
     """
     robots = finals.height // max(truth.size, 1)
     present: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
@@ -219,7 +223,7 @@ def run_table(finals: pl.DataFrame, fills: Array, truth: Array, end_s: Array, t_
     """Return the table of runs.
 
     Args:
-        finals: of each robot, run by run. fills, truth, end_s: (runs,). t_end_s: end of a run, s.
+        finals: final state of each robot, run by run. fills, truth, end_s: (runs,). t_end_s: end of a run, s.
     """
     robots = finals.height // max(truth.size, 1)
     decision, time_s = (
@@ -246,7 +250,8 @@ def numbers(column: pl.Series) -> Array:
 
 
 def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return figures of each run, (..., runs) each: those of ``of_swarms``, and means over its robots.
+    """Return figures of each run, (..., runs) each: those of ``of_swarms``, and means over its robots of decision time
+    (T_end if undecided), belief in the truth and estimate; nan where no robot has the value.
 
     Args:
         robots: columns of the table of robots, (..., runs, robots) each. runs: of runs, (..., runs) each.
@@ -266,12 +271,15 @@ def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str,
 
 
 def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return the figures of each swarm in ``runs``, (..., runs) each; nan where no decision is right.
+    """Return the figures of each swarm in ``runs``, (..., runs) each.
+
+    Where the truth is nan, so are the figures that count right or wrong decisions.
 
     Args:
-        runs: columns of the table of runs. robots: how many a run has. t_end_s: end of a run, s.
-    Returns: truth, consensus_time_s, right, wrong, undecided (robots), right_share, wrong_share, undecided_share,
-        swarm_right, swarm_wrong (1: all decided so, else 0), swarm_time_s (capped consensus time).
+        runs: columns of the table of runs. robots: number of robots of a run. t_end_s: end of a run, s.
+    Returns: truth; consensus_time_s (nan without consensus); right, wrong, undecided (numbers of robots);
+        right_share, wrong_share, undecided_share; swarm_right, swarm_wrong (1: all decided so, else 0); swarm_time_s
+        (capped consensus time).
     """
     robots = np.asarray(robots, dtype=np.float64)
     truth = runs["truth"].astype(np.float64)
@@ -300,7 +308,11 @@ def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
 
 
 def mean_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return the means over the robots of each run that have the value, (runs,); nan where none has it."""
+    """Return the mean over the robots of each run whose value is not nan, (runs,); nan where all are nan.
+
+    Args:
+        values, first: as for ``sum_by_run``.
+    """
     known = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         return sum_by_run(np.where(known, values, 0.0), first) / sum_by_run(known.astype(np.float64), first)

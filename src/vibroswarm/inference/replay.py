@@ -74,7 +74,10 @@ def replay_to_end(
     """Replay whole runs; return the rows of the robots at their end.
 
     Args:
-        observation: (rows,), of the timeline's samples. energy: likewise; read if the strategy reads energies.
+        observation: (rows,), bits of the timeline's samples.
+        energy: (rows,), needed only if the strategy reads energies.
+    Raises:
+        ValueError: the strategy reads energies, and there are none.
     """
     return _replay(scenario, seed, timeline, observation, energy, None, None)
 
@@ -120,7 +123,8 @@ def _replayed(
 
 
 def bits_and_energies(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
-    """Return the bits and the energies, if there are any, of an observation table."""
+    """Return the bits and the energies of an observation table, (rows,) each; None for the energies if any is
+    missing."""
     energy = observations["energy"]
     known = energy.null_count() == 0
     return observations["observation"].to_numpy(), energy.to_numpy() if known else None
@@ -178,7 +182,11 @@ def _advance(
 def _log_ratios(
     scenario: Scenario, observation: NDArray[np.uint8], energy: NDArray[np.float32] | None
 ) -> NDArray[np.float64]:
-    """Return the log likelihood ratio of each sample's energy, of no rows if the strategy does not read it."""
+    """Return the log likelihood ratio of each sample's energy, (rows,); empty if the strategy does not read it.
+
+    Raises:
+        ValueError: the strategy reads energies, and there are none.
+    """
     if not reads_energies(scenario):
         return NO_VALUES
     if energy is None:

@@ -68,7 +68,8 @@ NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
 
 @inlined
 def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Reading:
-    """Return the reading of row ``k``, as a strategy is given it."""
+    """Return the reading of row ``k`` as a strategy gets it: with estimated positions if there are estimates, else the
+    true ones; nan if there are neither."""
     bit, estimates = signed(readings.observation[k]), readings.estimates
     if estimates.shape[0] > 0:
         return Reading(
@@ -83,7 +84,8 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
 
 @inlined
 def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
-    """Return the reading of row ``k`` for a strategy that ``reads_details``."""
+    """Return the reading of row ``k`` for a strategy that ``reads_details``: that of ``own_reading``, with the log
+    likelihood ratio of its energy (nan if not available) and draws of places (of size 0 if there are none)."""
     x = own_reading(readings, k, time_s, number)
     log_ratio = readings.log_ratios[k] if readings.log_ratios.size > 0 else np.nan
     estimates = readings.estimates
@@ -150,7 +152,7 @@ class Log(NamedTuple):
 
 
 def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
-    """Return a log for ``rows`` rows."""
+    """Return a log for ``rows`` rows; ``sends`` is 1 everywhere, as not all kernels write it."""
     return Log(
         zero_rows(rows, state_type),
         np.empty(rows, dtype=np.uint32),
@@ -255,7 +257,7 @@ def empty_inbox(robots: int, capacity: int) -> Inbox:
 
 
 def start_capacity(robots: int) -> int:
-    """Return a capacity to start with: each robot may have one unread message of each other, up to 16 MiB."""
+    """Return a capacity to start with: one unread message from each robot to each other, but at most 16 MiB."""
     return min(robots * robots, 2**19) + 64
 
 
@@ -268,7 +270,10 @@ def clear_inbox(inbox: Inbox) -> None:
 
 @inlined
 def put_message(inbox: Inbox, robot: int, message: int, arrival_tick: int) -> bool:
-    """Add a message, sent after all others; return False if there is no room."""
+    """Insert a message into a robot's list by arrival tick; return False if there is no room.
+
+    The message must have been sent after all others, so it goes behind those with the same arrival tick.
+    """
     entry = inbox.free[0]
     if entry >= 0:
         inbox.free[0] = inbox.after[entry]

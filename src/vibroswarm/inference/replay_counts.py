@@ -62,7 +62,8 @@ def read_one_by_one(
     swarm: Swarm, e: int, i: int, until: int, rows: Rows, low: int, messages: NDArray[np.void], world: World,
     seed: int, run: int, loss: float,
 ) -> None:  # fmt: skip
-    """Read the messages up to ``until`` that robot ``i`` has not read yet, dropping lost ones."""
+    """Let robot ``i`` read the messages before index ``until`` of the run that it has not read yet, except lost
+    ones."""
     ones = count = 0
     for m in range(swarm.agents[e].heard, until):
         sender = signed(rows.robot[low + m])
@@ -81,8 +82,13 @@ def read_before_sample(
     messages: NDArray[np.void], counts: Counts, deliveries: Deliveries, start: int, end: int, world: World,
     seed: int, run: int, loss: float,
 ) -> None:  # fmt: skip
-    """Read what robot ``i`` has heard before a sample: a row of ``Timeline.heard``, or deliveries from start to
-    end."""
+    """Let robot ``i`` read what it has heard before a sample.
+
+    Args:
+        heard: row of ``Timeline.heard``, read unless there are deliveries.
+        lossy: whether losses are given in ``counts.ones_reached``. others: number of messages heard, read if lossy.
+        start, end: range of the new messages in ``deliveries.which``.
+    """
     if deliveries.until_at_end.size > 0:
         ones, row = 0, swarm.agents[e]
         for place in range(start, end):
@@ -176,7 +182,7 @@ def take(
     swarm: Swarm, e: int, i: int, k: int, rows: Rows, readings: Readings, messages: NDArray[np.void], log: Log,
     steering: NDArray[np.float64], world: World, seed: int, run: int,
 ) -> bool:  # fmt: skip
-    """Process the sample of row ``k`` by robot ``i``; return whether it sends."""
+    """Process the sample in row ``k`` of robot ``i``: message, decision, steering and log; return whether it sends."""
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
     x = own_reading(readings, k, rows.time_s[k], number)

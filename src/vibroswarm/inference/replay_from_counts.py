@@ -32,9 +32,10 @@ def choose(
     run: int,
     index: int,
 ) -> tuple[int, int]:
-    """Choose up to ``wanted`` of the others' messages of rows [first, last) that robot ``i`` has not heard.
+    """Choose ``wanted`` of the others' messages in rows [first, last) that robot ``i`` has not heard, and mark them as
+    heard; all of them if there are fewer.
 
-    All subsets of this size are equally likely. Returns the numbers of ones and zeros.
+    All subsets of this size are equally likely. Returns the numbers of ones and zeros chosen.
     """
     remaining = 0
     for k in range(first, last):
@@ -88,11 +89,14 @@ def replay_from_counts(
     session: Session, swarm: Swarm, messages: NDArray[np.void], heard_messages: HeardMessages, log: Log,
     world: World, slack_s: float, seed: int, run: int,
 ) -> int:  # fmt: skip
-    """Replay one run from the prior to its end; return how many received messages nobody can have sent.
+    """Replay one run from the prior to its end.
 
     Args:
-        swarm: of one run, heard_messages, messages, log: (rows,); overwritten. seed: of the lost messages and of the
-            strategy's random numbers.
+        swarm, heard_messages: of one run, overwritten.
+        messages, log: (rows,), overwritten.
+        seed: seed of the lost messages and of the strategy's random numbers.
+
+    Returns: the number of received messages for which no sent message was left.
     """
     rows, robots = session.robot.size, swarm.params.size
     unsent = 0

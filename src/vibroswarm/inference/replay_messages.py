@@ -73,7 +73,10 @@ def read_arrived(
     swarm: Swarm, e: int, i: int, walked: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any,
 ) -> None:  # fmt: skip
-    """Read the messages that had arrived when robot ``i``, in row ``e``, last walked, at tick ``walked``."""
+    """Read the messages that had arrived when robot ``i``, in row ``e``, last walked, at tick ``walked``.
+
+    A robot whose radio is dead reads none from then on.
+    """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
     count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
@@ -103,7 +106,7 @@ def read_arrived(
 def read_message(
     s: Any, a: Any, buffer: MessageBuffer, m: int, tick: int, seed: int, run: int, i: int, p: Any, w: World
 ) -> None:
-    """Read message ``m`` at a tick."""
+    """Let robot ``i`` read message ``m`` of the buffer at a tick."""
     sender, t_s = buffer.sender[m], time_of(tick, w)
     on_message(
         s, a, buffer.messages[m], sender, t_s, message_draws(seed, run, i, sender, buffer.number[m]), p, w
@@ -115,7 +118,7 @@ def send_message(
     swarm: Swarm, e: int, i: int, tick: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any, network_state: Any, network_arrays: Any, bytes_on_air: int,
 ) -> bool:  # fmt: skip
-    """Send the last message in ``buffer`` from robot ``i``; return False if there is no room."""
+    """Send the message at the end of ``buffer`` from robot ``i``; return False if the inbox has no room."""
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
     if HAS_SEND:
@@ -154,7 +157,11 @@ def due_tick(swarm: Swarm, e: int, w: World) -> int:
 def update_decision(
     swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, buffer: MessageBuffer, world: World
 ) -> int:
-    """Update the decision of robot ``i`` after an own event; return ``DONE`` or an error code."""
+    """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer; return ``DONE`` or an
+    error code.
+
+    An opinion is not yet a decision: here only the tick is noted from which on all working robots agree.
+    """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
     row.tick = tick
@@ -181,7 +188,7 @@ def update_decision(
 
 @inlined
 def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, world: World) -> None:
-    """Make opinions that have agreed for long enough by this tick the swarm's decision."""
+    """Make opinions that have agreed for ``hold_s`` by this tick the swarm's decision, dated from when they agreed."""
     since = buffer.agreement[AGREED_SINCE]
     long_enough = time_of(tick - since, world) >= world.hold_s
     if IS_OPINION and since >= 0 and buffer.agreement[SETTLED] == 0 and long_enough:
@@ -225,10 +232,13 @@ def begin_run(
 def next_event(
     rows: Rows, stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int
 ) -> tuple[int, int, bool]:
-    """Return tick and robot of the next event, and whether it is a timer.
+    """Return tick and robot of the next event, and whether it is a timer; the tick is ``NEVER`` if there is none.
+
+    A timer that is due while its robot stands waits for the sample.
 
     Args:
-        tick, i: of the next sample, ``NEVER`` if there is none.
+        first: row of the run's robot 0. low: first row of the run's samples.
+        tick, i: tick and robot of the next sample; ``NEVER`` and the number of robots if there is none.
     """
     is_timer = False
     for j in range(swarm.params.size):
@@ -243,7 +253,8 @@ def next_event(
 def log_sample(
     swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
 ) -> None:
-    """Write the robot in row ``e`` after its sample in row ``k``, and the message that it sends or not."""
+    """Log the state of the robot in row ``e`` after its sample in row ``k``, its message ``out``, and whether it sends
+    it."""
     row = swarm.agents[e]
     log.states[k], log.decision[k], log.received[k] = swarm.states[e], row.opinion, row.received
     log.belief[k] = row.belief
@@ -335,8 +346,11 @@ def replay(
 
 @inlined
 def stop_of(rows: Rows, stops: Stops, own: int, e: int, low: int) -> int:
-    """Return the tick from which the robot in row ``e`` stands, or may stand, next; its last sample is row
-    ``own``."""
+    """Return the tick from which the robot in row ``e`` stands next, or may stand if its next stop is not known.
+
+    Args:
+        own: row of its last sample, from the run's first; -1: none. low: first row of the run's samples.
+    """
     following = stops.first[e] if own < 0 else stops.following[low + own]
     if following < 0:
         return signed(stops.walked_tick[e]) + 1

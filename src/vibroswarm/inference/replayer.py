@@ -45,8 +45,9 @@ class Replayer(ABC):
     """Replays some runs from where they stopped.
 
     Args:
-        runs: how many. longest: samples of the longest run. rows: samples of all runs. messages, log: (rows,),
-            written if given.
+        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs.
+        messages: (rows,), written if given: the message sent at each sample.
+        log: (rows,), written if given: the state after each sample.
     """
 
     template: str
@@ -98,7 +99,8 @@ class Replayer(ABC):
 
         Args:
             stops: empty unless ``needs_stops``. from_start: restart at time 0. to_end: also read the messages that
-                arrive after the last sample. limit_s: replay no later samples. tracks: if ``reads_positions``.
+                arrive after the last sample. limit_s: replay no later samples.
+            tracks: needed if ``reads_positions``.
         Raises:
             CodeError: the strategy did something that strategies may not do.
         """
@@ -116,7 +118,7 @@ class Replayer(ABC):
             raise CodeError(f"strategy '{self.strategy.name}': {ERROR_TEXT[status]}")
 
     def enlarge_buffer(self) -> None:
-        """Double the buffer that was full."""
+        """Double the size of the buffer that was full."""
         raise NotImplementedError  # only a kernel with a buffer can say that it is full
 
     def clear(self) -> None:
@@ -269,7 +271,8 @@ def replayer_of(
     """Return the fastest replayer for a scenario's strategy and network.
 
     Args:
-        see ``Replayer``; timeline: given if whole runs are replayed.
+        runs, longest, rows, messages, log: see ``Replayer``.
+        timeline: given if whole runs are replayed at once; only then can deliveries be computed in advance.
     """
     network = network_of(scenario.network.name)
     if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:

@@ -43,7 +43,12 @@ class Tracks(NamedTuple):
 
 
 def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
-    """Sort moves by robot into arrays with bounds."""
+    """Sort moves by robot.
+
+    Args:
+        whose: (moves,), index of the robot of each move. robots: number of robots of all runs.
+        columns: (moves,) each: tick, x, y, heading, speed and turn rate, in order of time for each robot.
+    """
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
     tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
@@ -57,7 +62,11 @@ NO_TRACKS: Final = _tracks(np.empty(0, dtype=np.int64), 0, np.empty(0, dtype=np.
 
 
 def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
-    """Return the moves; refuse motion without them."""
+    """Return the moves.
+
+    Raises:
+        InputError: there are none (None).
+    """
     if moves is None:
         raise InputError(
             "reads positions, but this motion has no moves; choose another network, or motion with moves",
@@ -70,9 +79,9 @@ def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, 
     """Return the tracks of a table of moves.
 
     Args:
-        moves: sorted by run and start. runs: (runs,), by number.
+        moves: sorted by run and start. runs: (runs,), the run numbers, ascending.
     Raises:
-        InputError: there is no such table.
+        InputError: ``moves`` is None.
     """
     moves = _known(moves)
     run = np.searchsorted(runs, moves["run"].to_numpy())
@@ -104,10 +113,10 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
 
 
 def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
-    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``), as far as tracks and odometry need them.
+    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``); fields that tracks and odometry do not read are 0.
 
     Raises:
-        InputError: there is no such table.
+        InputError: ``moves`` is None.
     """
     table = _known(moves)
     rows = zero_rows(table.height, MOVE_ROW)
@@ -132,10 +141,12 @@ def wrapped(headings: NDArray[np.float64]) -> NDArray[np.float64]:
 def positions_at(
     tracks: Tracks, first: int, tick: int, tick_ms: int, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> None:
-    """Fill in the robots' positions at a tick, which must not be earlier than that of the last call.
+    """Fill in the positions of one run's robots at a tick.
+
+    ``tracks.at`` only moves forwards, so the tick must not be earlier than that of the last call.
 
     Args:
-        first: the row of its robot 0. x_m, y_m: (robots,), written.
+        first: row of the run's robot 0 in ``tracks.at``. x_m, y_m: (robots,), written.
     """
     for i in range(x_m.size):
         e = first + i

@@ -34,7 +34,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
     """Return the deliveries of a scenario's network over the runs of a timeline; None if there may be too many.
 
     Raises:
-        InputError: the network reads where robots are, and the motion has no moves; or it cannot be compiled.
+        InputError: the network reads positions, and the motion has no moves; or the network cannot be compiled.
         CodeError: the network raised.
     """
     robots = timeline.robots
@@ -59,11 +59,12 @@ NO_ARRIVALS: Final = np.empty((0, 0), dtype=np.int64)
 def compute_deliveries(
     scenario: Scenario, seed: int, rows: Rows, stops: Stops, tracks: Tracks, log: NDArray[np.int64]
 ) -> Deliveries:
-    """Return the deliveries of messages sent at these rows.
+    """Return the deliveries if each robot sends one message at each of its samples.
 
     Args:
-        tracks: of all runs; empty unless the network reads positions. log: written, (rows, robots): tick from which
-            each robot can read the message of each row, -1: never; or ``NO_ARRIVALS``.
+        tracks: of all runs; empty unless the network reads positions.
+        log: (rows, robots), written: tick from which each robot can read the message of each row, -1: never; or
+            ``NO_ARRIVALS`` if not requested.
     Raises:
         CodeError: the network raised.
     """

@@ -68,7 +68,8 @@ def belief_calibration(
         folder: where runs are kept; those that are there are not repeated.
         runs: motions; each is read on every floor.
         how: workers and executor, as of ``League.play``.
-    Returns: ``COLUMNS`` with ``_low`` and ``_high``, a row for each entry that has a belief, its settings and prior.
+    Returns: ``COLUMNS`` with ``_low`` and ``_high``, a row for each entry that has a belief, its settings and prior;
+    empty if no entry has one.
     """
     entries = [entry for entry in league.entries if strategy(entry.strategy).belief is not None]
     if not entries:
@@ -117,13 +118,13 @@ def belief_calibration(
 
 
 def _settings_of(entry: Entry) -> list[tuple[str, dict[str, Any]]]:
-    """Return the settings at which an entry is asked; without the second if it does not use p_c."""
+    """Return names and fields of the settings at which an entry is judged: only as it plays if it does not use p_c."""
     has_threshold = "credible_threshold" in fields_read(strategy(entry.strategy))
     return [(AS_PLAYED, {}), (AT_95, SURE)] if has_threshold else [(AS_PLAYED, {})]
 
 
 def prior_weights(prior: str, entry: Entry, league: League) -> Array:
-    """Return the weight of each of ``COUNTS``, with sum 1: that of all numbers of tiles nearest to it.
+    """Return the weights of ``COUNTS``, with sum 1: each stands for all numbers of tiles that are nearest to it.
 
     Args:
         prior: ``OWN`` or ``COMMON``.
@@ -144,7 +145,7 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
 
 
 def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
-    """Return by floor and run: robots that decided, their beliefs in their decisions, those right, and all robots."""
+    """Return the sums of robots that decided, of their confidences, of those right, and of all, (floors, runs) each."""
     place = table["cell"].to_numpy().astype(np.int64) - first
     place = place * shape[1] + table["run"].to_numpy()
     decision, below = numbers(table["decision"]), numbers(table["belief_below"])
@@ -164,7 +165,9 @@ def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Arra
 
 
 def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
-    """Return sum(top) / sum(bottom) and its 95 % limits by the jackknife over units; nan without a value.
+    """Return sum(top) / sum(bottom) and its 95 % limits by the jackknife over units.
+
+    All are nan if sum(bottom) is 0; the limits are nan if there is one unit, or if one unit has all of ``bottom``.
 
     Args:
         top, bottom: (units,).

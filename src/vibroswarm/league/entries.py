@@ -79,7 +79,7 @@ def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) 
 
     Args:
         names: of strategies, each once; or code that is loaded (``plugins.load_file``). settings: by strategy, see
-            above; of others they are not read.
+            above; those of other strategies are ignored.
     Raises:
         InputError: a strategy is unknown or occurs twice, or a field is unknown.
     """
@@ -130,7 +130,7 @@ def varied(
 
 
 def with_fronts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Replace each entry by one for each combination of the values in ``front_settings``, if its strategy is there."""
+    """Replace entries whose strategies are in ``front_settings`` by one for each combination of the values there."""
     fronts = front_settings()
     found = tuple(entries)
     for name in {entry.strategy for entry in entries} & set(fronts):

@@ -107,7 +107,7 @@ def fault_curves(
 
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int) -> list[tuple[str, int]]:
-    """Return kinds and numbers of faulty robots: none once, whatever the kind."""
+    """Return kinds and numbers of faulty robots; without faults all kinds are the same, so that case comes once."""
     possible = [kind for kind in kinds if kind != "opposite" or strategy(entry.strategy).has_opposite]
     return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
 
@@ -149,7 +149,11 @@ def _row(name: str, kind: str, count: int, errors: dict[tuple[str, str, int], Er
 
 
 def _errors(league: League, study: StudyResult, place: int) -> Errors:
-    """Return the errors of an entry's robots."""
+    """Return the forced errors of the robots of one player, averaged over floors, and which robots work.
+
+    Raises:
+        InputError: runs are missing.
+    """
     floors, robots = len(league.floors), league.robots[0]
     total, fine = np.zeros((league.runs, robots)), np.ones((league.runs, robots), dtype=bool)
     for cell in study.study.cells[place * floors : (place + 1) * floors]:

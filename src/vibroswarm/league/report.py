@@ -208,7 +208,7 @@ def _floors_text(floors: pl.DataFrame) -> str:
 
 
 def _signs(differences: pl.DataFrame, name: str) -> tuple[int, int]:
-    """Return whether forced error and time of an entry are significantly above (1) or below (-1) the reference's."""
+    """Return 1 if forced error, and time, of an entry are significantly above the reference's, -1 if below, else 0."""
     rows = {row["figure"]: row for row in differences.filter(pl.col("name") == name).iter_rows(named=True)}
 
     def sign(figure: str) -> int:
@@ -226,7 +226,7 @@ def _share(row: Mapping[str, float], name: str) -> str:
 
 
 def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the section of fronts, if a strategy has more than one entry."""
+    """Return the section of fronts; none unless some front has more than one point."""
     if not (fronts["points"] > 1).any():
         return ()
     rows = [

@@ -136,7 +136,11 @@ class Standings(NotebookView):
         return found
 
     def worst_floor(self, entry: int) -> tuple[LeagueFloor, Interval]:
-        """Return the floor with the largest forced error among those nearest to 1/2, and that error."""
+        """Return the floor with the largest forced error among those nearest to 1/2, and that error.
+
+        One half of the runs chooses the floor and the other half estimates its error, so that the choice does not
+        bias it.
+        """
         floors = self.league.floors
         nearest = min(abs(floor.fill_ratio - 0.5) for floor in floors) + 1e-9
         hard = [k for k, floor in enumerate(floors) if abs(floor.fill_ratio - 0.5) <= nearest]
@@ -254,7 +258,10 @@ class Standings(NotebookView):
 
 
 def _p_of_mean(differences: Array) -> float:
-    """Return the two-sided p-value of a paired t-test; 1 if all pairs are equal, nan if it is undefined."""
+    """Return the two-sided p-value of a paired t-test; nan if it is undefined.
+
+    If all differences are equal it is 1 if they are 0, else 0.
+    """
     if differences.size < 2 or np.isnan(differences).any():
         return np.nan
     if np.ptp(differences) == 0.0:
@@ -300,7 +307,7 @@ def figures_by_run(robots: pl.DataFrame, runs: int, t_end_s: float, bytes_on_air
     Args:
         robots: rows of one cell, sorted by run and robot, with the columns ``NEEDED``. t_end_s: end of a run, s.
         bytes_on_air: of one message.
-    Returns: ``FIGURES``, (runs,) each.
+    Returns: ``FIGURES``, (runs,) each; forced error and shares right and wrong are nan if no decision is right.
     """
     shape = (runs, -1)
     decision = robots["decision"].to_numpy().reshape(shape)

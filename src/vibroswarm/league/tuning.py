@@ -152,7 +152,10 @@ def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def by_criterion(standings: Standings, target: float) -> list[int]:
-    """Return the entries, the best first: by decision time up to the target's error, then by error."""
+    """Return the numbers of the entries, the best first.
+
+    Entries whose forced error is at most ``target`` come first, by decision time; the others follow, by forced error.
+    """
     figures = [
         tuple(standings.interval(k, name).estimate for name in ("forced_error", "decision_time_s"))
         for k in range(len(standings.league.entries))

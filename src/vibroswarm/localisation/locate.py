@@ -76,7 +76,10 @@ def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
 
 
 def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.DataFrame:
-    """Return estimates as a table (``PLACES``); ``samples`` has their run, robot and sample."""
+    """Return estimates as a table (``PLACES``); ``samples`` has their run, robot and sample.
+
+    Lagged columns are null for a robot's first samples, before which there is no sample to look back at.
+    """
     columns = [samples[name] for name in ("run", "robot", "sample")]
     late = estimates[:, 4] < 0.0
     for k, name in enumerate(ESTIMATE):
@@ -96,7 +99,7 @@ def draws_read(scenario: Scenario) -> int:
 
 
 def estimates_key(scenario: Scenario, seed: int) -> Hashable:
-    """Return what estimates over a motion depend on."""
+    """Return a key that is equal for equal estimates over the same motion."""
     return scenario.odometry, scenario.localisation, draws_read(scenario), seed
 
 
@@ -288,7 +291,7 @@ def begin_robot(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """Begin a robot's filter at its start, as it is told."""
+    """Begin a robot's filter at its true start, plus the errors with which the robot is told it."""
     x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
     heading_rad += program.start_heading_spread_rad * normal(

@@ -44,12 +44,20 @@ ROBOT = np.dtype(
         for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
     ]
 )
-"""One robot between two ticks: its pose and, after ``contact``, the pose that it came from; what is its own;
-speed and turn rate of the period under way (speed 0, and blocked 1, where a move does not happen) and what the sensors
-say;
-the tick at which its latest stop began and the periods spent since its latest sample; how far ahead its rays start;
-its ``Dice``; its speed factors, AT_ONCE samples at a time; the ``WalkState`` of its program; the ticks from which it
-stands for good, and is silent too (NEVER_FAILS: never); and whether it stands for good now."""
+"""One robot between two ticks.
+
+* ``x_m`` to ``heading_rad``: its pose; ``from_``: after ``contact``, its pose one tick before.
+* ``misalignment``, ``speed_factor``, ``battery``: its own wheel parameters.
+* ``speed_m_s``, ``rate_rad_s``: of the current control period; if the move is blocked, speed 0 and ``blocked`` 1.
+* ``gyro_deg``, ``nearest_mm``: readings of gyro and rays. ``ray_forward_m``: how far ahead its rays start.
+* ``stop_tick``: when its latest stop began. ``drive_ticks`` to ``stop_ticks``: control periods spent in each mode since
+  its latest sample.
+* ``dice_``: its ``Dice``. ``speed_factors``: those of AT_ONCE samples.
+* ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving
+  time from which it uses its rays.
+* ``fails_tick``, ``silent_tick``: ticks from which it stands for good, and from which it is silent too (NEVER_FAILS:
+  never). ``failed``: 1 if it stands for good now.
+"""
 
 NEVER_FAILS: Final = 2**40
 """A tick beyond all runs; also the end of the plan of a robot that stands for good."""
@@ -92,7 +100,8 @@ def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) 
 
 @inner
 def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
-    """Draw the random numbers of the next leg and of the turn before it."""
+    """Draw the random numbers of the next leg and of the turn before it, addressed by ``legs``, the number of legs
+    begun."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
 
@@ -257,7 +266,7 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
 
 @inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
-    """Do ``control`` for robot ``i``; return 1 if it samples now, else 0."""
+    """Compute ``control`` for robot ``i``; return 1 if it samples now, else 0 (always 0 once it has failed)."""
     before = load(swarm, i)
     row = swarm[i]
     if tick >= row.fails_tick and (before.mode != STOP or before.sampled or row.failed):
@@ -288,8 +297,8 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 def fail(swarm: Swarm, i: int, tick: int) -> None:
     """Let robot ``i`` stand for good, as if in a stop without a sample.
 
-    It does not count as stopped, since it goes on hearing, unless it is silent too: then since the stop from which it
-    does not walk on, or from this tick.
+    Stopped robots do not hear, but this one does until it is silent, so ``stop_tick`` is -1 until then. It then holds
+    the tick at which the robot fell silent, or the start of the stop in which it failed if it was silent by then.
     """
     row = swarm[i]
     if not row.failed:
@@ -351,7 +360,8 @@ def refresh(
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
     swarm[i].speed_factor = swarm[i].speed_factors[place]
     if setup.misalignment_wander + setup.misalignment_drift > 0.0 and swarm[i].samples > 0:
-        # The robot's own is not kept: rows of the event engine fill whole cache lines.
+        # The robot's own misalignment is not stored, as rows of the event engine fill whole cache lines; so the
+        # previous shift is subtracted.
         before = veer_shift(setup, seed, run, i, swarm[i].samples - 1)
         swarm[i].misalignment += veer_shift(setup, seed, run, i, swarm[i].samples) - before
     swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
@@ -359,7 +369,7 @@ def refresh(
 
 @kernel
 def account(swarm: Swarm) -> None:
-    """Add the current control period to the robot's time in its mode."""
+    """Add the current control period to each robot's time in its mode."""
     for i in range(swarm.size):
         row = swarm[i]
         if row.mode == DRIVE:

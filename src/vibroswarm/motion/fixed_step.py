@@ -48,7 +48,7 @@ def step(
 def sample(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
 ) -> None:
-    """Record the samples taken at this tick."""
+    """Record the samples taken at this tick, and update the speeds of the robots that took them."""
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)

@@ -74,13 +74,17 @@ def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) ->
 
 @inlined
 def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) -> int:
-    """Return a tick, ``now`` or later, before which robot ``i``, whose row is of tick ``latest``, does not sample."""
+    """Return a tick, ``now`` or later, before which robot ``i`` does not sample; NEVER_FAILS if it has failed.
+
+    Args:
+        latest: tick of the robot's row. now: tick up to which motion is known.
+    """
     row = swarm[i]
     if row.failed:
         return NEVER_FAILS
     if row.mode == STOP and row.sampled == 0:
         return max(now, latest + ticks_to_sample(setup, row.stopped_ms))
-    # The timer runs at most all the time, from 0 after a sample.
+    # At the earliest, the sample timer runs without a pause, and from 0 if a sample has just been taken.
     timer_ms = 0 if row.mode == STOP else row.timer_ms
     left = (setup.sample_interval_ms - timer_ms) / setup.tick_ms - ROUNDING_TICKS
     stops = latest + (2 + int(left) if left > 0.0 else 1)
@@ -112,7 +116,7 @@ BUFFER_TICKS = 2048
 
 
 class KernelRun(ABC):
-    """State in, state out. A kind of engine gives its rows' fields and the two methods at the end."""
+    """A run whose state is rows of numbers. Each engine defines ``fields`` and the abstract methods at the end."""
 
     fields: ClassVar[np.dtype[np.void]]
     failure: Failure | None = None
@@ -144,12 +148,12 @@ class KernelRun(ABC):
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:
-        """Return the tick since which each robot stands, (robots,); -1: it moves."""
+        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or stands but hears."""
         return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     @property
     def time_s(self) -> float:
-        """Until when motion is known."""
+        """Time up to which motion is known, s."""
         return self.tick * self.tick_ms / 1000.0
 
     def copy(self) -> Self:
@@ -174,8 +178,9 @@ class KernelRun(ABC):
         """Return ``rows`` without samples, which are passed to ``take`` in a reused buffer.
 
         Args:
-            until_s: as in ``advance``. take: given the samples. take_moves: given the moves, in order; they are
-                then not in the rows.
+            until_s: as in ``advance``.
+            take: called with the new samples.
+            take_moves: called with the new moves, in order; these are then not in the rows that are returned.
         """
         since = self.tick
         moves: list[NDArray[np.void]] = []
@@ -204,7 +209,7 @@ class KernelRun(ABC):
         does.
 
         Args:
-            take_moves: given the moves that leave the buffer because it is full: all that come before those that are
+            take_moves: called with the moves that leave the buffer because it is full: all before the oldest that is
                 under way.
         """
         return self.go_on_to(self.until_tick(until_s), take, take_moves)
@@ -255,10 +260,12 @@ class KernelRun(ABC):
         """Advance until just after the next control period in which a robot samples, or to ``until_s`` if none does.
 
         Args:
-            until_s: as in ``advance``. take: given the samples of that period (``SAMPLE_ROW``), of all robots that
-                take one then, by robot; the rows are used again later. take_moves: given the moves that ended since
-                (``MOVE_ROW``), by start and robot. take_segments: given the segments that began since.
-        Returns: whether anyone samples at the last control period before ``time_s``.
+            until_s: as in ``advance``.
+            take: called with the samples of that period (``SAMPLE_ROW``), one for each robot that samples, by robot;
+                the rows are reused later.
+            take_moves: called with the moves that have ended since (``MOVE_ROW``), by start and robot.
+            take_segments: called with the segments that have begun since.
+        Returns: whether any robot samples in the last control period before ``time_s``.
         """
         until, since, sampled = self.until_tick(until_s), self.tick, False
         ended: list[NDArray[np.void]] = []
@@ -293,10 +300,11 @@ class KernelRun(ABC):
         """Set the next turn and leg of a robot that has just sampled, see ``robot.walk.steered``.
 
         Args:
-            robot: one of those that sampled in the last control period before ``time_s``. turn_deg: first turn by so
-                much, anticlockwise positive. drive_ms: the length of the leg after that. nan: as drawn.
+            robot: one of those that sampled in the last control period before ``time_s``.
+            turn_deg: angle to turn first, anticlockwise positive; nan: go on with what the stop interrupted.
+            drive_ms: duration of the leg after that; nan: as drawn.
         Raises:
-            InputError: a robot that does not stand after a sample, an angle or a duration out of range.
+            InputError: the robot does not stand after a sample, or an angle or a duration is out of range.
         """
         robot = check_steering(self.swarm.size, robot, turn_deg, drive_ms)
         if not steer_robot(self.swarm, robot, float(turn_deg), float(drive_ms)):

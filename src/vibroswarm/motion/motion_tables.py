@@ -136,7 +136,7 @@ def checked_batch(
     """Return whole runs, see ``source.Batch``, checked.
 
     Raises:
-        CodeError: ``batch`` raised, or gave what is no motion.
+        CodeError: ``batch`` raised, or its result is not a valid ``Motion``.
         InputError: robots stop for good, which only our engines simulate.
     """
     _refuse_faults(scenario)
@@ -174,7 +174,7 @@ class CheckedState:
     """A ``MotionState`` that wraps and checks another.
 
     Raises (through ``advance`` and ``copy``):
-        CodeError: the other raised, or gave what is no motion: the table and the column are named.
+        CodeError: the other raised, or its result is not a valid ``Motion``; the message names table and column.
     """
 
     def __init__(self, state: Any, init: Callable[..., Any], scenario: Scenario, run: int) -> None:
@@ -224,7 +224,11 @@ def _file_of(init: Callable[..., Any]) -> str:
 def _wrong(
     piece: Any, scenario: Scenario, run: int, before_s: float, until_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield the errors in a piece of motion, in words."""
+    """Yield the errors in a piece of motion, in words; nothing if it is valid.
+
+    Args:
+        before_s, after_s: the state's ``time_s`` before and after ``advance(until_s)``.
+    """
     if not isinstance(piece, Motion):
         yield f"gives {type(piece).__name__}, not Motion"
         return
@@ -257,7 +261,7 @@ def _wrong(
 def _wrong_rows(
     piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield the errors in the rows of a piece of motion."""
+    """Yield the errors in the rows of a piece of motion whose columns are right; arguments as for ``_wrong``."""
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
         yield f"the table ends has not one row for each of {robots} robots of run {run}, in their order"

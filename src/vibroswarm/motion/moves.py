@@ -58,11 +58,12 @@ def note_move(
     """Begin a row if robot ``i`` does something new from ``tick`` on.
 
     Args:
-        moves: ``MOVE_ROW``. under_way: ``UNDER_WAY``, (robots,). filled: (3,), the last of which is the number of
-            rows. x_m, y_m, heading_rad: the pose at ``tick``.
+        moves: buffer of ``MOVE_ROW``. under_way: ``UNDER_WAY``, (robots,).
+        filled: ``Record.filled``, whose last number counts the moves.
+        x_m, y_m, heading_rad: pose at ``tick``.
     """
     row = swarm[i]
-    # The counts tell a turn or avoidance from one of the same kind just before.
+    # ``legs`` and ``avoidances`` distinguish two turns or avoidances that follow each other directly.
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode + (row.blocked if row.mode != STOP else 0)
     if doing != under_way[i].doing:
         begin_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)
@@ -83,7 +84,10 @@ def begin_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """End robot ``i``'s current move and begin another."""
+    """End robot ``i``'s current move, if there is one, and begin another; arguments as for ``note_move``.
+
+    Rows of one tick are kept in the order of robots.
+    """
     row = swarm[i]
     if under_way[i].place >= 0:
         last = moves[under_way[i].place]
@@ -131,7 +135,7 @@ def note_moves(
 
 
 def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]) -> None:
-    """Remove the rows before the oldest current move from a buffer."""
+    """Remove the rows before the oldest move under way from a buffer. Each robot must have a move under way."""
     first, count = int(under_way["place"].min()), int(filled[2])
     rest = bytes_of(moves[first:count]).copy()
     bytes_of(moves)[: rest.size] = rest
@@ -140,7 +144,7 @@ def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDA
 
 
 def bytes_of(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-    """Return the rows as bytes, which copy many times faster than field by field."""
+    """Return a view of the rows as bytes: numpy copies these many times faster than rows with fields."""
     return rows.view(np.uint8)
 
 
@@ -224,7 +228,10 @@ def fill_move_columns(
     first: int,
     tick_ms: int,
 ) -> None:
-    """Convert ``MOVE_ROW`` to columns, the floats in the order of ``MOVES``; ticks become s."""
+    """Convert ``MOVE_ROW`` to columns, from index ``first`` on; ``numbers`` holds the floats in the order of ``MOVES``.
+
+    Ticks become s; for turns, rate and speed become their means over the move.
+    """
     for k in range(rows.size):
         row, place = rows[k], first + k
         runs[place], robots[place], kinds[place] = row.run, row.robot, row.kind

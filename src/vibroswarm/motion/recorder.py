@@ -74,8 +74,7 @@ class Record(NamedTuple):
 
 
 def empty_record(robots: int, samples: int, segments: int, moves: bool = False) -> Record:
-    """Return buffers for these numbers of rows; without segments if ``segments`` is 0, without moves if ``moves`` is
-    0."""
+    """Return buffers for these numbers of samples and segments (0: not recorded), and for moves if ``moves``."""
     record = Record(
         zero_rows(samples, SAMPLE_ROW),
         zero_rows(segments, SEGMENT_ROW),
@@ -108,7 +107,8 @@ def copy_record(record: Record) -> Record:
 
 @inner
 def room(record: Record, robots: int) -> int:
-    """Return the number of ticks for which the buffers suffice even if every robot writes a row at each."""
+    """Return the number of ticks for which the buffers suffice even if every robot writes one row of each table per
+    tick."""
     ticks = (record.samples.size - record.filled[0]) // robots
     if record.segments.size > 0:
         ticks = min(ticks, (record.segments.size - record.filled[1]) // robots)
@@ -119,11 +119,11 @@ def room(record: Record, robots: int) -> int:
 
 @inner
 def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
-    """Return the fill levels of samples, segments and moves up to which so many more rows fit; 0 for tables
+    """Return the largest fill levels of samples, segments and moves at which the wanted rows still fit; 0 for tables
     that are not recorded.
 
     Args:
-        rows: of samples, and of segments.
+        rows: wanted rows of samples, and as many of segments. moves: wanted rows of moves.
     """
     segments = record.segments.size - rows if record.segments.size > 0 else 0
     return record.samples.size - rows, segments, record.moves.size - moves if record.moves.size > 0 else 0
@@ -147,7 +147,8 @@ def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move
     """Write a segment for each robot whose speed, turn rate or kind differs from its open segment.
 
     Args:
-        after_move: the poses at the beginning of this tick lie where ``contact`` has put them.
+        after_move: whether the robots have moved already: their poses at this tick are then in ``from_x_m``,
+            ``from_y_m`` and ``from_heading_rad``.
     """
     for i in range(swarm.size):
         row = swarm[i]
@@ -226,7 +227,8 @@ class SampleColumns:
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
-    """Return a copy with room for at least this number of further columns, and at least half as large again."""
+    """Return a copy of the first ``count`` columns with room for at least ``more`` further ones, and for half as many
+    again as there are."""
     larger = np.empty((array.shape[0], max(count + more, count + count // 2)), dtype=array.dtype)
     larger[:, :count] = array[:, :count]
     return larger
@@ -290,7 +292,7 @@ def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
 
 
 def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
-    """Return the table of ends."""
+    """Return the table of ends; ``stop_start_s`` is null for robots that walk."""
     stopping = rows["stop_tick"] >= 0
     stop_start_s = np.where(stopping, seconds(rows["stop_tick"], tick_ms), np.nan)
     return pl.DataFrame(

@@ -192,14 +192,14 @@ def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
 
 @inner
 def triangular(seed: int, run: int, robot: int, index: int, peer: int) -> float:
-    """Return a number of a robot's veer: the sum of two uniform ones, of mean 0 and variance 1."""
+    """Return a random number of a robot's veer with mean 0 and variance 1: a scaled sum of two uniform numbers."""
     both = uniform(seed, run, robot, VEER, index, peer) + uniform(seed, run, robot, VEER, index, peer + 1)
     return math.sqrt(6.0) * (both - 1.0)
 
 
 @inner
 def veer_shift(setup: Setup, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return what is added to a robot's own misalignment after so many samples."""
+    """Return the number to be added to a robot's own misalignment after ``sample`` samples; 0 if it does not vary."""
     shift = 0.0
     if setup.misalignment_wander > 0.0:
         shift += setup.misalignment_wander * triangular(seed, run, robot, sample, ALONE)
@@ -208,14 +208,14 @@ def veer_shift(setup: Setup, seed: int, run: int, robot: int, sample: int) -> fl
         part = sample / setup.misalignment_drift_samples - node
         low = triangular(seed, run, robot, node, OF_DRIFT)
         high = triangular(seed, run, robot, node + 1, OF_DRIFT)
-        # Between nodes the variance is (1 - part)^2 + part^2, of mean 2/3.
+        # Between nodes the variance is (1 - part)^2 + part^2, on average 2/3; sqrt(1.5) makes up for that.
         shift += setup.misalignment_drift * math.sqrt(1.5) * (low + (high - low) * part)
     return shift
 
 
 @kernel
 def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: int, run: int) -> None:
-    """Set the robots' misalignments of this run and of its first moves from those that are their own."""
+    """Add to each robot's own misalignment its variation in this run and until its first sample."""
     for i in range(swarm.size):
         row = swarm[i]
         if run_spread > 0.0:
@@ -233,10 +233,12 @@ def draw_speed_factors(
     robot: int,
     first: int,
 ) -> None:
-    """Draw s_d of a robot after ``first`` samples and after each of the next; loops are vectorised.
+    """Draw a robot's speed factors s_d after ``first`` samples and after each of the next AT_ONCE - 1.
+
+    The loops are separate so that compilers vectorise them.
 
     Args:
-        factors: of shape (AT_ONCE,), to be filled. speeds: as ``speed_quantiles`` gives them.
+        factors: (AT_ONCE,), written. speeds: ``speed_quantiles``.
     """
     if setup.speed_each:
         factors[:] = speeds[robot % speeds.size]
@@ -269,7 +271,7 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: i
     Lists repeat beyond their ends.
 
     Args:
-        swarm: rows as ``begin`` leaves them, (robots,). setup: of ``setup_of``.
+        swarm: (robots,), rows after ``begin``. setup: ``setup_of``.
     """
     if scenario.motion_faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms

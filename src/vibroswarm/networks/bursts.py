@@ -54,7 +54,7 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Advance the state of each receiver to this message, and let those that do not lose it read it."""
+    """Advance the state of each receiver to this message; those that do not lose it can read it at the next tick."""
     tau_s = p.bad_s * (1.0 - p.bad_share)
     for j in range(arrival_tick.size):
         since_s = (tick + 1 - a.next_tick[j]) * w.tick_s

@@ -86,7 +86,8 @@ class Arrays:
 
 
 def parent_of(robot: int) -> int:
-    """Return the parent of a robot if the tree is filled level by level, each node with up to five children."""
+    """Return the parent of a robot, BASE for the first five, if the tree is filled level by level and the robots of a
+    level are spread evenly over the nodes above."""
     first, size, above = 0, CHILDREN, 0
     while robot >= first + size:
         above = first
@@ -117,9 +118,10 @@ def occupy(a: Any, node: int, until_ms: float) -> None:
 
 
 def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retry_ms: float) -> float:
-    """Send a message from node to node; return when it arrives at the goal, ms, or when a busy node loses it, negated.
+    """Send a message from node to node; return when it arrives at the goal, ms, or minus the time at which a busy node
+    loses it.
 
-    The time is above 0: nothing is sent in the first control period.
+    The sign is unambiguous: times are above 0, as nothing is sent in the first control period.
     """
     time_ms, node = begin_ms, sender
     while node != goal:
@@ -162,10 +164,11 @@ def send(
 
 
 def check(params: Any, robots: int) -> None:
-    """Refuse a list that is no tree of these robots.
+    """Refuse a list of parents that is not a tree of these robots; an empty list if there are too many robots.
 
     Raises:
-        InputError: another number of robots, an unknown parent, a circle, or too many children.
+        InputError: the list is of another length, or has an unknown parent, a circle or too many children; or there is
+            no list for more than MOST robots.
     """
     parents, field = params.parents, "network.tree.parents"
     if not parents:

@@ -283,8 +283,10 @@ def _sensed_areas(
     reach_m: float,
     blur_m: float,
 ) -> tuple[float, float]:
-    """Return the areas, m2, that vibrate and are sensed so, and that do not but are; ``lane`` counts rows from
-    below."""
+    """Return two areas, m2, that are sensed as vibrating: that which vibrates, and that which does not.
+
+    ``lane`` counts rows from below.
+    """
     detected = spillover = 0.0
     for j in range(y_m.size):
         for i in range(x_m.size):
@@ -378,10 +380,13 @@ def _nearest(
     blur_m: float,
     sign: float,
 ) -> float:
-    """Return the mean probability of sensing vibration, over which of the ``near`` tiles is the nearest of the
-    other kind.
+    """Return the probability of sensing vibration at a place, averaged over the placements of tiles.
+
+    It depends on the nearest tile of the other kind than the place. If none of the ``near`` tiles is of that kind, it
+    is 1 on a vibrating tile and 0 elsewhere.
 
     Args:
+        distance: increasing distances to tiles, m, of which the first ``near`` count.
         of_kind: how many of ``tiles`` tiles are of the other kind. sign: 1 on a vibrating tile, -1 elsewhere.
     """
     total, none_before = 0.0, 1.0

@@ -125,8 +125,10 @@ def vibration_probability(
 def past_edge(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
 ) -> tuple[float, int]:
-    """Return how far a sample lies within the vibrating region as sensed, m, and the nearest tile of the other
-    kind or -1."""
+    """Return how far a sample lies within the vibrating region as sensed, m, and the nearest tile of the other kind.
+
+    The distance is negative outside that region. If no tile of the other kind is near, it is infinite and the tile -1.
+    """
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
     edge_tile, distance = nearest_of_kind(x_m, y_m, 0 if on_vibrating else 1, within_m, place, tiles)

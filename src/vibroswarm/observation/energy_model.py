@@ -128,7 +128,7 @@ BINS: Final = 16
 def log_ratios(
     sensor: Sensor, observation: NDArray[np.uint8], energy: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Return L of each sample, (samples,).
+    """Return L of each sample, (samples,), from its energy; from its bit if the energy would give the other bit.
 
     Args:
         observation, energy: (samples,): its bit and its energy.

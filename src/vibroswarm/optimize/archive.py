@@ -108,7 +108,10 @@ class Archive(NotebookView):
         return [self.score(key, k) for k in range(len(self.objectives))]
 
     def estimate(self, key: int) -> tuple[float, float]:
-        """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error."""
+        """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error.
+
+        Both are infinite without runs, or if a run failed that is not dropped.
+        """
         candidate, count = self[key], self.count(key)
         if self._is_out(candidate):
             return math.inf, math.inf

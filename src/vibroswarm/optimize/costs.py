@@ -41,7 +41,7 @@ def intended(outcomes: Outcomes) -> Array:
 
 
 def printed(outcomes: Outcomes) -> Array:
-    """Compute the paper's cost as its equation defines it, in which the error of the estimate hardly counts."""
+    """Compute the paper's cost as its equation defines it: divided by N_tiles, the estimate's error hardly counts."""
     return _paper(outcomes, 1.0 + _error(outcomes, "printed") / outcomes.tiles, UNDECIDED)  # Eq. 23a
 
 
@@ -68,7 +68,7 @@ def errors(
 
 
 def consensus(outcomes: Outcomes) -> Array:
-    """Return the duration of the inspection, s, and whether it ended in a right consensus."""
+    """Return the consensus time, s (T_end without one), and 1 if the consensus is right, else 0; (runs, 2)."""
     check_truth(outcomes)
     time_s, right = outcomes.time_s, outcomes.right.all(axis=1)
     alike = ~outcomes.undecided.any(axis=1) & (right | outcomes.wrong.all(axis=1))
@@ -76,7 +76,7 @@ def consensus(outcomes: Outcomes) -> Array:
 
 
 def at_error(outcomes: Outcomes) -> Array:
-    """Return the mean time, and the counts of wrong robots, of those that decided, and of all."""
+    """Return mean decision time, s, and the counts of wrong robots, of those that decided, and of all; (runs, 4)."""
     check_truth(outcomes)
     decided = (~outcomes.undecided).sum(axis=1)
     robots = np.full(decided.size, float(outcomes.robots))
@@ -146,7 +146,7 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
 
 
 def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
-    """Sum the product of both factors over robots, (runs, 1)."""
+    """Sum over robots the product of the factors of the estimate and of the decision, (runs, 1)."""
     check_truth(outcomes)
     of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)  # Eq. 23b
     of_decision = np.where(outcomes.undecided, undecided, of_decision)

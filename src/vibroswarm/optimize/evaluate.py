@@ -126,7 +126,13 @@ class Evaluator:
         self.next_run = 0
 
     def pieces(self, ask: Ask) -> list[Piece]:
-        """Return the pieces of a request, with the next run numbers."""
+        """Return the pieces of a request.
+
+        Their runs have the next numbers of the search or, with common numbers, of the candidate.
+
+        Raises:
+            InputError: there are no more numbers.
+        """
         candidate = self.archive[ask.key]
         if self.numbers == AS_RAN:
             return self._pieces_as_ran(ask)
@@ -143,7 +149,7 @@ class Evaluator:
         ]
 
     def _pieces_as_ran(self, ask: Ask) -> list[Piece]:
-        """Return a piece for each run, by its shared number; some are taken to crash."""
+        """Return a piece for each run, numbered by ``shared_run``; a random share of the runs counts as crashed."""
         candidate, values = self.archive[ask.key], tuple(self.archive[ask.key].values.items())
         chances = generator(self.search_seed, f"optimizer: crashes {ask.key} {candidate.count}")
         crashed = (chances.random(ask.runs) < self.crash_share).tolist()
@@ -160,7 +166,7 @@ def do_pieces(
     pool: Workers,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Rows | str]:
-    """Run all pieces and return their figures in order, or why they failed twice.
+    """Run all pieces and return for each, in order, its figures or the reason why it failed.
 
     The last pieces, too few for all workers, are divided among them, since a search waits for the slowest.
 
@@ -243,7 +249,13 @@ def figures_of(
     motion: str = "event",
     progress: Callable[[int], None] = lambda done: None,
 ) -> RunFigures:
-    """Simulate runs 0 to ``runs`` with one set of values; values that move alike share motion under the same seed."""
+    """Simulate runs 0 to ``runs`` - 1 with one set of values; leave out failed pieces.
+
+    Under the same seed, sets of values with which the robots move alike have the same motion in each run.
+
+    Raises:
+        RunError: all runs failed.
+    """
     texts, items = tuple(c.to_toml() for c in cases), tuple(values.items())
     step = 5 * PIECE
     code = code_of(cases, motion)

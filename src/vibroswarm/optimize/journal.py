@@ -114,7 +114,7 @@ class Journal:
         return steps_in(self.folder)
 
     def cut(self) -> None:
-        """Drop an incomplete last line, with a message."""
+        """Drop an incomplete last line, whose writer was killed, and warn of it."""
         path = self.folder / JOURNAL
         data = path.read_bytes()
         end = data.rfind(b"\n") + 1
@@ -168,7 +168,7 @@ class Journal:
 
 
 def steps_in(folder: Path) -> Iterator[Step]:
-    """Read the steps of a search's folder in order.
+    """Read the steps of a search's folder in order; an incomplete last line is left out.
 
     Raises:
         InputError: the journal cannot be read, or is damaged before its last line.

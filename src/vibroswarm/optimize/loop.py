@@ -99,7 +99,12 @@ class Found(NotebookView):
 
     @property
     def believed(self) -> float:
-        """The winner's score in the search: biased by selection in the paper's method, corrected otherwise."""
+        """The winner's score as the search estimates it.
+
+        By the paper's method, without a race, it is the score with which the winner became the best, which is too low
+        since the luckiest wins; else it is the estimate from all of its runs, corrected for
+        small-sample bias.
+        """
         if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
             return self.archive.estimate(self.best)[0]
         return self.history[-1].best

@@ -108,7 +108,10 @@ class Objective(NotebookView):
 
     @property
     def limits(self) -> dict[str, float]:
-        """The limits of ``time_at_error``: shares of wrong (of deciding) and undecided robots that add nothing."""
+        """The limits of ``time_at_error``, up to which there is no penalty; empty for other costs.
+
+        ``robot_error`` is the share wrong of the robots that decided, ``robots_undecided`` the share of all.
+        """
         if self.name != "time_at_error":
             return {}
         return {
@@ -215,7 +218,8 @@ def bootstrap(
 ) -> Interval:
     """Compute a statistic of runs with a percentile bootstrap interval over runs, shifted by the bootstrap bias.
 
-    The bootstrap underestimates a standard deviation; without the shift the interval would be too low.
+    The bootstrap underestimates a standard deviation; without the shift the interval would be too low. With
+    fewer than two runs the limits are infinite.
     """
     runs, estimate = rows.shape[0], score(rows)
     if runs < 2:
@@ -230,6 +234,7 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
     """Correct a score for its small-sample bias, and estimate its standard error, by the grouped jackknife.
 
     mean + sd of 10 runs is too low by about a tenth, so candidates with few runs would look better than others.
+    With fewer than two runs the score is not corrected, and the error is infinite.
     """
     runs = rows.shape[0]
     count = min(groups, runs)

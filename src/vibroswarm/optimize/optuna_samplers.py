@@ -109,7 +109,7 @@ class Dashboard:
             return study, {int(t.user_attrs["key"]) for t in study.trials if "key" in t.user_attrs}
 
     def show(self) -> None:
-        """Add the candidates with runs that the copy lacks."""
+        """Add the candidates with runs that the copy lacks; those without a finite score are failed trials."""
         for candidate in self.archive.candidates:
             if candidate.key in self.shown or not candidate.count:
                 continue
@@ -298,7 +298,7 @@ class Cmaes(BatchSampler):
 
 
 def front(archive: Archive, keys: Sequence[int]) -> list[int]:
-    """Return the candidates on the Pareto front of the objectives, in the order of the first objective."""
+    """Return the candidates on the Pareto front, in the order of the first objective; empty if none has all scores."""
     scores = {key: archive.scores(key) for key in keys}
     finite = [key for key in keys if np.isfinite(scores[key]).all()]
     if not finite:

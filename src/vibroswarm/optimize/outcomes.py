@@ -236,9 +236,9 @@ class _ScenarioRuns:
     def next_look_s(self, now_s: float) -> float:
         """Choose the time of the next check; no result depends on it.
 
-        Not before the earliest end of recent runs that took longer than this one so far. If the end is equally likely
-        at any time and ``m`` away on average, checking every ``sqrt(2 m MARGIN_S)`` minimises the cost of checks and
-        of unneeded motion.
+        It is not before the earliest end of the recent runs that took longer than this one so far; without such runs it
+        is ``PIECE_S`` from now. If the end is equally likely at any time and ``m`` away on average, checking every
+        ``sqrt(2 m MARGIN_S)`` minimises the cost of checks and of unneeded motion.
         """
         tick_s = self.scenario.tick_s
         after_s = now_s + tick_s

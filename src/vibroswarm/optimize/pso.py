@@ -47,7 +47,8 @@ FIRST_REEVALUATION: Final = 2
 def shared_run(evaluation: int, iteration: int) -> int:
     """Return the number of the run of an evaluation, as the paper's program seeded it: re-evaluation x (iteration + 1).
 
-    The same for all particles, and often that of an earlier iteration: 265 of the first ten's 500 are distinct.
+    All particles of an iteration share the run, and it is often that of an earlier iteration: the first ten evaluations
+    of 50 iterations are 500, but only 265 of their numbers are distinct.
 
     Args:
         evaluation, iteration: from 0. A candidate's extra evaluations go on counting.
@@ -147,7 +148,7 @@ class Pso:
         """Scores of the personal bests when they became so, for ``KEEPS_SCORES``."""
 
     def ask(self) -> list[Ask]:
-        """Request runs of all particles, then the extra evaluations."""
+        """Request runs of all particles, then the extra evaluations; nothing after the last iteration."""
         if self.iteration == self.iterations:
             return []
         if not self.extras:

@@ -60,7 +60,7 @@ def features(points: Array) -> Array:
 
 
 def fit(points: Array, scores: Array, runs: Array) -> Array:
-    """Fit the coefficients by weighted least squares."""
+    """Fit the coefficients, (coefficients,), by least squares; each fit gives the weights of the next."""
     design = features(points)
     ridge = np.eye(design.shape[1])
     ridge[0, 0] = 0.0
@@ -75,7 +75,7 @@ def fit(points: Array, scores: Array, runs: Array) -> Array:
 
 
 def lowest(surface: Array, points: Array, seed: int) -> Point:
-    """Minimise the surface within the range of the candidates in every dimension."""
+    """Return the point at which the surface is lowest, within the range of the candidates in every dimension."""
     from scipy.optimize import minimize
 
     low, high = points.min(axis=0), points.max(axis=0)

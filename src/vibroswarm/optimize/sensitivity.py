@@ -112,6 +112,8 @@ def sobol_indices(
 def saltelli(dimensions: int, points: int, seed: int) -> Array:
     """Draw Saltelli's design in the unit cube, (N (d + 2), d).
 
+    N is the largest power of two for which the design has at most ``points`` points.
+
     Raises:
         InputError: SALib is not there, or too few points.
     """
@@ -166,7 +168,10 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
 
 
 def _shares(rows: Array, noise: Array) -> Array:
-    """Compute first-order and total indices, (2, d), from rows A, A with column i of B, B (Saltelli 2010)."""
+    """Compute first-order and total indices, (2, d), from rows A, A with column i of B, B (Saltelli 2010).
+
+    The noise of the runs is subtracted from the variance; if nothing is left, all indices are nan.
+    """
     a, b = rows[:, 0], rows[:, -1]
     pooled = np.concatenate([a, b])
     centre, variance = pooled.mean(), pooled.var() - float(noise.mean())

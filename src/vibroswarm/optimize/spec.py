@@ -356,7 +356,10 @@ def _settings(kind: Any, block: Any, name: str) -> Any:
 
 
 def check_scenario(scenario: Scenario, where: str) -> None:
-    """Refuse a scenario in which no decision is right, since no cost is defined there."""
+    """Refuse a scenario in which no decision is right, since no cost is defined there.
+
+    If the answer may differ between runs, as for other tasks than the fill ratio on random floors, nothing is refused.
+    """
     floor = scenario.floor_for(0, 0)
     alike = not scenario.floor.drawn_by_run or scenario.task.name == "fill_ratio"  # the answer, for all runs
     if alike and truth_on(scenario, floor) is None:

@@ -96,7 +96,10 @@ class Truth(NotebookView):
 
     @property
     def difference(self) -> float:
-        """(true - believed) / abs(true); above 0 the search underestimated the cost."""
+        """(true - believed) / abs(true); above 0 the search underestimated the cost.
+
+        If the true score is 0 it is 0 if the believed one is too, else nan.
+        """
         true = self.winner.score.estimate
         if true == 0:
             return 0.0 if self.believed == 0 else math.nan
@@ -182,7 +185,7 @@ def truth_of(
 
 
 def is_too_short(found: Found) -> bool:
-    """Return whether a swarm had fewer than ``LEAST_ITERATIONS`` iterations."""
+    """Return whether a swarm had fewer than ``LEAST_ITERATIONS`` iterations; other methods are never too short."""
     return found.search.settings.method == "pso" and len(found.history) < LEAST_ITERATIONS
 
 
@@ -196,7 +199,11 @@ def score_fresh(
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Scored]:
-    """Score sets of values on the same fresh runs."""
+    """Score sets of values on the same fresh runs.
+
+    Raises:
+        InputError: fewer than 2 runs. RunError: all runs of a set failed.
+    """
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
     cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, purpose)
@@ -237,7 +244,7 @@ def scored_of(
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
-    """Estimate the difference of two scores, first - second, with a bootstrap over the runs of both."""
+    """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have."""
     width = first.rows.shape[2]
     _, of_first, of_second = np.intersect1d(first.runs, second.runs, return_indices=True)
     both = np.concatenate([first.rows[of_first], second.rows[of_second]], axis=2)
@@ -356,7 +363,7 @@ class Front(NotebookView):
 
 
 def fresh_runs(found: Found) -> int:
-    """Return the fresh runs of each candidate of the front: those of the search, divided among candidates."""
+    """Return the number of fresh runs of each candidate of the front: its part of all, at least ``MIN_FRESH_RUNS``."""
     return max(found.search.settings.fresh // max(len(found.front), 1), MIN_FRESH_RUNS)
 
 

@@ -165,7 +165,7 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
 
 
 def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
-    """Return archived row of a cell."""
+    """Return the row of a cell in the archive."""
     result = results[cell]
     return {
         "key": cell.key,

@@ -256,7 +256,11 @@ def digest_of(robots: Columns) -> str:
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
-    """Return the relative cost of a group, roughly."""
+    """Return the rough cost of a group of cells, relative to other groups.
+
+    Args:
+        how: seed, motion engine and number of runs of its cells.
+    """
     return (5.0 if how[1] == "fixed-step" else 1.0) * how[2] * (3 + len(cells) / 30)
 
 

@@ -143,7 +143,11 @@ def _few_far(values: NDArray[np.float64]) -> bool:
 
 
 def _parts(values: NDArray[np.float64]) -> Row:
-    """Return the means of the positive and of the negative part."""
+    """Return the means of the positive and of the negative part, as columns ``above`` and ``below``.
+
+    Raises:
+        ValueError: a value is not between -1 and 1.
+    """
     if np.abs(values).max(initial=0.0) > 1.0 + 1e-9:
         raise ValueError("values between -1 and 1 are needed")
     return {
@@ -163,10 +167,10 @@ def share_saved(
     published_runs: int | None = None,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of the relative saving of the first over the second.
+    """Return the row of the relative saving, 1 - mean(first) / mean(second), minus a number.
 
     Args:
-        less: a constant, or a published share over ``published_runs`` of each, which are not taken as paired.
+        less: a constant, or a published saving over ``published_runs`` runs of each, taken as unpaired.
     """
     saved = 1.0 - float(first.mean()) / float(second.mean())
     spread = mean_interval(saved - (first - (1.0 - saved) * second) / second.mean())

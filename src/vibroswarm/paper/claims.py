@@ -72,7 +72,10 @@ UNBOUNDED: Limits = (-math.inf, math.inf)
 
 
 def interval(row: Mapping[str, Any], level: float) -> Limits:
-    """Return the limits of a row of ``MEASURED``; infinite where there are none."""
+    """Return the interval of a row of ``MEASURED`` at a level.
+
+    An exact value has no width. Where there is a choice the wider interval counts; without any it is infinite.
+    """
     x = row["estimate"]
     if x is None or not math.isfinite(x):
         return UNBOUNDED
@@ -275,7 +278,7 @@ def state(low: float, high: float, bounds: tuple[float, float]) -> str:
 
 
 def states_of(rows: Rows, bounds: tuple[float, float], level: float) -> list[str]:
-    """Return the state of each value, with intervals of this level."""
+    """Return the state of each value, with intervals of this level; ``CANNOT`` if it cannot answer the question."""
     return [CANNOT if row["cannot"] else state(*interval(row, level), bounds) for row in rows]
 
 
@@ -285,7 +288,7 @@ def corrected(level: float, rows: Rows) -> float:
 
 
 def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
-    """Return verdict from the states at the claim's level and at the corrected level, see the head of this module."""
+    """Return the verdict from the states at the claim's level and at the corrected one, see the head of this module."""
     if plain and all(state == "holds" for state in plain):
         return "reproduced"
     if "fails" in strict:
@@ -294,7 +297,7 @@ def verdict_of(plain: Sequence[str], strict: Sequence[str]) -> str:
 
 
 def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
-    """Return verdict of a claim at a level."""
+    """Return the verdict on a claim at a level."""
     plain, strict = (states_of(rows, claim.bounds, each) for each in (level, corrected(level, rows)))
     return verdict_of(plain, strict)
 
@@ -302,7 +305,7 @@ def verdict_at(claim: Claim, rows: Rows, level: float) -> str:
 def settle(
     claims: Sequence[Claim], rows: Mapping[str, Rows], alpha: float = ALPHA
 ) -> dict[str, tuple[str, float]]:
-    """Return verdict and level of each measured claim of a family, by Holm's procedure.
+    """Return the verdict and level of each measured claim of a family, by Holm's procedure; unmeasured ones are absent.
 
     Args:
         claims: the whole family. rows: measured rows by claim id; none where a claim was not measured.

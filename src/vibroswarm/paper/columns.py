@@ -33,7 +33,7 @@ def _all() -> dict[str, Any]:
 
 
 def published(path: str) -> Any:
-    """Number or list under a dotted name in ``published.json``, such as ``simulation.fill_ratios``.
+    """Return the number or list under a dotted name in ``published.json``, such as ``simulation.fill_ratios``.
 
     Raises:
         InputError: there is no such name.

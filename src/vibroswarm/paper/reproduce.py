@@ -56,7 +56,7 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
     An exception on either side ends the other one at its next call of the check it is given.
 
     Args:
-        work: None, nothing is run.
+        work: called with a check that raises if it is to stop; None: nothing is run.
     """
     if work is None:
         yield lambda: None
@@ -112,7 +112,7 @@ class Bar:
         """What is named; what tells, if None."""
 
     def update(self, what: str, share: float) -> None:
-        """Set the share done of a task."""
+        """Set the share done of a task, which never falls, and report that of all tasks."""
         with self._lock:
             self._done[what] = max(share, self._done[what])
             total_weight = sum(self._weights.values())

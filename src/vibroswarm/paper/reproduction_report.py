@@ -111,7 +111,7 @@ def _value_words(one: Decided) -> str:
 
 
 def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
-    """Write the range of several estimates, or one with its interval, with the decimals of its interval."""
+    """Write the range of several estimates, or a single one with its interval if it has one."""
     values = [claim.scale * value for value in cells["estimate"]]
     decimals = _decimals(claim)
     if len(values) > 1:
@@ -122,7 +122,10 @@ def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
 
 
 def _decimals(claim: Claim) -> int:
-    """Return decimals of a claim's values: one more than its margin or effect has, at least those of its unit."""
+    """Return the decimals of a claim's values: one more than its margin or effect has, at least those of its unit.
+
+    One fewer for times whose margin or effect is 10 s or more.
+    """
     bound = claim.scale * (claim.margin if claim.margin is not None else claim.effect or 0.0)
     digits = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1
     return max(digits if bound else 0, {"s": 0, "points": 1, "%": 1, "m": 4}.get(claim.unit, 3)) - (
@@ -221,7 +224,7 @@ def report_of(
 
 
 def _counts(decided: Sequence[Decided]) -> list[str]:
-    """Number of claims and checks by verdict, a sentence for each preset."""
+    """Return the number of claims and checks by verdict, a sentence for each preset."""
     words = []
     for column in COLUMNS:
         of_column = [verdict for verdict in decided if verdict.column == column]

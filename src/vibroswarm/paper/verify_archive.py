@@ -106,7 +106,11 @@ def verify(
 
 
 def _head(archive: Zipped) -> dict[str, Any]:
-    """Read and check the head of an archive."""
+    """Read and check the head of an archive.
+
+    Raises:
+        InputError: it is malformed, or of another format.
+    """
     try:
         head: dict[str, Any] = json.loads(archive.read(HEAD))
         right = _is_head(head)
@@ -268,7 +272,7 @@ def in_time(seconds: float) -> str:
 
 
 def _differing(theirs: dict[str, str]) -> list[str]:
-    """Return the versions that differ from those of the archive."""
+    """Return, in words, the versions here that differ from those of the archive."""
     own_versions = versions()
     return [
         f"{name} {theirs.get(name)} there, {value} here"
@@ -280,7 +284,12 @@ def _differing(theirs: dict[str, str]) -> list[str]:
 def _against(
     row: dict[str, Any], robots: pl.DataFrame, cell: Cell, results: CellResults, *, exact: bool
 ) -> list[str]:
-    """Return the differences between the archived cell and the one computed here."""
+    """Return, in words, what differs between an archived cell and the one computed here; empty if nothing does.
+
+    Args:
+        row, robots: the archived cell, and its robots in the first runs.
+        exact: whether values must be equal, not just close.
+    """
     result, words = results[cell], f"cell {row['key']}"
     figures = [name for name in FIGURES if not _same(row[name], result.row[name], exact)]
     wrong = [f"{words}: {', '.join(figures)} differ"] if figures else []

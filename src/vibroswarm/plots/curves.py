@@ -121,7 +121,11 @@ def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
 
 
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
-    """Refuse curves that cannot be cumulative shares."""
+    """Return the curves as they are.
+
+    Raises:
+        InputError: they cannot be cumulative shares.
+    """
     for name in ("right", "wrong"):
         if (part[name].diff().drop_nulls() < -1e-9).any():
             raise InputError("falls with time, which a cumulative share cannot", field=name)

@@ -172,7 +172,7 @@ def series_handle(style: Style, looks: Look, *, mark: bool = True) -> Any:
 
 
 def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
-    """Return the distance between series at the same x, in x or in decades."""
+    """Return by how much series at the same x are drawn apart, in x or in decades; 0 if that is not needed."""
     places = frame["x"].unique().sort()
     if log:
         places = places.filter(places > 0).log(10)
@@ -231,7 +231,7 @@ def _along(
 
 
 def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int, list[int]]:
-    """Return the first of each set of equal constant series, with all of the set."""
+    """Return the sets of constant series with equal values: all indices of a set, by its first one."""
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:
         sets.setdefault(parts[k].select("estimate", "low", "high").row(0), []).append(k)
@@ -239,7 +239,7 @@ def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int,
 
 
 def _name_of(name: str, alike: Sequence[str]) -> str:
-    """Name a series for all that are equal to it: by their strategy if it is the same."""
+    """Return one name for series drawn as one: their strategy if they have the same, else all names joined."""
     if len(alike) < 2:
         return name
     of = {strategy_in(one) for one in alike}

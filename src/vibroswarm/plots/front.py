@@ -124,7 +124,10 @@ def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[n
 
 
 def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with the columns ``front`` and ``number``."""
+    """Return the frame with ``front``, whether a choice is on the front, and ``number``, its place there or null.
+
+    A column ``front`` that it has already is kept; choices without time or error are never on the front.
+    """
     has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
     front = np.zeros(frame.height, dtype=bool)

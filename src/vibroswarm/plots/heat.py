@@ -222,7 +222,7 @@ def _borders(chosen: NDArray[np.bool_]) -> list[list[tuple[int, int]]]:
 
 
 def _outline(axes: Any, style: Style, chosen: NDArray[np.bool_]) -> None:
-    """A double line, dark on light, around the chosen cells."""
+    """Draw a double line, dark on light, around the chosen cells."""
     from matplotlib.collections import LineCollection
 
     lines = _borders(chosen)

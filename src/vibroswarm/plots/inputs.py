@@ -81,7 +81,9 @@ def tidy(
 
 
 def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
-    """Return the frame with a text column ``series``, and the names of the series in the order of their coming.
+    """Return the frame with a text column ``series``, and the names of the series in order of appearance.
+
+    A frame without the column gets one series with an empty name.
 
     Raises:
         InputError: more series than there are marks to tell them apart.
@@ -124,7 +126,7 @@ def check_bounds(frame: pl.DataFrame, low: str, middle: str, high: str) -> None:
 
 
 def run_counts(frame: pl.DataFrame, column: str = "runs") -> list[int]:
-    """Return the numbers of runs in the frame, if it has any."""
+    """Return the numbers of runs in the frame; empty if it has no such column or only nulls."""
     if column not in frame.columns:
         return []
     return [int(count) for count in frame[column].drop_nulls().to_list()]
@@ -179,13 +181,12 @@ class Plane(NamedTuple):
         return self.of_rows.get(group.cell, self.looks[group.series_index])
 
     def at(self, value: float | None) -> float:
-        """Return x of a quantile; None is later than the end."""
+        """Return x of a quantile; None, which is later than the end, is drawn in the band."""
         return self.in_band if value is None else value
 
 
 def quantile(group: Group, q: float, *, censored: bool) -> float | None:
-    """Return the quantile of a group's runs, linear between neighbours; None if it falls among the undecided (or on
-    nothing).
+    """Return a quantile of a group's runs, linear between neighbours; None among the undecided, or without any run.
 
     Args:
         group: the runs.

@@ -230,7 +230,7 @@ def _cost(
     inside: tuple[float, float, float, float],
     gap: float,
 ) -> float:
-    """Score a place for a label: overlap with labels and marks, and with the border."""
+    """Return the cost of a place for a label, for overlap with other labels, marks and the border; 0 is best."""
     left, bottom, right, top = spot
     out = left < inside[0] or bottom < inside[1] or right > inside[2] or top > inside[3] + gap
     covered = sum(

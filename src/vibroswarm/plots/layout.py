@@ -65,7 +65,7 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
 
 
 def fitted_names(names: Sequence[object], size_pt: float, room_pt: float, lines: int = 1) -> list[str]:
-    """``fitted`` for many names; different names that would look alike are numbered."""
+    """Return many names as ``fitted`` does; different names that would look alike are numbered."""
     shortened = [fitted(name, size_pt, room_pt, lines) for name in names]
     seen: dict[str, set[str]] = {}
     for name, short in zip(names, shortened, strict=True):
@@ -124,7 +124,7 @@ def share(part: float, whole: float) -> str:
 
 
 def of_runs(counts: Sequence[int], unit: str = "run") -> str:
-    """``1000 runs each``, ``12 to 1000 runs each``, ``1 run``."""
+    """Return numbers of runs in words: ``1000 runs each``, ``12 to 1000 runs each``, or of a single group ``1 run``."""
     least, most = min(counts), max(counts)
     units = unit if most == 1 else f"{unit}s"
     each = " each" if len(counts) > 1 else ""
@@ -362,7 +362,7 @@ def _preferred_row_in(style: Style, names: Sequence[object], series: int, room_p
 
 
 def legend_lines(style: Style, names: Sequence[str]) -> int:
-    """Number of lines of ``legend_below``."""
+    """Return the number of lines of ``legend_below``."""
     return math.ceil(len(names) / _legend_columns(style, names)) if names else 0
 
 
@@ -392,7 +392,7 @@ def _legend_columns(style: Style, names: Sequence[str]) -> int:
 
 
 def _dealt(names: Sequence[str], columns: int) -> list[Sequence[str]]:
-    """Return the names as matplotlib deals them to a legend's columns: the first ones get one more."""
+    """Return the names in each column of a legend as matplotlib divides them: the first columns get one more."""
     least, more = divmod(len(names), columns)
     parts, start = [], 0
     for column in range(columns):

@@ -173,7 +173,7 @@ def style_named(name: str) -> Style:
 
 @contextmanager
 def settings(style: Style | None = None) -> Iterator[None]:
-    """matplotlib's own defaults, then this style's, for as long as the block lasts; one thread at a time.
+    """Apply matplotlib's own defaults, then this style's, for as long as the block lasts; one thread at a time.
 
     Letters that the font lacks are no matter for a warning: in SVG and HTML the reader's fonts have them.
     """
@@ -322,7 +322,7 @@ def row_looks(names: Sequence[str]) -> dict[str, Look]:
 
 
 def _place(strategy: str) -> tuple[int, int]:
-    """Return the colour and marker of a strategy."""
+    """Return the indices of a strategy's colour and marker; those of one that is not built in follow from its name."""
     if strategy in BUILT_IN:
         return BUILT_IN[strategy]
     used = set(BUILT_IN.values())

@@ -67,7 +67,8 @@ def needs_chains(sensor: Sensor) -> bool:
 def chain_target(log_prior: Values, boundary: float) -> Target:
     """Return the chains' target, given ln of the prior of each number of vibrating tiles, (tiles + 1,).
 
-    Numbers between the allowed ones that the prior rules out get, together, the weight of all allowed ones.
+    Chains change the number by one tile at a time, so they must be able to pass numbers that the prior rules out
+    between allowed ones. These get, together, the weight of all allowed ones; states there are not counted.
     """
     tiles = log_prior.size - 1
     k = np.arange(tiles + 1)

@@ -116,7 +116,7 @@ def evidence_of(
 def _gathered(
     whose: NDArray[np.int64], sample: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the start of each of ``count`` owners' samples, and the samples, by owner."""
+    """Group samples by owner: return the start of each owner's part, (count + 1,), and the samples in this order."""
     order = np.lexsort((sample, whose))
     return np.searchsorted(whose[order], np.arange(count + 1)), np.ascontiguousarray(sample[order])
 

@@ -150,7 +150,11 @@ def _flips(
     state: State,
     sums: NDArray[np.float64],
 ) -> int:
-    """Sample the kind of each tile by Gibbs; add what is above, under and counted to ``sums`` (3,)."""
+    """Sample the kind of each tile by Gibbs; return the number of vibrating tiles.
+
+    For each tile the probabilities of both kinds are added to ``sums``, (3,): of counted numbers of vibrating tiles
+    above the boundary, of those under it, and of all counted ones.
+    """
     for t in range(state.tiles.size):
         then = vibrating - 1 if state.tiles[t] else vibrating + 1
         flipped = 0.0
@@ -177,7 +181,7 @@ def _flips(
 
 @inner
 def _swaps(evidence: Evidence, count: int, address: DrawAddress, state: State) -> None:
-    """Propose to exchange tiles, for half as many random pairs as there are tiles."""
+    """Propose to exchange the kinds of two tiles, for half as many random pairs as there are tiles."""
     number = state.tiles.size
     for _ in range((number + 1) // 2):
         i = int(_draw(address, state) * number)
@@ -218,7 +222,7 @@ def _factors(
     address: DrawAddress,
     state: State,
 ) -> None:
-    """Update each of the first ``number`` factors."""
+    """Update ln of each of the first ``number`` factors: propose a new value, and accept or reject it."""
     for n in range(number):
         samples = of[first[n] : first[n + 1]]
         before = log_factors[n]
@@ -235,7 +239,7 @@ def _factors(
 def _flips_anew(
     evidence: Evidence, target: Target, count: int, vibrating: int, address: DrawAddress, state: State
 ) -> int:
-    """Propose for each tile the other kind together with a new factor.
+    """Propose for each tile the other kind together with a new factor; return the number of vibrating tiles.
 
     The steps use -rho: readings of one kind with a large factor resemble those of the other with a small one.
     """

@@ -35,14 +35,14 @@ class Computed(NamedTuple):
     log: Log
     samples: int
     largest_difference: float
-    """Of an energy from that in the log; nan if it has none."""
+    """Largest difference between a computed energy and the one in the log; NaN if the log has none."""
 
 
 def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
-    """Replace a log's energies by those of its recorded acceleration.
+    """Replace a log's energies by those computed from recorded acceleration.
 
     Args:
-        log: as read. path: the CSV file. program: of the chain.
+        log: as read. path: CSV file of the acceleration. program: settings of the sensing chain.
     Raises:
         InputError: the file is wrong, has another rate than the chain's, or lacks readings of a sample.
     """
@@ -73,7 +73,7 @@ def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
 
 
 def chain_energy(acceleration: NDArray[np.float64], program: SenseProgram) -> float:
-    """Return the energy of the readings of one stop, (readings, 3)."""
+    """Return the energy that the robot's sensing chain computes from the readings of one stop, (readings, 3)."""
     step: Any = getattr(
         sense_step, "py_func", sense_step
     )  # plain: compiling it takes longer than thousands of calls

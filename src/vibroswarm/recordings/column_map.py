@@ -106,7 +106,13 @@ def table_of(text: str, name: str) -> pl.DataFrame:
 
 
 def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> None:
-    """Refuse a file that lacks a column; ``wanted``: use of each column, and its name."""
+    """Refuse a file that lacks a column.
+
+    Args:
+        wanted: for each use, the name of its column. there: columns of the file. name: of the file.
+    Raises:
+        InputError: a column is missing; names the first one.
+    """
     missing = [(use, column) for use, column in wanted.items() if column not in there]
     if missing:
         use, column = missing[0]
@@ -139,7 +145,11 @@ def numbers_of(
 
 
 def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
-    """Refuse numbers that are impossible for this use of a column; names the row."""
+    """Refuse numbers outside the range of a column's use; missing values pass.
+
+    Raises:
+        InputError: a number is out of range, or not whole where it must be; names the first such row.
+    """
     if use not in _ALLOWED:
         return
     low, high, words = _ALLOWED[use]
@@ -158,7 +168,11 @@ def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, colum
 
 
 def plain_number(value: Any, what: str, name: str) -> float:
-    """Check a number of a TOML file."""
+    """Return a value of a TOML file as a number.
+
+    Raises:
+        InputError: not a finite number; names ``what``, the key.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise InputError(f"{value!r} is not a number", field=f"{name}, {what}")
     return float(value)
@@ -169,13 +183,13 @@ USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
 
 @dataclass(frozen=True)
 class Column(NotebookView):
-    """Source of a value: a column of the file times ``times`` plus ``plus``; or a table of values."""
+    """A column of the file, and how its cells become numbers: cell * times + plus, or by lookup in ``values``."""
 
     name: str
     times: float = 1.0
     plus: float = 0.0
     wraps_at: float | None = None
-    """In the file's unit."""
+    """Value at which a counter returns to 0, in the file's unit; None: it does not."""
     values: Mapping[str, float] | None = None
 
 
@@ -332,7 +346,7 @@ def _check_there(numbers: pl.Series, lines: pl.Series, name: str, column: str) -
 
 
 def _check_tags(found: Mapping[str, pl.Series], name: str) -> None:
-    """Refuse a robot with two tags."""
+    """Refuse a file in which a robot has two different tags."""
     if "tag" not in found:
         return
     pairs = pl.DataFrame({use: found[use].alias(use) for use in ("line", "robot", "tag")}).drop_nulls()

@@ -121,7 +121,7 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _settings(result: Result) -> list[str]:
-    """Return the settings line of a console log."""
+    """Return the settings line of a console log; if a setting is not a whole number, a note that says so instead."""
     s = result.scenario
     numbers = (
         s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, s.sample.sample_interval_ms,
@@ -150,7 +150,7 @@ def _console(row: dict[str, Any], decided_s: float | None) -> str:
 
 
 def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = False) -> None:
-    """Write every table of the result as a CSV file."""
+    """Write every table of the result, with all runs, as a CSV file in a folder; ``run`` has no effect."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
     folder.mkdir(parents=True, exist_ok=True)
@@ -162,7 +162,11 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:
-    """Return the motion, observation and inference joined, with cumulative times."""
+    """Return the samples of a run: motion, observations, inference, and each robot's total times up to the sample.
+
+    Raises:
+        InputError: there is no such run.
+    """
     if result.runs.filter(pl.col("run") == run).is_empty():
         raise InputError(f"there is no run {run} in this result", field="--run")
     key = ["run", "robot", "sample"]

@@ -61,7 +61,10 @@ def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
 
 
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
-    """Fit of the floor in each orientation of its shape, best first; empty if too few tiles were sampled.
+    """Return how well the floor fits the energies in each orientation that keeps its shape, best first.
+
+    An orientation in which all sampled tiles are of one kind is left out. Empty if fewer than four tiles were
+    sampled, or if all tiles of the floor are of one kind.
 
     Args:
         samples: x_m, y_m, energy.
@@ -93,7 +96,11 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
 
 
 def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float64]:
-    """Return the contrasts of random floors, (FLOORS,)."""
+    """Return the contrasts, (``FLOORS``,), of random floors with ``ones`` vibrating tiles among those sampled.
+
+    Args:
+        mean: mean logarithm of the energy of each sampled tile.
+    """
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)
     chosen = np.argpartition(u, ones - 1, axis=1)[:, :ones]
     upper = mean[chosen].sum(axis=1)
@@ -101,10 +108,10 @@ def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float6
 
 
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
-    """Return the statement about the fit of the floor.
+    """Return a sentence that says whether the floor fits the energies, may be wrong, or cannot be tested.
 
     Raises:
-        InputError: the energies fit it only rotated or mirrored.
+        InputError: the floor fits clearly better if it is rotated or mirrored.
     """
     fits = floor_fits(floor, samples)
     if not fits:

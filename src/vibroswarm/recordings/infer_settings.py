@@ -81,7 +81,8 @@ def infer_settings(
     """Infer all settings; one that cannot be determined has the value None and says why.
 
     Args:
-        logs: in order. prior: of the posterior. eta, kappa: parameters with which soft feedback is tried.
+        logs: sessions, each from ``log.in_order``. prior: alpha and beta before the first observation.
+        eta, kappa: parameters with which soft feedback is tried.
     """
     between = _intervals(logs, prior)
     threshold = infer_threshold(logs, between)
@@ -96,7 +97,10 @@ def infer_settings(
 
 
 def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
-    """Return the samples of all logs with the changes since each robot's previous sample."""
+    """Return the samples of all logs with the changes since each robot's previous sample; NaN where not logged.
+
+    A robot's first sample (number 0) has changes too: from the prior, and from counters of 0.
+    """
     parts = []
     for session, log in enumerate(logs):
         ordered = log.samples.sort("robot", "time_s")
@@ -127,7 +131,11 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
 
 
 def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
-    """Infer theta_E: at least the largest energy read as 0, less than the smallest read as 1."""
+    """Infer theta_E: at least the largest energy read as 0, less than the smallest read as 1.
+
+    If no threshold agrees with all samples, the one that the fewest contradict is taken; it is undetermined if more
+    than 2 % do, or if no sample was read as 0, or none as 1, for certain.
+    """
     name = "sensor.rms_threshold"
     bits = _logged_bits(logs)
     if not np.isnan(bits).all():
@@ -169,13 +177,17 @@ def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
-    """Return the two-digit number in [low, high) nearest the bound with more samples; else the middle."""
+    """Return the number with two decimals in [low, high) nearest to one bound; if there is none, the middle.
+
+    Args:
+        at_low: whether that bound is ``low``; it should be the one that more samples determine.
+    """
     rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
     return rounded if low - 1e-12 <= rounded < high else (low + high) / 2
 
 
 def _roundest(low: float, high: float) -> float:
-    """Number with the fewest digits in [low, high)."""
+    """Return the number with the fewest decimals in [low, high); the middle if none has six or fewer."""
     for digits in range(7):
         scale = 10.0**digits
         first = math.ceil(low * scale - 1e-9) / scale
@@ -185,7 +197,12 @@ def _roundest(low: float, high: float) -> float:
 
 
 def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
-    """Infer what O_c counts, and O_c (strictly more are needed, without the current sample)."""
+    """Infer which observations O_c counts (``decision.gate``), and O_c (``decision.min_observations``).
+
+    To decide, a robot must have counted more than O_c before its current sample. So under the right gate, counts of
+    robots that are sure but undecided are all smaller than counts at first decisions. Both settings are undetermined
+    unless exactly one gate has this property and held a sure robot back.
+    """
     names = ("decision.gate", "decision.min_observations")
     bounds: dict[str, tuple[float, float, int]] = {}
     for gate in GATES:
@@ -241,7 +258,11 @@ def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
 
 
 def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
-    """Infer p_c: at least the largest belief of an undecided robot past the gate, at most the least at a decision."""
+    """Infer p_c: from the largest belief of an undecided robot past the gate to the smallest at a first decision.
+
+    A belief counts for the likelier side, max(p, 1 - p). There is no value, only bounds, if no undecided robot was
+    past a known gate, or if the bounds contradict each other.
+    """
     name = "decision.credible_threshold"
     low, high, decisions = 0.5, 1.0, 0
     for own, decision, belief in _deciding_robots(logs):
@@ -263,7 +284,7 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
 
 
 def infer_tau(between: Intervals) -> Inferred:
-    """Infer tau from the time between samples without avoidance."""
+    """Infer tau from the time between samples without avoidance; undetermined with fewer than 20 such intervals."""
     name = "sample.sample_interval_ms"
     calm = between.whole & ~np.isnan(between.spacing_s)
     which = "(avoidance is not logged)"
@@ -293,7 +314,10 @@ def infer_tau(between: Intervals) -> Inferred:
 def infer_strategy(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> Inferred:
-    """Infer the strategy: the one that makes the bits sent, or received, most likely."""
+    """Infer the strategy: the one that makes the bits sent, or if these are not logged those received, most likely.
+
+    Undetermined if neither are logged, or if the second likeliest strategy is too close.
+    """
     name = "strategy.name"
     sent = _from_sent(logs, threshold, eta, kappa)
     likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
@@ -312,7 +336,10 @@ def infer_strategy(
 
 
 def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
-    """Return the probability that each sample of a session sent a one, by strategy; rows ordered by time."""
+    """Return the probability that each sample of a session sent a one, by strategy; samples are ordered by time.
+
+    NaN under soft feedback where the posterior is not logged.
+    """
     frame = log.samples.sort("time_s")
     bit = (frame["energy"].to_numpy() > threshold).astype(float)
     logged = frame["observation"].cast(pl.Float64).to_numpy()
@@ -333,7 +360,7 @@ def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str,
 def _from_sent(
     logs: Sequence[Log], threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str] | None:
-    """Return the log likelihood of each strategy from the bits sent; None if a log lacks them."""
+    """Return the log likelihood of each strategy, the number of bits sent, and their name; None if a log lacks them."""
     if any(log.samples["message"].null_count() for log in logs):
         return None
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
@@ -349,7 +376,10 @@ def _from_sent(
 def _from_received(
     logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
-    """Return the log likelihood of each strategy from the bits received."""
+    """Return the log likelihood of each strategy, the number of bits received that were used, and their name.
+
+    A log that lacks a column for this is left out, so the number may be 0.
+    """
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
     own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):

@@ -176,7 +176,7 @@ def _once(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
 def _check_robots(
     samples: pl.DataFrame, tracks: pl.DataFrame, robots: Sequence[int] | None, name: str
 ) -> None:
-    """Refuse robots that are not in ``robots``, or without it those with hardly any rows."""
+    """Refuse robots that are not in ``robots``; if it is None, those with hardly any rows, whose number was misread."""
     both = pl.concat([samples.select("robot", "line"), tracks.select("robot", "line")])
     rows = both.group_by("robot").agg(pl.len().alias("rows"), pl.col("line").min()).sort("line")
     if robots is not None:
@@ -195,7 +195,11 @@ def _check_robots(
 
 
 def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, float]]:
-    """Unwrap counters, robot by robot."""
+    """Unwrap the counters of each robot; return the samples, and counts of wraps, odd steps and lost samples.
+
+    Raises:
+        InputError: the number of messages sent is missing in some rows, or a count of messages falls or jumps.
+    """
     wrapped = odd = lost = 0
     columns = {name: samples[name].cast(pl.Float64).to_numpy().copy() for name in COUNTERS}
     robot, time_s, line = (samples[name].to_numpy() for name in ("robot", "time_s", "line"))
@@ -238,13 +242,12 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
 def unwrapped(
     values: NDArray[np.float64], wraps_at: float | None, time_s: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], int, NDArray[np.bool_]]:
-    """Unwrap a counter: its values, the number of wraps, and the rows that are set to nan.
+    """Unwrap a counter; return its values, the number of wraps, and for each row whether it was set to NaN.
 
     Args:
-        values: (rows,), nan where missing. wraps_at: value at which it returns to 0; None: never.
+        values: (rows,), NaN where missing, but not in all. wraps_at: value at which it returns to 0; None: never.
         time_s: (rows,): times, for a counter of time. A step longer than the time passed is impossible: that row
-            becomes
-            nan, and the counter continues from its last value.
+            becomes NaN, and the counter continues from its last value.
     """
     out, odd = values.copy(), np.zeros(values.size, dtype=np.bool_)
     read = np.flatnonzero(~np.isnan(values))
@@ -271,11 +274,11 @@ Floats = NDArray[np.float64]
 
 
 def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return time_s, x_m, y_m of one robot, ordered by time.
+    """Return when and where one robot was known to be: time_s, x_m, y_m, ordered by time.
 
     Args:
-        track: of the robot; if empty, the robot is known to stand at its samples' positions during each stop.
-        samples: motion rows of the robot.
+        track: its tracked positions; if there are none, its samples' positions at both ends of each stop are used.
+        samples: its rows of the motion table.
     """
     names = ["time_s", "x_m", "y_m"]
     if track.height:
@@ -289,7 +292,10 @@ def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
 
 
 def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the segment table of one robot: straight lines between positions; it stands at the first one before."""
+    """Return the segment table of one robot: straight lines between its positions.
+
+    Until the first position it stands there. A segment is a stop if its middle lies within the stop of a sample.
+    """
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time.size and time[0] > 0.0:
         time, x, y = np.append(0.0, time), np.append(x[0], x), np.append(y[0], y)
@@ -314,7 +320,11 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
 
 
 def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return the heading and speed from each position to the next."""
+    """Return the heading, rad, and speed, m/s, from each position to the next, (positions,) each.
+
+    Where a robot stands its speed is 0 and it keeps its heading: the latest, or before it moves the first one, or 0 if
+    it never moves. The last position counts as standing.
+    """
     dx, dy, dt = np.diff(x), np.diff(y), np.diff(time)
     step = np.hypot(dx, dy)
     moves = step >= STANDING_M
@@ -328,7 +338,7 @@ def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def gaps_of(time_s: Floats) -> tuple[int, float]:
-    """Number of gaps in a robot's tracking, and the longest, s (0: none)."""
+    """Return the number of gaps longer than ``GAP_S`` in a robot's tracking, and the longest, s (0 without gaps)."""
     gaps = np.diff(time_s)
     gaps = gaps[gaps > GAP_S]
     return gaps.size, float(gaps.max(initial=0.0))

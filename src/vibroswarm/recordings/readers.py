@@ -100,9 +100,11 @@ def read_webots(path: Path) -> Log:
 
 
 def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl.Series:
-    """Return the bits read, as far as the bits sent determine them, else null.
+    """Return the bits read where the bits sent determine them, else null.
 
-    Always without feedback; with positive feedback until the robot decides; never otherwise."""
+    A robot without feedback sends the bit that it read; with positive feedback it does so until it decides, and sends
+    its decision from then on. With any other strategy, or an unknown one, all are null.
+    """
     known = pl.lit(strategy == "none") | (pl.lit(strategy == "positive") & (pl.col("decision") == -1))
     frame = pl.DataFrame([sent.alias("sent"), decision.alias("decision")])
     return frame.select(pl.when(known).then("sent").alias("observation")).to_series()
@@ -244,7 +246,10 @@ def read_log(path: str | Path, reader: str | None = None, columns: str | Path | 
 
 
 def _has_head(head: str) -> bool:
-    """Return whether the header has enough of the names to report the missing ones."""
+    """Return whether a text begins with at least five of the column names of the study's robots.
+
+    Not all are needed: a file that lacks some is still recognised, and the reader then names what is missing.
+    """
     first = head.split("\n", 1)[0].split(",")
     names = {column.name for column in rugbot_map().columns.values()}
     return len(names & {cell.strip() for cell in first}) >= 5

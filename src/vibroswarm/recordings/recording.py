@@ -52,9 +52,8 @@ ROWS: Final[dict[str, Any]] = {
     "avoid_total_s": pl.Float64,
     "stop_total_s": pl.Float64,
 }
-"""For each sample: the line of the log, the energy with all digits, the number of lost samples before it, the age
-of its
-position beyond the usual quarter of a second (null if a log has no tracks), and the counters."""
+"""For each sample: the line of the log, the energy with all digits, the number of lost samples before it, how much
+earlier its position was seen (null if a log has no tracks), and the counters."""
 PLACES: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -90,7 +89,7 @@ class Recording(Result):
 
     @property
     def places_corrected(self) -> bool:
-        """Whether all places are from markers of known height through a fitted lens (``lab track``)."""
+        """Whether all sessions are from ``lab track``, which corrects positions for lens and marker height."""
         return bool(self.sessions) and all(session["reader"] == "camera" for session in self.sessions)
 
     def write_into(self, folder: Path) -> None:
@@ -135,7 +134,11 @@ class Recording(Result):
 
 
 def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
-    """Check the types of the entries of ``recording.json``."""
+    """Return the entries of ``recording.json`` as fields of ``Recording``.
+
+    Raises:
+        InputError: an entry is missing, of another type, or of another length than the result's.
+    """
     names, sessions, inferred = (entry(about, key, list, path) for key in ("names", "sessions", "inferred"))
     if len(names) != result.scenario.swarm.robots or not all(type(name) is int for name in names):
         raise InputError("is damaged: 'names' must list a number for each robot", field=str(path))
@@ -250,7 +253,11 @@ def recording_of(
 
 
 def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
-    """Return robots of all logs; they must be the same in each."""
+    """Return the names of the robots, ascending: ``robots``, or if it is None those of the logs.
+
+    Raises:
+        InputError: ``robots`` is None and the logs have different robots.
+    """
     by_log = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
     if robots is not None:
         return tuple(sorted(robots))
@@ -272,7 +279,10 @@ def _described(
     floor: Floor,
     robots: int,
 ) -> tuple[Scenario, list[str]]:
-    """Return the scenario that describes the sessions; stated fields override inferred ones."""
+    """Return the scenario that describes the sessions, and the names of its stated fields.
+
+    What the user stated overrides what a log states, and that overrides what is inferred.
+    """
     values: dict[str, Any] = {
         setting.name: setting.value
         for setting in inferred
@@ -298,7 +308,7 @@ def _end_of(log: Log) -> float:
 
 
 def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> dict[str, Any]:
-    """Return the tables of one session."""
+    """Return the tables of one session by name, and as ``told`` the counts of its problems."""
     number = {name: robot for robot, name in enumerate(names)}
     frame = log.samples.with_columns(
         run=pl.lit(run, dtype=pl.UInt32),
@@ -357,7 +367,13 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
 
 
 def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log) -> dict[str, Any]:
-    """Return the segments, final state, tracking gaps and ages of positions of one robot."""
+    """Return the segments, final state, tracking gaps and ages of positions of one robot.
+
+    An age is the time from the last tracked position to the sample; null if there is none.
+
+    Raises:
+        InputError: the robot has no rows.
+    """
     knots = knots_of(track, samples)
     if knots.is_empty():
         raise InputError(f"robot {robot} has no rows", field=log.name)
@@ -388,7 +404,7 @@ def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log:
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
-    """Add tile and bit to the samples."""
+    """Return the observations: the tile under each sample (-1: none), and its bit, as logged or else E > theta_E."""
     x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario)
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
     return frame.with_columns(
@@ -429,7 +445,11 @@ def _problem_counts(
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
-    """Return the final state of each robot, as in ``inference.agents.final_frame``."""
+    """Return the final state of each robot, as in ``inference.agents.final_frame``.
+
+    A robot that ends decided did so at the first sample from which on its decision is the same; its belief is that at
+    this sample. A robot without samples is undecided, and its posterior is null.
+    """
     rows: list[dict[str, Any]] = []
     for robot in range(robots):
         own = frame.filter(pl.col("robot") == robot)
@@ -456,7 +476,11 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
 def _outcomes(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and runs; null if decisions are not logged."""
+    """Return the tables of robots and runs.
+
+    Where a robot's decision is not logged, the consensus of its run and the numbers of right, wrong and undecided
+    robots are null.
+    """
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]
     fills, truth = fills_and_truth(scenario, floors, runs)

@@ -109,8 +109,11 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
 def _replay_once(
     recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
 ) -> tuple[pl.DataFrame, int, list[pl.Series]]:
-    """Return the final state of each robot of a run in one draw, messages that nobody can have sent, and the inference
-    columns."""
+    """Replay a run once.
+
+    Returns: the final state of each robot, the number of messages received that no robot can have sent at that time,
+        and the columns of the inference table.
+    """
     energy = rows.energy
     if np.isnan(energy).any():
         energy = _drawn(rows, run, seed)
@@ -132,7 +135,7 @@ def _replay_once(
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
-    """Return the energies, those of lost samples drawn from the session's on tiles of the same kind."""
+    """Return the energies of a session; that of a lost sample is drawn from those read on tiles of the same kind."""
     energy = rows.energy.copy()
     for k in np.flatnonzero(np.isnan(rows.energy)):
         alike = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
@@ -235,7 +238,7 @@ def _outcome(
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """Return the recording with beliefs computed from its scenario, all messages received; for logs without beliefs."""
+    """Return a recording without beliefs with those that its scenario implies if every message is received."""
     motion = Motion(recording.motion, recording.ends, recording.segments)
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}

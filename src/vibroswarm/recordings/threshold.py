@@ -42,13 +42,17 @@ def resample(seed: int, draw: int, stream: int, count: int) -> NDArray[np.int64]
 
 
 def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Draw clusters with replacement: how often each row's cluster is drawn, (rows,)."""
+    """Draw as many clusters as there are, with replacement; return how often each row's cluster was drawn, (rows,).
+
+    Args:
+        cluster: (rows,): number of each row's cluster, from 0.
+    """
     clusters = int(cluster.max()) + 1
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
 def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
-    """Number the robots of all sessions through: the cluster of each sample, (samples,)."""
+    """Return the cluster of each sample, (samples,), from 0: the same robot in two sessions is two clusters."""
     pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
@@ -268,7 +272,7 @@ def at_threshold(
 
 
 def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
-    """Return the error rates of the chosen samples; nan without samples of a kind."""
+    """Return the error rates of the chosen samples; the rate of a kind without samples is NaN."""
     bits = data.energy > threshold
     still, shaking = chosen & ~data.vibrating, chosen & data.vibrating
 
@@ -310,7 +314,10 @@ def _decidable(
 
 
 def _weights(data: Labelled) -> list[Floats]:
-    """Return the bootstrap weights of the samples: robots (of a session) and tiles are resampled independently."""
+    """Return the weights of the samples in each bootstrap draw, robots (of a session) and tiles drawn separately.
+
+    Draws without samples on one of the two kinds of tile are left out: they have no error rate.
+    """
     robot = robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
     tile = np.unique(data.tile, return_inverse=True)[1]
     drawn = (

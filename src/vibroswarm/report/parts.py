@@ -45,7 +45,7 @@ class Column(NotebookView):
 
 
 def decimals_of(values: Iterable[float | None], column: Column) -> int | None:
-    """Return the decimals that all numbers of a column get; None if they differ too much in size for that."""
+    """Return the decimals that all numbers of a column get; None if no number of decimals suits all their sizes."""
     if column.decimals is not None:
         return column.decimals
     if column.percent:
@@ -182,7 +182,7 @@ def answers_html(answers: Sequence[ReportAnswer]) -> str:
 
 
 def _scales(answers: Sequence[ReportAnswer]) -> dict[str, float]:
-    """Return the largest value of each figure: the strips of one figure share their scale."""
+    """Return the largest absolute value of each figure by its title: the strips of one figure share their scale."""
     scales: dict[str, float] = {}
     for answer in answers:
         for effect in answer.effects:

@@ -112,7 +112,7 @@ def drive(
     sampled_s: float,
     at_obstacle: bool,
 ) -> None:
-    """Add a drive that has ended.
+    """Update the mixture by a drive that has ended.
 
     Args:
         duration_s: how long the robot drove. turned_rad: as the gyro measured. sampled_s: time of the last sample,
@@ -173,7 +173,7 @@ def drive(
 
 @inner
 def turn(f: Mixture, program: LocalisationProgram, duration_s: float, turned_rad: float) -> None:
-    """Add a turn in place, at the end of a leg or to avoid something, that has ended, as ``drive`` does."""
+    """Update the mixture by a turn in place that has ended: at the end of a leg, or to avoid something."""
     walk = program.gyro_walk_rad_sqrt_s * program.gyro_walk_rad_sqrt_s * duration_s
     noise = program.turn_noise_rad * program.turn_noise_rad + walk
     shift = program.turn_shift_m * program.turn_shift_m
@@ -189,7 +189,11 @@ def turn(f: Mixture, program: LocalisationProgram, duration_s: float, turned_rad
 
 @inner
 def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive: bool) -> None:
-    """Learn that an avoidance began, since the shortest ray was ``ray_m``; 0: it begins inside of something."""
+    """Update the mixture by an avoidance that began because the shortest ray was ``ray_m``.
+
+    Args:
+        ray_m: 0 if the ray begins inside of something. after_drive: whether the robot drove before, or turned.
+    """
     if not program.corrects:
         return
     robots = program.robots_per_m if after_drive else 2.0 * program.robots_per_m
@@ -207,7 +211,10 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
 
 @inner
 def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float64]) -> None:
-    """Write the estimate (``ESTIMATE``) at a sample that was just taken, and remember its place."""
+    """Write the estimate (``ESTIMATE``) at a sample that was just taken, and remember its place.
+
+    Before ``lag`` samples, the number of the lagged sample is -1 and its place is 0.
+    """
     number, lag = f.numbers[SAMPLES], f.past.shape[1]
     slot = number % lag
     east, north = 0.0, 0.0

@@ -42,7 +42,7 @@ class Paths(NamedTuple):
 
 
 def width_of(draws: int) -> int:
-    """Return how many numbers ``draw_places`` writes for so many draws."""
+    """Return how many numbers ``draw_places`` writes for ``draws`` draws: 0 for none."""
     return 2 * draws + 2 if draws > 0 else 0
 
 
@@ -82,7 +82,7 @@ def begin_paths(f: Mixture, paths: Paths, random: int) -> None:
 
 @inlined
 def remember_components(f: Mixture, paths: Paths) -> None:
-    """Let lines begin at the components as they are now."""
+    """Let each component begin a line of its own, with its present weight."""
     for i in range(f.weights.size):
         paths.weights[i] = f.weights[i]
         f.copies[f.weights.size + i] = i
@@ -90,7 +90,7 @@ def remember_components(f: Mixture, paths: Paths) -> None:
 
 @inner
 def draw_places(f: Mixture, program: LocalisationProgram, paths: Paths, out: NDArray[np.float64]) -> None:
-    """Write the sample ``lag`` ago on each path; to be called before ``localisation.sampled``.
+    """Write the place of the sample ``lag`` ago on each path. Call it before ``localisation.sampled``.
 
     Args:
         out: (2 draws + 2,): x and y by draw, then the spreads in x and y, m; nan while there is no such sample.
@@ -116,7 +116,8 @@ def draw_places(f: Mixture, program: LocalisationProgram, paths: Paths, out: NDA
 
 @inner
 def follow_components(f: Mixture, paths: Paths) -> None:
-    """Let each draw follow a descendant of its component, or go to another line, so that draws have the weights."""
+    """Let each draw follow a descendant of its component, or go to another line, so that draws are distributed by
+    weight."""
     count, grown = f.weights.size, 0.0
     for i in range(count):
         paths.lines[i] = 0.0
@@ -143,7 +144,7 @@ def chosen_in(f: Mixture, paths: Paths, line: int, weight: float) -> int:
     """Return a component of a line, drawn by weight.
 
     Args:
-        line: -1: any. weight: of the line.
+        line: number of the line, -1: any. weight: sum of the weights of its components.
     """
     at, chosen = path_uniform(paths) * weight, 0
     for i in range(f.weights.size):

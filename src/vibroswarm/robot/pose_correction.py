@@ -39,7 +39,10 @@ ROBOT_AT_0: Final = 0.3
 
 @inlined
 def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, ...]:
-    """Return the shortest distance of the rays to the walls in x, its derivatives by x and heading; the same in y."""
+    """Return the shortest distance of the rays to the walls in x, its derivatives by x and heading; the same in y.
+
+    The distance is UNSEEN_M, with derivatives 0, if no ray points at such a wall.
+    """
     mean = f.means
     x_m, y_m = mean[i, X], mean[i, Y]
     cosine, sine = math.cos(mean[i, HEADING]), math.sin(mean[i, HEADING])
@@ -85,7 +88,7 @@ def correct(
     """Correct a component, and its past places, by a measured number of which ``gain`` was computed last.
 
     Args:
-        variance: S. shift: by which the number's mean moves. share: by which its variance shrinks, of S.
+        variance: S. shift: change of the number's mean. share: reduction of its variance, as a share of S.
     """
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
     step, shrinks = shift / variance, share / variance
@@ -113,7 +116,7 @@ def learn_beyond(
 ) -> float:
     """Learn that a number is above ``least``: match the moments of its Gaussian cut off there.
 
-    Returns: the probability that it is.
+    Returns: the probability that it is, at least LEAST; 1, with no correction, if this is beyond doubt.
     """
     variance = gain(f, i, axis, by_place, by_heading) + noise * noise
     above = mean - least
@@ -154,7 +157,7 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Do as ``saw_nothing`` does for a component that may be near a wall."""
+    """Compute ``saw_nothing`` for a component that may be near a wall."""
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     left = 1.0
     for axis in range(2):

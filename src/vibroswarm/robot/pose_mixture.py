@@ -194,7 +194,7 @@ def begin(
 
 @inlined
 def excess(f: Mixture, program: LocalisationProgram) -> float:
-    """Return by how much more is unexpected per obstacle than usual; 0 without a monitor."""
+    """Return by how much more is unexpected per obstacle than usual; 0 if it is not more, or without a monitor."""
     if not program.monitors:
         return 0.0
     return float(max(f.monitor[UNEXPECTED] / f.monitor[OBSTACLES] - USUAL, 0.0))
@@ -202,7 +202,11 @@ def excess(f: Mixture, program: LocalisationProgram) -> float:
 
 @inner
 def resample(f: Mixture) -> None:
-    """Scale the weights to a sum of 1; redraw the components by weight if fewer than half are effective."""
+    """Scale the weights to a sum of 1 (all equal if they are all 0); redraw the components by weight if fewer than half
+    are effective.
+
+    The effective number is 1 / sum of squared weights.
+    """
     weights, copies, count = f.weights, f.copies, f.weights.size
     total, squares = 0.0, 0.0
     for i in range(count):

@@ -137,7 +137,11 @@ def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
 
 
 def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats:
-    """Return the headings at segments' starts, less the whole turns that they jump by after the segment before."""
+    """Return the headings at the starts of segments without jumps of whole turns from the end of the segment before.
+
+    Args:
+        heading, end: at the start and the end of each segment, rad. first: whether it is the first of its robot.
+    """
     jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))
     turns: Floats = np.cumsum(np.where(first, 0.0, jumps))
     since = np.maximum.accumulate(np.where(first, np.arange(len(turns)), 0))
@@ -145,7 +149,11 @@ def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats
 
 
 def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
-    """Return which points to keep: where something begins or jumps; then each gap's worst, until none is bad."""
+    """Return which points to keep, (points,).
+
+    These are the points where a track or kind begins or the robot jumps, and then the worst point between each two kept
+    ones, until arcs between kept points meet all others within the tolerances.
+    """
     first = np.diff(robot, prepend=-1) != 0
     jump = np.diff(knots[:, 0], prepend=-1.0) <= 0
     keep: NDArray[np.bool_] = first | jump | (np.diff(kind, prepend=-1) != 0)

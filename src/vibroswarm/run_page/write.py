@@ -204,7 +204,10 @@ MAX_MAPS: Final = 1_000_000
 
 
 def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
-    """Return the maps of a run's robots as it goes on; None if they keep none, or cannot be computed again."""
+    """Return the maps of a run's robots at times of the run; None if robots keep none or these cannot be recomputed.
+
+    If all maps would be too many for a page, only the pooled one is kept.
+    """
     if result.scenario.strategy.name not in WITH_MAP or result.seed is None:
         return None
     if is_estimated(result.scenario) and result.moves is None:
@@ -219,7 +222,10 @@ MAX_RADIO: Final = 4_000_000
 
 
 def _radio_of(result: Result, run: int) -> MessageLog | None:
-    """Return a run's messages, if not all robots hear all at once and the tables tell."""
+    """Return a run's messages.
+
+    None if every message is heard by all at once, if they cannot be recomputed, or if they are too many for a page.
+    """
     network = network_of(result.scenario.network.name)
     if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
         return None

@@ -220,7 +220,7 @@ class Scenario(Sections, NotebookView):
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
-    """Return the sections of which any field is set, so that one with optional fields only changes no hash."""
+    """Return the sections that are not empty: one in which all fields are optional and unset must not change a hash."""
     return {name: fields for name, fields in sections.items() if fields != {}}
 
 

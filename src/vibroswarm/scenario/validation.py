@@ -97,7 +97,7 @@ def _check_places(s: Sections) -> None:
 
 
 def widest_veer_shift(s: Sections) -> float:
-    """Return an upper bound on how far a robot's misalignment differs from its own."""
+    """Return an upper bound on how far wander, drift and differences between runs move a robot's misalignment."""
     robot = s.robot
     each = (
         robot.misalignment_wander or 0.0,
@@ -191,7 +191,7 @@ FACTOR_LIMIT = 10_000_000
 
 
 def _check_factors(s: Sections) -> None:
-    """Refuse too many factors of tiles and robots."""
+    """Refuse more pairs of tiles and robots with factors of their own than ``FACTOR_LIMIT``."""
     robots = s.swarm.robots if s.sensor.robot_spread else 1
     tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
     if robots * tiles > FACTOR_LIMIT:

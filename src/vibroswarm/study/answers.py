@@ -155,7 +155,11 @@ class Answer:
         return f"{where}{self.first_name} {effect.words}.{self._moral(difference.estimate < 0)}"
 
     def _moral(self, faster_at_equal_error: bool | None) -> str:
-        """Return what equal error says about a strategy that is faster and wrong more often."""
+        """Return what equal error says about a strategy that is faster and wrong more often; empty if neither is both.
+
+        Args:
+            faster_at_equal_error: whether the first strategy is faster there; None if no difference is shown.
+        """
         better = {effect.figure: effect.better for effect in self.effects}
         if better["decision_time_s"] is None or better["wrong_share"] is None:
             return ""

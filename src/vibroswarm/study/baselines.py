@@ -99,7 +99,10 @@ def references_of(
 
 
 def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
-    """Yield each cell with its runs; cells that share motion share its simulation."""
+    """Yield each selected cell with its simulated runs; cells that share motion share its simulation.
+
+    None takes the place of the runs if they are fewer than ``MIN_RUNS``, or if the task is not about the fill ratio.
+    """
     for group in result.plan.groups:
         cells = [cell for cell in group.cells if cell.number in result.selected]
         simulated: Result | None = None
@@ -115,14 +118,14 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
 def _runs_of_cell(
     result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None
 ) -> Result:
-    """Return a cell's runs: replayed on the motion of ``made``, another cell's, where that serves; else simulated."""
+    """Return a cell's runs: replayed on the motion of ``made``, runs of another cell, if possible; else simulated."""
     if made is not None and _serves(made, group, cell, runs):
         return replay(made, cell.scenario)
     return result.result(cell.number, runs)
 
 
 def _serves(made: Result, group: Group, cell: Cell, runs: list[int]) -> bool:
-    """Return whether a cell can be replayed on the motion of another cell of its group."""
+    """Return whether a cell can be replayed on the motion of ``made``, runs of another cell of its group."""
     # Cells of a group may differ in their end, and in how many runs they have.
     is_same = made.scenario.run == cell.scenario.run and made.runs["run"].to_list() == runs
     # A run that ends when all have decided is as long as its own strategy needs.
@@ -141,7 +144,7 @@ def _references(cell: Cell, made: Result) -> References:
 
 
 def _could_be_known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
-    """Compute what could be known, with notes on what is missing or limited."""
+    """Compute what could be known, None if that is impossible, with notes on what is missing or limited."""
     if made.runs["truth"].null_count():
         return None, ("What could be known is not computed: the fill ratio is on the boundary.",)
     floor, sensor = made.scenario.floor, made.scenario.sensor

@@ -68,8 +68,10 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
 
 
 class BatchOutcomes(NamedTuple):
-    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them; samples only if they are saved;
-    runs that failed."""
+    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them.
+
+    ``samples`` is empty unless samples are saved, ``failures`` unless runs failed.
+    """
 
     cells: Sequence[Sequence[int]]
     robots: Columns
@@ -172,7 +174,7 @@ class _SharedMotion:
         return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
-        """Return the floor of each run, made once for all sensors."""
+        """Return the floor of each run by its number; cached, since several sensors share a floor."""
         if scenario.floor not in self._floors:
             self._floors[scenario.floor] = floors_of(scenario, self.request.seed, self.request.runs)
         return self._floors[scenario.floor]

@@ -94,7 +94,7 @@ def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArra
 
 
 def columns_of(result: Result) -> tuple[Columns, Columns]:
-    """Return a result's columns of robots, (1, runs, robots) each, and of runs, (runs,) each, without the walk."""
+    """Return a result's columns of robots, (1, runs, robots) each, and of runs without ``WALK``, (runs,) each."""
     robots = {name: values_of(result.robots[name]).reshape(1, result.runs.height, -1) for name in OF_ROBOTS}
     return robots, {name: values_of(result.runs[name]) for name in RUNS if name != "run"}
 
@@ -135,7 +135,7 @@ def arrays_of(
 
 
 def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
-    """Spread figures of ``Walk.figures`` over all runs, (runs,) each; nan if nobody sampled in a run."""
+    """Align figures of ``Walk.figures`` with all runs, (runs,) each; nan for runs in which no robot sampled."""
     place = np.asarray(figures["run"], dtype=np.int64) - runs.start
     columns = {name: np.full(len(runs), np.nan) for name in WALK}
     for name, column in columns.items():
@@ -153,7 +153,9 @@ FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
 def failed_rows(
     failures: pl.DataFrame | None, cells: Sequence[Sequence[int]], end_s: float
 ) -> list[pl.DataFrame]:
-    """Return the table of some cells with the same motion; runs that fail after their end have not failed.
+    """Return the failed runs of some cells with the same motion, a table for each cell; empty if no run failed.
+
+    The motion may be longer than the runs of these cells: a run that fails after ``end_s`` has not failed for them.
 
     Args:
         failures: of the motion, None if no run failed. cells: as ``BatchOutcomes`` has them. end_s: of their runs.

@@ -72,7 +72,7 @@ class Compared:
         return first, reference, rest
 
     def as_row(self) -> dict[str, Any]:
-        """Flat, for a table."""
+        """Return a flat row for a table; with a second block also its difference and whether it confirms."""
         row: dict[str, Any] = {
             "name": self.name,
             "cell": self.cell.number,
@@ -137,7 +137,11 @@ def _check_reference(study: Study, reference: str) -> None:
 
 
 def _compared_fields(study: Study) -> list[str]:
-    """List the fields whose values are compared pairwise."""
+    """List the fields whose values are compared pairwise.
+
+    These are labels and the fields whose values are words. Without any, it is the varied field if there is only one,
+    unless that is the floor or has too many values.
+    """
     if LABEL in study.varied:
         fields = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
         return [LABEL, *fields]
@@ -159,7 +163,7 @@ def _word_fields(study: Study) -> list[str]:
 
 
 def _fields_of_labels(study: Study) -> set[str]:
-    """Return the fields that the entries of a list set, in which their labels differ."""
+    """Return ``label`` and the fields that the ``list`` block sets: differences in these belong to the label."""
     return {LABEL} | {name for entry in study.vary.get("list", ()) for name in flat(entry)}
 
 
@@ -217,7 +221,7 @@ def comparisons(
 
 
 def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
-    """Compare two cells in all figures; None if they have no run in common."""
+    """Compare two cells in all figures; None if ``of`` is None or lacks one of them, or they have no run in common."""
     if of is None or not {cell.number, reference.number} <= set(of.result.selected):
         return None
     figures_of_cell, figures_of_reference = of(cell), of(reference)
@@ -279,11 +283,14 @@ def at_equal_error(
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare each pair of cells with different strategies at equal error, by replay with other settings.
 
-    Left out are strategies that steer, cells without enough common runs or a right answer, studies of more than
-    ``MATCHED_CELLS`` such cells, and those of another source of motion than the engines: motion is simulated again.
+    Left out are strategies that steer, since their motion changes with the settings, and cells in which no decision is
+    right in some run. The result is empty if more than ``MATCHED_CELLS`` cells remain, if these have fewer than
+    ``LEAST_RUNS`` runs in common, or if the study's source of motion is not one of ``ENGINES``: the motion is simulated
+    again by an engine.
 
     Args:
         progress: called with the share done.
+    Returns: comparisons by the numbers of the two cells, the reference second.
     """
     if result.study.motion not in ENGINES:
         return {}

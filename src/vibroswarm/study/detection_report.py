@@ -17,7 +17,9 @@ MOST_CURVES: Final = 8
 
 
 def best(distinguished: pl.DataFrame) -> pl.DataFrame:
-    """For each floor above and number of robots, the fullest floor below that it is distinguished from.
+    """Select, for each floor above the boundary and number of robots, the fullest floor below that is distinguished.
+
+    If none is distinguished by the end, the row is that of the fullest floor below, with null in ``time_s``.
 
     Args:
         distinguished: of ``analysis.detection.pairs``.

@@ -61,7 +61,7 @@ class Workers:
     count: int
     name: str
     cancel: Any = None
-    """An event that stops running batches."""
+    """Event that, once set, stops running batches; None if they cannot be stopped."""
 
     def submit(self, work: Batch) -> Future[BatchResult]:
         """Submit a batch."""
@@ -222,7 +222,7 @@ class SingleProcessPools(Executor):
 
 
 def _hold_off_ctrl_c() -> None:
-    """Block Ctrl-C in a thread that starts processes: they inherit the block while they start."""
+    """Block Ctrl-C in this thread: processes that it starts inherit the block, until they ignore Ctrl-C themselves."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
@@ -364,10 +364,10 @@ def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker
 
 
 def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
-    """Refuse to continue what other versions began, since the whole could not be repeated.
+    """Refuse to continue a study that other versions began: no single version could repeat all of its runs.
 
     Raises:
-        InputError: it names the versions that differ.
+        InputError: the versions differ; the message names them.
     """
     if different := _different_versions(theirs):
         raise InputError(

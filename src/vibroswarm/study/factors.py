@@ -170,7 +170,7 @@ def _is_of_code(name: str) -> bool:
 
 
 def with_whole(block: Any, name: str = "") -> Any:
-    """Mark ranges of whole-number parameters of user code as such, for readers that do not load the code."""
+    """Add ``whole = true`` to ranges of whole-number parameters of user code: without the code the type is unknown."""
     if not isinstance(block, Mapping):
         return [with_whole(value, name) for value in block] if isinstance(block, list | tuple) else block
     if {"from", "to"} <= set(block):

@@ -43,7 +43,7 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
 
 
 def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
-    """Return the two numeric fields with at least three values each, if there are exactly two."""
+    """Return the two numeric fields with at least three values each; None unless there are exactly two."""
     many = [
         name
         for name in _varied(cells)
@@ -87,7 +87,7 @@ def _varied(cells: Sequence[Cell]) -> list[str]:
 
 
 def _numbers(cells: Sequence[Cell], field: str) -> dict[int, float] | None:
-    """Return the values of a field by cell if all are numbers, or fill ratios of one family of floors."""
+    """Return a field's values by cell; None unless all are finite numbers, or fill ratios of one family of floors."""
     values: dict[int, Any] = {cell.number: cell.point.get(field) for cell in cells}
     if field == SOURCE:
         parts = {number: str(value).rpartition(":") for number, value in values.items()}

@@ -90,7 +90,7 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
 def _bars(
     cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
 ) -> Callable[..., Picture]:
-    """Draw a figure by cell, or along a numeric field."""
+    """Return the function that draws a figure along ``layout.x``; by cell if there is none, or too many lines."""
     rows = []
     for cell_outcome in cells:
         estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
@@ -117,7 +117,7 @@ def _bars(
 
 
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield maps over two numeric fields, one for each combination of the others."""
+    """Yield maps over the two fields of ``plane_of``, for each combination of the others; none if it finds none."""
     plane = plane_of([cell_outcome.cell for cell_outcome in cells])
     if plane is None:
         return
@@ -140,7 +140,7 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 def _heat(
     cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
 ) -> Callable[..., Picture]:
-    """Draw a figure as a map over two fields."""
+    """Return the function that draws a figure as a map over two fields."""
     rows = [
         {
             "x": number_of(cell_outcome.cell, plane[0]),
@@ -155,7 +155,11 @@ def _heat(
 
 
 def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
-    """Draw decisions over time: one picture for each x, or a single one if there are few cells."""
+    """Yield pictures of decisions over time, of robots and of swarms.
+
+    There is one of each for all cells if they are few, else one for each value along x. Cells in which no decision can
+    be right are left out. Nothing is yielded if there are many cells and no numeric field.
+    """
     cells = [
         cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n
     ]  # where a decision can be right
@@ -180,7 +184,7 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
 def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
 ) -> Callable[..., Picture]:
-    """Draw decisions over time, one series for each cell."""
+    """Return the function that draws decisions over time, one series for each cell."""
     frames = []
     for cell_outcome in cells:
         robots, runs = outcome.result.tables(cell_outcome.cell.number)
@@ -206,7 +210,7 @@ def _incidence(
 
 
 def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
-    """Draw the distribution of consensus times by cell."""
+    """Return the function that draws the distribution of consensus times by cell."""
     frames = [
         outcome.result.tables(cell_outcome.cell.number)[1].select(
             cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"
@@ -220,7 +224,7 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
 
 
 def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Draw one front for each floor, since nobody chooses the floor."""
+    """Yield time against error for each floor: floors are given, so cells on different ones are no alternatives."""
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in cells:
         floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
@@ -252,7 +256,7 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
 
 
 def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
-    """Yield the paired differences of each figure."""
+    """Yield one picture for each compared figure, with its paired differences and their intervals."""
     for figure, title, label, better in (
         ("decision_time_s", "Decision time, run by run", "difference in decision time (s)", "low"),
         ("right_share", "Robots right, run by run", "difference in robots right (percentage points)", "high"),
@@ -285,7 +289,7 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
 
 
 def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
-    """Draw misses and false alarms against the fill ratio."""
+    """Return the function that draws the share of runs without a right consensus against the fill ratio."""
     assert layout.x is not None
     rows = []
     for cell_outcome in cells:
@@ -305,7 +309,7 @@ def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Pi
 
 
 def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
-    """Draw where robots sampled for each motion, and beliefs over time for each cell."""
+    """Yield pictures of where the robots of each group of cells sampled, and one of beliefs; none if too many."""
     groups = outcome.result.plan.groups
     if len(groups) <= MOST_PANELS:
         for group in groups:
@@ -362,7 +366,10 @@ def _belief(outcome: Outcome, style: str) -> Picture:
 
 
 def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.DataFrame:
-    """Compute quantiles over robots of the belief at each time, which is that of the last sample before it."""
+    """Tabulate the 5, 25, 50, 75 and 95 % quantiles over robots of the belief, at ``TIMES`` times.
+
+    A robot's belief at a time is that after its last sample until then; before its first sample it is the prior's.
+    """
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)
     start = one.cell.scenario.decision
     runs = samples["run"].n_unique()

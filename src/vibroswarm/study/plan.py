@@ -69,9 +69,10 @@ BLOCKS_OF_A_SIZE: Final = 32
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that share motion: for each floor, sensor and end, for each decision rule, the cells (equal ones together).
+    """Cells that share motion.
 
-    The longest runs come first.
+    ``observed`` has an entry for each floor, sensor and end of the runs, the longest runs first. An entry has a tuple
+    of cells for each different scenario: one cell, or several equal ones.
     """
 
     number: int
@@ -193,7 +194,7 @@ def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
 
 
 def steers(scenario: Scenario) -> bool:
-    """Tell whether a scenario's strategy steers."""
+    """Tell whether a scenario's strategy steers the robots; False if its code is not loaded."""
     known = strategies.known().get(scenario.strategy.name)
     return known is not None and known.steer is not None
 

@@ -176,6 +176,9 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
 
 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:
-    """Return the runs after which a group was settled; if it is not, those of the last complete look."""
+    """Return the number of runs at which a group was settled; if it is not, that of the last complete look.
+
+    Before the first look is complete, all runs from 0 to the first gap count.
+    """
     stop, done = settled(store, group, precision), store.runs(group.number)
     return stop.runs if stop else max((runs for runs in precision.looks() if runs <= done), default=done)

@@ -176,7 +176,7 @@ class _Runner:
         )
 
     def _take(self, future: Future[BatchResult], task: tuple[Batch, int]) -> list[tuple[Batch, int]]:
-        """Save a finished batch; return what must be done again, whole or in halves."""
+        """Save a finished batch; return what must be done again, whole or in halves, or nothing."""
         work, tries = task
         try:
             done = future.result()
@@ -246,7 +246,11 @@ class Expected(NamedTuple):
 
 
 def expected(store: Store, plan: Plan) -> Expected:
-    """Estimate the remaining work of a study; with a precision, of its first look."""
+    """Estimate the remaining work of a study; with a precision, of its first look.
+
+    Some groups are tried with batches of two sizes, which separates the cost of a batch from that of a run. A group
+    whose runs are expected to take longer than ``LONG_S`` is not tried: ``Group.run_s`` is taken for its cost.
+    """
     runs = plan.study.runs or FIRST_LOOK
     left = {group.number: store.missing(group, runs) for group in plan.groups}
     chosen = [group for group in plan.groups if left[group.number]]
@@ -257,7 +261,7 @@ def expected(store: Store, plan: Plan) -> Expected:
     a_run, a_batch, count_tried = 0.0, 0.0, 0
     for group in tried:
         if group.run_s > LONG_S:
-            a_run += 1.0 / len(tried)  # a trial would take too long: its source says what a run takes
+            a_run += 1.0 / len(tried)  # a trial would take too long: run_s is taken as it is
             continue
         _time_s(plan, group, FEW)  # tables and kernels are loaded
         few_s = _time_s(plan, group, FEW)

@@ -297,7 +297,7 @@ class Study(NotebookView):
         return as_toml(values | dict(self.vary))
 
     def _with_tables(self, base: dict[str, Any]) -> dict[str, Any]:
-        """Add the parameters of all user code that cells name, so that cells are the same if it is not loaded."""
+        """Add the default parameters of user code that cells name: the cells must be the same if it is not loaded."""
         tables = copy_of(base)
         for cell in self.cells:
             for part in cell.scenario.choices:
@@ -306,12 +306,12 @@ class Study(NotebookView):
         return tables
 
     def with_runs(self, runs: int) -> Study:
-        """Return the same cells with another number of runs."""
+        """Return the same study with a number of runs, in place of its own number or precision."""
         return replace(self, runs=runs, until=None)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """One cell a point, in order."""
+        """One cell for each combination of varied values, numbered in their order."""
         words = words_of_points(self._points)
         scenarios = [self._scenario(point) for point in self._points]
         names = names_of(words, [scenario.strategy.name for scenario in scenarios])
@@ -356,7 +356,7 @@ class Study(NotebookView):
 
     @cached_property
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
-        """Floors that the study names and that are no patterns: its own, and those from files."""
+        """Rows of 0 and 1 of the study's own floors and of those that it names from files, by name; no patterns."""
         floors = {name: tuple(rows) for name, rows in self.floors.items()}
         of_base = self._sections.get("floor", {})
         of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
@@ -376,7 +376,11 @@ class Study(NotebookView):
 
     @cached_property
     def _whole_base(self) -> dict[str, Any]:
-        """All fields of the scenario, so that a version with other defaults reads the same study."""
+        """All fields of the scenario, so that a version with other defaults reads the same study.
+
+        Only the given fields if presets are varied, since a complete scenario would override them, or if the base is
+        valid only together with varied fields.
+        """
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):  # a base may be wrong alone and right in each cell
                 return self._scenario({}).model_dump(exclude_none=True)

@@ -274,7 +274,7 @@ class Store:
         return [json.loads(text) for text in sorted(different)]
 
     def check_versions(self) -> None:
-        """Refuse to continue with other versions, since the whole could not be repeated.
+        """Refuse to continue if other versions made the shards: no single version could repeat all runs.
 
         Raises:
             InputError: naming what differs.
@@ -369,7 +369,7 @@ def _with_runs_of(old: str, new: str) -> str:
 
 
 def _is_of(path: Path, study: Study) -> bool:
-    """Tell whether a file belongs to a store of this study that has no batch yet; a user's study.toml does not."""
+    """Tell whether a file is one that this study's store has before its first batch; another ``study.toml`` is not."""
     if path.name == MARKER:
         try:
             return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
@@ -408,7 +408,7 @@ def _differences(there: Study, given: Study) -> str:
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:
-    """Describe the differences of the first cell that differs between two studies with equally many cells."""
+    """Describe the first cell that differs between two studies with equally many cells; empty if none does."""
     for old, new in zip(there.cells, given.cells, strict=True):
         if old.scenario != new.scenario:
             a, b = old.scenario.model_dump(), new.scenario.model_dump()

@@ -42,14 +42,14 @@ class Comparison(NotebookView):
 
     @property
     def sentences(self) -> list[str]:
-        """One per pair and one at equal error, then warnings; of each cell if none are compared."""
+        """Sentences on each pair, also at equal error if computed; on each cell if none are compared; then warnings."""
         lines = [line for one in self.answers for line in (one.sentence, one.at_equal_error) if line]
         lines = lines or cell_sentences(self.outcome.cells)
         return lines + [f"Warning: {words}" for words in self.outcome.warnings]
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row per pair and figure: means, difference with its interval, and corrected p-value."""
+        """One row per pair and figure: means, difference with interval, corrected p-value; empty without pairs."""
         if not self.outcome.comparisons:
             return pl.DataFrame()
         return comparison_table(self.outcome.comparisons)

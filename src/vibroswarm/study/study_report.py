@@ -132,7 +132,7 @@ def count_range(counts: Iterable[int]) -> str:
 
 
 def _lead(outcome: Outcome) -> tuple[str, ...]:
-    """Write what was asked, and the answer of cells that are not compared."""
+    """Write the study's question; if no cells are compared, also one sentence about each of the first cells."""
     if outcome.answers:
         return (outcome.question,)
     return (
@@ -142,7 +142,7 @@ def _lead(outcome: Outcome) -> tuple[str, ...]:
 
 
 def answer_of(answer: Answer) -> ReportAnswer:
-    """Return an answer for the first screen."""
+    """Convert an answer to the form that the first screen of the report shows."""
     effects = []
     for effect in answer.effects:
         number, _, limits = effect.number.partition(" [")
@@ -219,7 +219,7 @@ _OUTCOME_TEXT: Final = (
 
 
 def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
-    """Tabulate each figure by itself: differences in times and in shares have no common scale."""
+    """Return one table per compared figure, since differences in time and in shares have no common scale."""
     table = comparison_table(outcome.comparisons)
     if "confirmed" in table.columns:
         words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))

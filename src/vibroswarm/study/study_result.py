@@ -148,7 +148,11 @@ class StudyResult(NotebookView):
         return StudyResult(self.study, self.store, chosen, self._kept)
 
     def runs_of(self, cell: int) -> int:
-        """Return how many runs of a cell count: those wanted, or those that reached the precision."""
+        """Return the number of runs of a cell that enter its figures.
+
+        If the study has a number of runs, it is that number. With a precision it is the look at which the cell's group
+        reached the precision (or the limit of runs); while it needs more runs, the last complete look.
+        """
         if self.study.runs is not None:
             return self.study.runs
         assert self.study.until is not None
@@ -158,7 +162,10 @@ class StudyResult(NotebookView):
         return self._runs[group.number]
 
     def settled(self, cell: int) -> Settled | None:
-        """Return at which look a cell reached the precision and at which level its figure is reported."""
+        """Return the look at which a cell needs no more runs, and the level at which its figure is reported.
+
+        None if the study has no precision, or if the cell's group needs runs that do not exist yet.
+        """
         until = self.study.until
         return None if until is None else settled(self.store, self._group_of[cell], until)
 
@@ -174,7 +181,7 @@ class StudyResult(NotebookView):
     def rows(self, *cells: int) -> pl.LazyFrame:
         """Scan rows of ``cells`` (by default all), one for each cell, run and robot, sorted by these.
 
-        Columns of the run are repeated for each robot. Collecting cell by cell reads one cell at a time.
+        Columns of the run are repeated for each robot. To limit memory use, collect one cell at a time.
         """
         return self.unsorted_rows(*cells).sort("cell", "run", "robot")
 
@@ -195,7 +202,7 @@ class StudyResult(NotebookView):
         raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
 
     def _scans(self, table: str, cells: Sequence[int]) -> list[pl.LazyFrame]:
-        """Scan a table of the store, group by group."""
+        """Scan a table of the store for cells (by default all selected ones), a frame for each group that has rows."""
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
@@ -216,7 +223,7 @@ class StudyResult(NotebookView):
         return self._with_varied(rows.select("cell", *RUNS, *extra).collect())
 
     def tables(self, cell: int) -> tuple[pl.DataFrame, pl.DataFrame]:
-        """Read the tables of robots and runs of one cell, as in a ``Result``; runs have further columns."""
+        """Read the tables of robots and runs of one cell, as in a ``Result``; runs also have the sampling figures."""
         rows = self.rows(cell).collect()
         of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
         return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
@@ -234,7 +241,10 @@ class StudyResult(NotebookView):
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
-        """List the runs of ``cells`` (by default all) that the source of motion gave up, see ``study.batch_table``."""
+        """List the runs of ``cells`` (by default all) that the source of motion gave up; empty if there are none.
+
+        See ``study.batch_table``.
+        """
         scans = self._scans(FAILED_TABLE, cells)
         return self._with_varied(
             pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=FAILED_RUNS)
@@ -255,7 +265,7 @@ class StudyResult(NotebookView):
         return self._again[chosen]
 
     def runs_there(self, cell: int, most: int) -> list[int]:
-        """List the first ``most`` stored runs of a cell: all from 0, unless some failed."""
+        """List the numbers of the first ``most`` stored runs of a cell: 0, 1, ..., without failed and missing ones."""
         self.cell(cell)
         most = whole_number_of(most, "most", 0, MOST_RUNS)
         ranges = sorted(self.store.ranges(self._group_of[cell].number))
@@ -265,7 +275,8 @@ class StudyResult(NotebookView):
     def runs_again(self, cell: int, most: int) -> list[int]:
         """List the runs of a cell that are simulated again for a picture or a reference.
 
-        The first ``most`` that are there; of a slow source of motion only as many as take ``AGAIN_S``, at least one.
+        These are the first ``most`` stored ones. With a slow source of motion they are only as many as take
+        ``AGAIN_S``, but at least one.
         """
         if self._is_slow:
             most = max(1, min(most, int(AGAIN_S / self._group_of[cell].run_s)))
@@ -429,7 +440,7 @@ def run(
 def run_with_bar(
     study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
 ) -> StudyResult:
-    """Run a study as ``Study.run`` does, with a bar where somebody watches."""
+    """Run a study as ``Study.run`` does; ``progress=True`` shows a bar if the output is a terminal or a notebook."""
     check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
     if not isinstance(progress, bool):
         return run(study, folder, progress=progress, **how)

@@ -48,7 +48,7 @@ class CellOutcome(NotebookView):
     """After how many runs the cell reached the precision, and at which level its figure is reported."""
 
     def as_row(self) -> dict[str, Any]:
-        """Flat, for a table."""
+        """Return a flat row for a table; None for what is not finite."""
         ends = zip(("", "_low", "_high"), self.forced_error[:3], strict=True)
         error = {f"forced_error{end}": value if math.isfinite(value) else None for end, value in ends}
         return {**self.summary.as_row(), **error, **self.walk}
@@ -193,7 +193,7 @@ def outcome_of(
 
 
 def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
-    """Separate the cells with runs from those without."""
+    """Separate the cells with runs from those without; if no cell has runs, none is separated."""
     stored = dict(result.cells.select("cell", "there").iter_rows())
     if all(stored.values()) or not any(stored.values()):
         return result, ()
@@ -226,7 +226,10 @@ _SETTLED: Final = {
 def _at_the_level(
     figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
 ) -> CellSummary:
-    """Give the figure of the precision the interval of its last look, corrected for repeated looks."""
+    """Replace the interval of the study's precision figure by that of its last look, corrected for repeated looks.
+
+    Without a precision, or before the cell is settled, the figures are returned as they are.
+    """
     until = result.study.until
     if settled is None or until is None:
         return figures
@@ -237,7 +240,7 @@ def _at_the_level(
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:
-    """Average the sampling figures over runs, with limits."""
+    """Average the sampling figures over the runs that have them, with limits; None for what is not finite."""
     columns: dict[str, Any] = {}
     for name in WALK:
         values = runs[name].drop_nulls().to_numpy()

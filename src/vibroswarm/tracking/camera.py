@@ -141,7 +141,7 @@ class _Seen:
     camera_height_m: float | None
 
     def camera(self, at: Floats) -> Camera:
-        """Return the camera of some parameters."""
+        """Return the camera that has these parameters."""
         cv2 = opencv()
         used = self.lens
         if used is None:
@@ -153,7 +153,7 @@ class _Seen:
         return Camera(used, rotation, -rotation.T @ at[3:6], np.nan, self.lens is not None)
 
     def floor_errors(self, at: Floats) -> Floats:
-        """Return by how much the floor's corners are seen elsewhere, (points, 2), px."""
+        """Return the floor's corners as projected minus as seen without the shift of edges, (points, 2), px."""
         lens = self.camera(at).lens
         shown, _ = opencv().projectPoints(self.floor_m, at[:3], at[3:6], lens.matrix, lens.distortion)
         out = outwards(self.floor_px.reshape(-1, 4, 2)).reshape(-1, 2)

@@ -18,9 +18,9 @@ from vibroswarm.tracking.video_file import Gray, Picture, grey, pictures_of, vid
 Floats = NDArray[np.float64]
 
 WHOLE_EVERY: Final = 75
-"""Whole frames are searched this often, and until all robots have been found."""
+"""One in so many frames is searched whole."""
 LOST_EVERY: Final = 5
-"""While a robot is lost, so often."""
+"""While a robot is lost, one in so many frames is searched whole."""
 MARGIN: Final = 0.9
 """Window around a marker, as a share of its edge, beside what it moved since the last frame."""
 THRESHOLD_SHARE: Final = 0.4
@@ -64,6 +64,8 @@ def detect(
 ) -> Detections:
     """Find the markers of robots and floor in a video.
 
+    Args:
+        partial: whether a video that ends early is accepted. progress: called with frames done and frames in all.
     Raises:
         InputError: no video, or none of the robots is seen in it.
     """
@@ -152,7 +154,7 @@ class _Finder:
         return self._markers_in(self._all, grey(picture), (0, 0))
 
     def in_window(self, picture: Picture, window: Window, marker: int) -> Floats | None:
-        """Return the corners, (4, 2), of a marker in a window."""
+        """Return the corners, (4, 2), of a marker in a window, px of the picture; None if it is not seen once there."""
         (left, top), (right, bottom) = window
         cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
         edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
@@ -182,7 +184,10 @@ class _Finder:
 
 
 def _window(corners: Floats | None, moved: Floats, size_px: tuple[int, int]) -> Window | None:
-    """Return where a marker should be: left, top and right, bottom; None if it was not seen in the last frame."""
+    """Return where a marker should be, from where it was in the last frame and how it moved.
+
+    None if it was not seen there, or if less than 8 px of the window are in the picture.
+    """
     if corners is None:
         return None
     edge = float(np.linalg.norm(corners[1] - corners[0]))

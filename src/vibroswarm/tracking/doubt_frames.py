@@ -46,7 +46,7 @@ class Shot(NamedTuple):
 
 
 def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
-    """Return the doubts that get pictures: a few of each kind first, then more until ``most`` pictures are reached."""
+    """Return the indices of the doubts that get pictures: a few of each kind first, then more up to ``most``."""
     ranks: list[tuple[int, int]] = []
     counts: Counter[str] = Counter()
     for number, doubt in enumerate(doubts):
@@ -77,7 +77,7 @@ def shots_of(session: Stitched, doubts: Sequence[Doubt], most: int = FRAMES_UP_T
 def _cuts_of(
     tracking: Tracking, doubts: Sequence[Doubt], numbers: Sequence[int], name: str
 ) -> dict[tuple[int, int], Shot]:
-    """Return the pictures of one camera, by doubt and place in its row."""
+    """Return the pictures of one camera by the indices of doubt and shot; none if the video cannot be read."""
     time_s = tracking.detections.time_s
     wanted: dict[int, list[tuple[int, int]]] = {}
     for number in numbers:
@@ -98,7 +98,10 @@ def _cuts_of(
 
 
 def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes | None:
-    """Return a square of the picture as JPEG, with a ring where the robot or marker is or was."""
+    """Return a square of the picture as JPEG, with a ring where the robot or marker is or was.
+
+    None if the doubt has no place in the picture, or the JPEG cannot be written.
+    """
     cv2: Any = opencv()
     edge = (
         tracking.markers.floor_size_m

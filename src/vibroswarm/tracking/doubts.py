@@ -153,7 +153,7 @@ def _gaps(session: Stitched) -> list[Doubt]:
 
 
 def _moved(tracking: Tracking) -> list[Doubt]:
-    """Return steps between positions that are kept, within ``GAP_S``, that are too fast."""
+    """Return a doubt for each step between kept positions, at most ``GAP_S`` apart, that is too fast for a robot."""
     found = []
     for (robot,), own in tracking.positions.group_by("robot", maintain_order=True):
         time_s, x_m, y_m = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
@@ -290,7 +290,7 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
 
 
 def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
-    """Return a doubt on the session's clock with frames of the camera that saw its robot."""
+    """Return a doubt with the camera that saw its robot nearest in time, its frames' times on that camera's clock."""
     if doubt.robot is None or doubt.time_s is None:
         return doubt
     camera = _shown_by(session, doubt.robot, doubt.time_s)
@@ -308,13 +308,13 @@ def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
 
 
 def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
-    """Return corners, (markers, 4, 2), px, without what blur and thresholds move all edges by."""
+    """Return corners, (markers, 4, 2), px, with edges moved back by what blur and thresholds moved them outwards."""
     found: Floats = corners_px - tracking.camera.edge_px * outwards(corners_px)
     return found
 
 
 def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
-    """Return the median edge of each robot's marker at its stated height, by the robot's name; never seen: nan."""
+    """Return the median edge, m, of each robot's marker at its stated height, by robot's name; NaN if never seen."""
     seen, found = tracking.detections.corners_px, {}
     for i, name in enumerate(tracking.markers.robots.values()):
         own = seen[np.isfinite(seen[:, i]).all(axis=(1, 2)), i]
@@ -327,8 +327,12 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
 
 
 def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Floats]:
-    """Return where robots' markers were seen, (markers, 2), px, and by how much their corners differ from squares of
-    the usual size, root mean square, (markers,), mm; evenly chosen, at most so many."""
+    """Return where robots' markers were seen, and how far they are from squares of their median size.
+
+    Args:
+        most: detections, evenly chosen.
+    Returns: centres, (detections, 2), px, and root mean square errors of their corners, (detections,), mm.
+    """
     seen = tracking.detections.corners_px
     corners_px = seen[np.isfinite(seen).all(axis=(2, 3))]
     corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]

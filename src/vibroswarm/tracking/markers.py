@@ -118,8 +118,12 @@ def usual_markers(
     height_mm: float | None = None,
     cameras: int = 1,
 ) -> Markers:
-    """Return the usual markers for an arena: as many robots, or these markers on robots 0, 1, ...
+    """Return the usual markers for an arena.
 
+    Args:
+        robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
+        size_mm, height_mm: edge and height of robots' markers; None: the usual ones.
+        cameras: how many film side by side.
     Raises:
         InputError: markers that repeat, or too many for a dictionary.
     """
@@ -211,7 +215,11 @@ def _marker(text: Any, count: int, field: str) -> int:
 
 
 def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
-    """Return the robots of a list or a table of markers."""
+    """Return the robot's name of each marker, from a list of markers or a table.
+
+    Raises:
+        InputError: empty, no such marker, or a marker or robot that repeats.
+    """
     if isinstance(value, list):
         pairs = [(marker, robot) for robot, marker in enumerate(value)]
     elif isinstance(value, dict):
@@ -225,7 +233,11 @@ def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
 
 
 def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, float, float]]:
-    """Return the places of the floor markers, m and rad."""
+    """Return x, y (m) and angle (rad) of each floor marker.
+
+    Raises:
+        InputError: no marker, no such marker, or a place that is not two or three numbers.
+    """
     places: dict[int, tuple[float, float, float]] = {}
     for marker, place in (value if isinstance(value, dict) else {}).items():
         if not isinstance(place, list) or len(place) not in (2, 3):

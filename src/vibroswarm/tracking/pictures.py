@@ -17,9 +17,9 @@ from vibroswarm.tracking.track import GAP_S
 Floats = NDArray[np.float64]
 
 DRAWN_S: Final = 0.2
-"""Paths are drawn with a point this often."""
+"""Shortest time between two points of a path as it is drawn."""
 NEAR_M: Final = 0.004
-"""and, while a robot stands, with one this far."""
+"""Shortest distance between two such points: a robot that stands adds none."""
 
 
 def looks_for(robots: Sequence[int]) -> dict[int, Look]:
@@ -85,7 +85,7 @@ def draw_tracks(
 
 
 def _thinned(own: pl.DataFrame) -> pl.DataFrame:
-    """Return the positions of one robot that a picture needs."""
+    """Return the positions of one robot that a picture needs; the ends of its path and of gaps are always kept."""
     at = own.select("time_s", "x_m", "y_m").to_numpy()
     kept = [0]
     for k in range(1, len(at)):

@@ -147,7 +147,7 @@ def _frame_times(
 
 
 def _times_of(number: int, times: Floats, until_s: float, frames_per_s: float) -> Floats:
-    """Return when one of several cameras takes its frames: from later on than those before it, and between theirs.
+    """Return when one of several cameras takes its frames, s: ``LATER_S`` after the one before, and between its frames.
 
     Raises:
         InputError: fewer than two frames are left.
@@ -171,7 +171,7 @@ def _look_of(look: Look, number: int) -> Look:
 
 
 def _part_of(number: int, cameras: int, width_m: float) -> tuple[float, float]:
-    """Return from which to which x one of several cameras sees."""
+    """Return the range of x that one of several cameras sees, m."""
     half_m = 0.5 * OVERLAP * width_m
     low, high = width_m * number / cameras - half_m, width_m * (number + 1) / cameras + half_m
     return max(low, 0.0), min(high, width_m)

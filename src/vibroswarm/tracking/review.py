@@ -158,7 +158,7 @@ def _rows_of_frames(
 
 
 def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
-    """Return the pictures of paths and of time."""
+    """Return the sections on where and when robots were seen."""
     gaps = session.gaps()
     names = list(session.markers.robots.values())
     first_s, last_s = session.span_s
@@ -199,7 +199,7 @@ def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
 
 
 def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
-    """Return how the clocks fit."""
+    """Return the section on how well the samples of the log match the stops in the video."""
     offset = tracked.offset
     text = (
         f"The robots' clock is {offset.offset_s:+.3f} s ahead of the video's (standard error "
@@ -232,7 +232,7 @@ def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
 
 
 def overlap_section(session: Stitched) -> Section:
-    """Return how well the clocks and places of several cameras agree."""
+    """Return the section on how well the clocks and places of several cameras agree."""
     rows, places, apart = [], [], []
     for number, (camera, overlap) in enumerate(zip(session.cameras, session.overlaps, strict=True), start=1):
         if overlap is None:
@@ -269,7 +269,7 @@ def overlap_section(session: Stitched) -> Section:
 
 
 def camera_section(tracking: Tracking, name: str = "") -> Section:
-    """Return how lens and pose of a camera fit.
+    """Return the section on how well the lens and pose of a camera fit.
 
     Args:
         name: what to add to headings, such as " of camera 2".

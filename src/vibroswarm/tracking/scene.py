@@ -175,7 +175,7 @@ class Scene:
         return rounded
 
     def box_around(self, points_m: Floats, pad_px: int = 6) -> tuple[slice, slice] | None:
-        """Return the rows and columns of the image around points of the world; None if there are none."""
+        """Return the rows and columns of the image around points of the world; None if these are not in the image."""
         at = self.camera.project(points_m)
         width, height = self.look.size_px
         low = np.maximum(np.floor(at.min(axis=0)).astype(int) - pad_px, 0)
@@ -239,7 +239,7 @@ class Scene:
         self._paint(own, local, angle + math.pi / 2, size_m, self._textures[marker])
 
     def _hand(self, time_s: float) -> Gray | None:
-        """Return the mask of a hand that reaches in, if there is one at this time."""
+        """Return the mask of a hand that reaches in at a time, (height, width), 255 where it is; None without one."""
         cv2 = opencv()
         look = self.look
         if look.hands_per_min <= 0:

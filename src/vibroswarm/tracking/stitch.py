@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 STEP_S: Final = 0.25
 """Lags that are tried."""
 EVERY: Final = 4
-"""Of the second camera's positions on that grid, those that are compared."""
+"""One in so many of the second camera's positions on that grid is compared."""
 NEAR_M: Final = 0.02
 """Two cameras that see one robot agree within this at the right lag."""
 COMMON: Final = 10
@@ -139,7 +139,7 @@ def fine_offset(first: pl.DataFrame, second: pl.DataFrame, offset_s: float) -> O
 
 
 def _step(rows: Floats) -> tuple[float, float]:
-    """Return by how much an offset is to grow, s, and its standard error.
+    """Return by how much an offset is to grow, s, and its standard error; 0 and inf if positions do not determine it.
 
     Args:
         rows: (pairs, 8): robot, block, place, difference, velocity.
@@ -167,7 +167,9 @@ def _step(rows: Floats) -> tuple[float, float]:
 
 
 def interpolated(table: pl.DataFrame, robot: int, times: Floats) -> Floats:
-    """Return x, y, heading and weight of a robot at times, (times, 4); nan where no positions ``BRIDGE_S`` apart are.
+    """Return x, y, heading and weight of a robot at times, (times, 4), between the positions before and after.
+
+    NaN where one of these is missing, or they are more than ``BRIDGE_S`` apart.
 
     Args:
         table: ``track.POSITIONS``, and ``weight`` if it has weights.
@@ -306,7 +308,7 @@ def stitch(cameras: Sequence[Tracking]) -> Stitched:
 
 
 def weights_of(tracking: Tracking, positions: pl.DataFrame) -> Floats:
-    """Return the weights of a camera's positions, (positions,)."""
+    """Return the weights of a camera's positions, (positions,): resolution squared, less towards the picture's edge."""
     width, height = tracking.detections.size_px
     at = np.column_stack(
         [positions["x_m"], positions["y_m"], np.full(positions.height, tracking.markers.height_m)]
@@ -324,7 +326,10 @@ def _weighted(tracking: Tracking) -> pl.DataFrame:
 
 
 def _merged(first: pl.DataFrame, second: pl.DataFrame) -> pl.DataFrame:
-    """Return positions on one clock: the first camera's, averaged where both see, and the second's between."""
+    """Return the positions of two tables on the same clock as one, with summed weights.
+
+    Where both see a robot, the times are the first's and the place is the weighted mean; elsewhere rows are kept.
+    """
     parts = []
     for robot in sorted({*first["robot"].unique().to_list(), *second["robot"].unique().to_list()}):
         own = first.filter(pl.col("robot") == robot)
@@ -355,7 +360,7 @@ def _merged(first: pl.DataFrame, second: pl.DataFrame) -> pl.DataFrame:
 
 
 def _to_nearest(times: Floats, others: Floats) -> Floats:
-    """Return the time to the nearest of others, (times,)."""
+    """Return the time from each of ``times`` to the nearest of ``others``, (times,); inf if there are none."""
     if not others.size:
         return np.full(times.size, np.inf)
     after = np.clip(np.searchsorted(others, times), 1, max(others.size - 1, 1))

@@ -91,14 +91,18 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
 
 
 def _noise(values: Floats) -> float:
-    """Return the standard deviation of the noise of a coordinate, by its second differences."""
+    """Return the standard deviation of the noise of a coordinate, by its second differences; 0 if too few."""
     if values.size < 5:
         return 0.0
     return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / 6**0.5
 
 
 def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
-    """Return when a stop ended whose first frame after it is ``after``, and whether that was seen."""
+    """Return when a stop ended, s, and whether that was seen; if not, when the robot was last seen standing.
+
+    Args:
+        after: index of the first detection after the stop. moved: (detections,): how far the robot moved since, m.
+    """
     last_s = float(time_s[after - 1])
     usual_s = float(np.median(np.diff(time_s)))
     going = after + np.flatnonzero(time_s[after : after + AFTER] - last_s < (AFTER + 0.5) * usual_s)
@@ -113,8 +117,8 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     """Match the samples of a log with the stops that a camera saw.
 
     Args:
-        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample. control_period_s: a robot
-            that has sampled drives on so much later.
+        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample.
+        control_period_s: how long after a sample a robot drives on.
     Raises:
         InputError: fewer than ``LEAST_PAIRS`` samples match.
     """

@@ -99,7 +99,7 @@ class Tracking:
 
 
 def gaps_in(positions: pl.DataFrame, robots: Sequence[int], span_s: tuple[float, float]) -> pl.DataFrame:
-    """Return the gaps of more than ``GAP_S`` in ``POSITIONS``: robot, start_s, end_s; from one time to another."""
+    """Return the gaps of more than ``GAP_S`` in ``POSITIONS`` within ``span_s``: robot, start_s, end_s."""
     rows = []
     for robot in robots:
         own = positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()

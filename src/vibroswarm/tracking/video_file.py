@@ -217,7 +217,10 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
 
 
 def uneven_frames(time_s: NDArray[np.float64]) -> tuple[float, float, float] | None:
-    """Return the share of uneven steps between frames, the shortest and the longest step, s; None if all are even."""
+    """Return the share of uneven steps between frames, the shortest and the longest step, s.
+
+    None if all are even, or with fewer than three frames.
+    """
     steps = np.diff(time_s)
     if steps.size < 2:
         return None

@@ -216,13 +216,16 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
                 moving = other.tick != tick and other.mode != STOP
                 if moving and is_within(other, row.x_m, row.y_m, setup.zone_m, setup, tick):
                     count += insert(world.awake, count, j)
-                    k = 0
+                    k = 0  # the list has shifted; robots already at ``tick`` are skipped
     return count
 
 
 @inlined
 def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Setup, tick: int) -> bool:
-    """Return whether a robot is within a distance of a point at ``tick``; its exact position is a second step."""
+    """Return whether a robot is within ``distance_m`` of a point at ``tick``.
+
+    Its exact position is computed only if the chord does not exclude it.
+    """
     if not maybe_within(row, x_m, y_m, distance_m, tick):
         return False
     there_x, there_y = position_at(row, setup, tick)
@@ -264,8 +267,8 @@ def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> i
 
 @inlined
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
-    """Return the upper bound on the squared distances in robot ``i``'s row of ``apart`` for robots within
-    ``distance_m``, m^2."""
+    """Return a threshold for robot ``i``'s row of ``apart``, m^2: a robot whose entry is not below it is certainly not
+    within ``distance_m``."""
     bound_m = distance_m + apart[i, 0]
     return float(bound_m * bound_m)
 
@@ -274,7 +277,8 @@ def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
 def measure_listed(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, tick: int
 ) -> tuple[float, float]:
-    """Write the squared distances to robot ``i``'s neighbours; return the smallest, m^2, and the largest error, m."""
+    """Write the squared distances to robot ``i``'s neighbours into ``apart[i, 1:]``; return the smallest, m^2 (infinite
+    without neighbours), and the largest position error, m."""
     row = planners[i]
     nearest2, error = math.inf, 0.0
     for m in range(neighbour_count(near, i)):
@@ -287,8 +291,10 @@ def measure_listed(
 
 @inlined
 def sample(world: World, i: int) -> None:
-    """Take robot ``i``'s sample at the end of its stop, and wake it at the next tick, which is soon enough to record
-    it."""
+    """Take robot ``i``'s sample at the end of its stop.
+
+    This runs when the robot wakes a tick later, or when ``events`` ends: nothing needs the sample before.
+    """
     end_stop(world.planners[i])
     tick = world.planners[i].sample_tick
     write_sample(world.record, world.planners, world.run, i, tick)
@@ -302,6 +308,7 @@ def step(world: World, count: int, tick: int) -> None:
     for k in range(count):
         i = awake_robot(world, k)
         row = planners[i]
+        # Before ``lookahead_tick`` no ray is shorter than theta_c.
         unseen = row.mode == DRIVE and row.lookahead_tick > tick
         if unseen or (setup.blind_ms > 0.0 and is_blind(planners, i)):
             row.nearest_mm = math.inf
@@ -377,8 +384,9 @@ def contact_now(world: World, i: int, tick: int) -> None:
 def move_or_block(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, setup: Setup, tick: int
 ) -> None:
-    """Do ``contact_now`` for a robot close to a wall or a body. It is a real call, not inlined, so it has few
-    arguments."""
+    """Compute ``contact_now`` for a robot close to a wall or a body.
+
+    This is a real call, not inlined; it takes arrays instead of ``World`` to have few arguments."""
     row = planners[i]
     x, y, _, _, _ = along_arc(row, setup.tick_s)
     r = setup.radius_m
@@ -400,7 +408,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
     Robots that are awake move in the order of their numbers.
     """
     other = planners[j]
-    # One before it that is awake has moved already: ``from_`` is where it will be.
+    # An awake robot with a lower index has moved already: ``from_x_m`` and ``from_y_m`` hold where it ends up.
     if j < i and other.tick == tick and other.mode != STOP:
         other_x, other_y = other.from_x_m, other.from_y_m
     else:
@@ -447,7 +455,8 @@ def plan(world: World, i: int, tick: int) -> int:
 
 @inlined
 def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
-    """Extend robot ``i``'s plan by this number of ticks, and to the end of the stop if one follows."""
+    """Make robot ``i``'s plan last for ``ahead`` ticks, plus the stop if it then stops to sample; set its chord and the
+    tick at which a wall may matter."""
     row, setup = world.planners[i], world.setup
     row.self_event_tick = row.plan_end_tick = tick + ahead
     is_due = ahead == due_ticks(DRIVE, row.timer_ms, setup)
@@ -484,7 +493,7 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
         return
     reach2_m2 = within2(world.apart, i, reach_m)
     if planners.size <= SMALL_SWARM:
-        reach2_m2 = 0.0
+        reach2_m2 = 0.0  # ``apart`` now holds margins instead of squared distances: above 0, no encounter
         measure_meetings(world.places, world.apart, planners.size, i, row, setup, tick)
     for m in range(candidate_count(planners, world.near, i)):
         if world.apart[i, m + 1] > reach2_m2:
@@ -498,7 +507,8 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
 
 @inlined
 def schedule_pair(world: World, i: int, j: int, tick: int) -> None:
-    """Schedule encounters for every two pieces of the plans of robots ``i`` and ``j`` that overlap in time."""
+    """Schedule encounters of robots ``i`` and ``j``: between their moving pieces, and between the stop of the one that
+    stops first and the other."""
     a, b = world.planners[i], world.planners[j]
     if may_encounter(a, b, world.setup, tick):
         schedule(world.planners, world.wakes, a, b, i, j, world.setup, tick, i < j)
@@ -615,7 +625,10 @@ class EventRun(KernelRun):
         )  # fmt: skip
 
     def move_on(self, until: int) -> int:
-        """Process events up to the tick ``until``, or while the buffers suffice."""
+        """Process events up to the tick ``until``, or while the buffers suffice; return the tick reached.
+
+        A large swarm goes no further than the next update of its neighbour lists.
+        """
         world = self.world()
         if self.swarm.size > SMALL_SWARM:
             if self.tick == 1 or self.tick % LIST_TICKS == 0:

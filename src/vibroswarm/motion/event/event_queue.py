@@ -52,7 +52,10 @@ def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 @inner
 def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
-    """Return the smallest key, and the next one if there is only one block (else the smallest again)."""
+    """Return the smallest key and the second smallest, each NEVER if there is none.
+
+    With more than one block, the second would need another search: the smallest is returned twice instead.
+    """
     if wakes.shape[0] > 1:
         first = next_wake(wakes, robots, NOBODY)
         return first, first
@@ -66,11 +69,11 @@ def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
 
 @inner
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
-    """Return the smallest key above ``beyond``, the key of the last robot that woke; robots that wake together get
-    their next keys only after all of them have woken.
+    """Return the smallest key above ``beyond``, NEVER if there is none.
 
-    The bounds of the blocks are lower bounds. Only as many as necessary are updated: a bound is exact if it equals
-    the key of its robot."""
+    ``beyond`` is the key of the last robot that woke: robots that wake at the same tick keep their keys until all of
+    them have woken. The first entry of a block is a lower bound on its keys, and may be outdated. It is exact if its
+    robot still has this key; otherwise it is recomputed, but only when it is the smallest of all."""
     if wakes.shape[0] == 1:
         return least_of(wakes, 0, robots, beyond)
     while True:
@@ -86,7 +89,7 @@ def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
 
 @inlined
 def least_of(wakes: NDArray[np.int64], block: int, robots: int, beyond: int) -> int:
-    """Return the least key above ``beyond`` among the robots of a block."""
+    """Return the smallest key above ``beyond`` among the first ``robots`` of a block, NEVER if there is none."""
     earliest = NEVER
     for m in range(robots):
         key = wakes[block, m + 1]

@@ -59,6 +59,8 @@ def set_chord(row: Planner, setup: Setup) -> None:
         row.end_sin_h, row.end_cos_h = sin_h, cos_h
         if not row.blocked:
             row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
+            # An arc leaves its chord by about an eighth of its length times the angle it turns, if that is small; a
+            # seventh is safe.
             bend = abs(row.rate_rad_s) * ticks * setup.tick_s
             row.position_error_m = row.max_step_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
     elif not row.blocked:
@@ -76,7 +78,8 @@ def set_standing(row: Planner) -> None:
 
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Return whether a robot may be within a distance of a point at ``tick``, according to its chord."""
+    """Return whether a robot may be within ``distance_m`` of a point at ``tick``, according to its chord; if False, it
+    is certainly not."""
     bound_m = distance_m + row.position_error_m
     return bool(distance2_m2(row, x_m, y_m, tick) < bound_m * bound_m)
 
@@ -92,8 +95,7 @@ def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
 
 @inlined
 def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
-    """Return the distance at ``tick`` beyond which another robot cannot affect this one before its next look around,
-    m."""
+    """Return the distance at ``tick`` beyond which no other robot can affect this one before its plan ends, m."""
     reach_m: float = max(setup.zone_m, setup.sight_m)
     own_m = (row.self_event_tick - tick) * row.max_step_m
     return reach_m + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
@@ -116,12 +118,12 @@ def avoidance_tick(row: Planner, setup: Setup) -> int:
 
 @inlined
 def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
-    """Return a lower bound on the ticks until a gap closes that shrinks by ``approach`` a tick, and by ``swerve``
-    more each tick."""
+    """Return a lower bound on the ticks until a gap closes that shrinks by ``approach`` per tick, and by ``swerve``
+    more with each tick; 0 if it is closed already, at most SIDE_TICKS."""
     if gap <= 0.0:
         return 0.0
     below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
-    return min(2.0 * gap / below, SIDE_TICKS)  # also bounds infinity, without a branch
+    return min(2.0 * gap / below, SIDE_TICKS)  # a gap that never closes gives infinity, which this bounds too
 
 
 @inner
@@ -167,7 +169,10 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
 
 @inlined
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
-    """Return whether a robot whose plan leads to contact with another is within the zone until then."""
+    """Return whether ``other``, whose plan leads to contact with the standing robot ``row``, is in its zone until then.
+
+    A chord with both ends in a circle lies within it, so the distance at ``row``'s tick decides.
+    """
     bound_m = setup.zone_m - 2.0 * other.position_error_m
     return bool(
         bound_m > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < bound_m * bound_m
@@ -176,8 +181,8 @@ def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
 
 @inlined
 def overlap_ticks(depth: float, shift: float) -> int:
-    """Return a lower bound on the ticks for which an overlap lasts that shrinks by at most ``shift`` a tick; 0: no
-    overlap."""
+    """Return a lower bound on the ticks for which an overlap of ``depth`` lasts that shrinks by at most ``shift`` per
+    tick; 0 if there is none."""
     if depth <= 0.0:
         return 0
     return max(1, int(min(depth / (shift + ROUNDING_M), SIDE_TICKS)))
@@ -216,8 +221,8 @@ def wall_tick(row: Planner, setup: Setup) -> int:
 
 @inner
 def turn_at_walls(row: Planner, setup: Setup) -> int:
-    """Compute ``wall_tick`` for a robot that turns close to walls: the tick at which it would swing its body into
-    one."""
+    """Compute ``wall_tick`` for a robot that turns close to walls: the first tick at which its move would end in one,
+    NEVER if there is none."""
     tick = row.tick + 1
     while tick < row.self_event_tick and row.max_step_m > 0.0:
         x, y = position_in_turn(row, setup, tick)
@@ -237,7 +242,8 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
     end_left, end_right, end_low, end_high = reach_box(
         row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
     )
-    # Between both ends a distance is above the straight line by no more than an eighth of how it bends.
+    # Between the ends of the plan, a distance to a wall deviates from linear interpolation by at most an eighth of
+    # ticks^2 times its largest second difference.
     ticks, bend = row.self_event_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
     sag = 0.125 * ticks * ticks * bend * (row.max_step_m + bend * setup.ray_reach_m) + SAG_ROUNDING_M
     near_left, near_right = min(left, end_left) < sag, max(right, end_right) > setup.width_m - sag
@@ -288,15 +294,17 @@ def reach_box(
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
-    """Return a lower bound on the ticks before a ray's end passes a wall or the body is closer than its inset; 0 if so
-    now.
+    """Return a lower bound on the ticks before a ray's end passes a wall or the body is closer to it than ``inset``.
 
-    A ray is shorter than ``look`` exactly if its end at that length, or its start, is beyond a wall.
+    It is 0 if that is so now. A ray is shorter than ``look`` exactly if its end at that length, or its start, is
+    beyond a wall.
 
     Args:
-        distance_m: from the centre to the wall. toward, aside: cosine and sine of the heading, seen from the
-            wall's normal (1, 0: straight at it); a point (a, b) of the robot's frame is a toward - b aside nearer.
-        looks: whether rays matter.
+        distance_m: from the robot's centre to the wall.
+        toward: cosine of the angle between heading and the wall's normal; 1 if the robot faces the wall.
+        aside: sine of that angle. A point (a, b) of the robot's frame is a toward - b aside nearer to the wall than
+            its centre.
+        looks: whether rays matter; if not, only the body is checked.
     """
     step = row.speed_m_s * setup.tick_s
     bend = row.rate_rad_s * setup.tick_s

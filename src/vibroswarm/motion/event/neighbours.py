@@ -53,8 +53,8 @@ def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
 
 @inlined
 def minded_m(row: Planner, setup: Setup) -> float:
-    """Return the distance within which another robot may affect this one, m: the sight of a driver, else the contact
-    zone."""
+    """Return the distance within which another robot may affect this one, m: the contact zone, and for a driver at
+    least its sight."""
     return float(max(setup.zone_m, setup.sight_m) if row.mode == DRIVE else setup.zone_m)
 
 
@@ -62,11 +62,14 @@ def minded_m(row: Planner, setup: Setup) -> float:
 def measure_all(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, x_m: float, y_m: float, tick: int
 ) -> tuple[float, float]:
-    """Write the squared distances from robot ``i``, at (x, y), to all others into its row of ``apart`` from 1 on.
+    """Write the squared distances from robot ``i``, at (x, y), to all others into ``apart[i, 1:]``, m^2.
 
-    Returns the least, m^2, and the largest error of a distance, m. From then on others find robot ``i`` at (x, y).
+    Also moves robot ``i`` to (x, y) in ``places``, so that later calls for other robots measure to there.
+
+    Returns: the smallest squared distance, m^2 (infinite if there is no other robot), and the largest position error
+        of the others, m.
     """
-    places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # it does not find itself
+    places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # infinitely far from itself
     own_row = apart[i]
     for k in range(np.uint64((robots + 3) & ~3)):
         passed = tick - places.tick[k]
@@ -85,11 +88,11 @@ def measure_all(
 def measure_meetings(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, row: Planner, setup: Setup, tick: int
 ) -> None:
-    """Write by how much robot ``i``, awake at ``tick``, and each other robot stay outside the distance at which they
-    affect each other, according to their chords.
+    """Write for each other robot how close robot ``i`` comes to it from ``tick`` on, into ``apart[i, 1:]``.
 
-    The values are differences of squares, m^2, in its row of ``apart`` from 1 on. Above 0, the two do not affect
-    each other while both plans last."""
+    An entry is the smallest squared distance between their chords while both plans last, minus the square of the
+    distance at which they may affect each other, position errors included, m^2. If it is above 0, they do not affect
+    each other in that time. The entry for robot ``i`` itself is infinite."""
     own_row = apart[i]
     x_m, y_m, chord_x_m, chord_y_m = row.mid_x_m, row.mid_y_m, row.chord_x_m, row.chord_y_m
     own, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
@@ -114,8 +117,8 @@ def measure_meetings(
 
 @inlined
 def nearest_on_way2(x: float, y: float, dx: float, dy: float, span: float) -> float:
-    """Return the least squared distance from the origin of a point that starts at (x, y) and moves by (dx, dy) a
-    tick, within these ticks."""
+    """Return the smallest squared distance from the origin within ``span`` ticks, of a point that starts at (x, y)
+    and moves by (dx, dy) per tick."""
     ticks = min(max(-(x * dx + y * dy) / (dx * dx + dy * dy + AT_REST_M2), 0.0), span)
     x, y = x + ticks * dx, y + ticks * dy
     squared: float = x * x + y * y
@@ -138,8 +141,8 @@ def most_listed(robots: int, setup: Setup) -> int:
     """Return the largest possible length of a neighbour list: all others in a small swarm, else what fits within the
     radius.
 
-    Bodies do not overlap: those whose centres lie within a circle of radius R, all within one of R + r, cover less
-    than pi / sqrt(12) of it, so that there are fewer than 0.91 (R / r + 1)^2."""
+    Bodies of radius r do not overlap. Those with centres within a distance R lie in a circle of radius R + r and
+    cover less than pi / sqrt(12) of it, so there are fewer than 0.91 (R / r + 1)^2 of them; 1.2 leaves a margin."""
     if robots <= SMALL_SWARM:
         return robots - 1
     discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
@@ -147,7 +150,8 @@ def most_listed(robots: int, setup: Setup) -> int:
 
 
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
-    """Return lists with room for ``most_listed``; those of a small swarm always contain all others."""
+    """Return one list per robot, (robots, 1 + ``most_listed``): in a small swarm all others, for good; in a large one
+    none until ``update_lists``."""
     room = most_listed(robots, setup)
     lists = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
@@ -193,7 +197,7 @@ def update_lists(
     radius_m: float,
     tick: int,
 ) -> None:
-    """Update all lists from the positions at ``tick``; overwrites ``from_x_m`` and ``from_y_m``."""
+    """Update all lists from the positions at ``tick``, which are stored in ``from_x_m`` and ``from_y_m``."""
     across, up = grid_size(setup.width_m, setup.height_m, radius_m)
     cells = across * up
     grid[:cells] = -1
@@ -237,7 +241,7 @@ def update_list(
 
 @inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
-    """Insert ``j`` among the first ``count`` sorted numbers; return 1, or 0 if it is already there."""
+    """Insert ``j`` among the first ``count`` numbers, which are sorted; return 1, or 0 if it is already among them."""
     place = count
     while place > 0 and numbers[place - 1] >= j:
         place -= 1

@@ -18,9 +18,9 @@ CONTACT_M = 1e-9
 @inlined
 def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
     """Return whether the chords of two pieces come so close after ``tick``, while both last, that an exact check is
-    needed. Cheap conservative reject.
+    needed.
 
-    Cheap conservative reject.
+    Cheap conservative reject: if False, there is certainly no encounter.
     """
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
@@ -48,15 +48,18 @@ def passes_by(
     """Return whether another robot stays beside, behind or ahead of all that a driver's rays and body reach, as it
     drives.
 
-    Seen along the driver's chord the other goes straight; the heading is off it by half of all it turns at most.
+    Relative to the driver, and according to the chords, the other moves on a straight line, so both ends of the line
+    decide. The driver's heading differs from its chord by at most half of all it turns.
 
     Args:
-        x, y, end_x, end_y: where the other is from the driver, in the world's axes, at first and in the end, m.
-        slack: how far both may be beside their chords, m.
+        x, y: position of the other relative to the driver at the beginning, in the world's axes, m.
+        end_x, end_y: the same at the end.
+        slack: sum of the position errors of the two, m.
     """
     turned = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
     margin = slack + max(setup.sight_m, setup.zone_m) * turned
-    # All times the chord's length, which is at most ``max_step_m``.
+    # Coordinates along and across the chord are not divided by its length; as that is at most ``max_step_m``,
+    # limits multiplied by ``max_step_m`` are safe.
     ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + margin) * row.max_step_m
     behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - margin) * row.max_step_m
     lateral = (max(setup.fan_beside_m, setup.zone_m) + margin) * row.max_step_m
@@ -81,11 +84,11 @@ def stops_before(a: Planner, b: Planner) -> bool:
 
 @inlined
 def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float) -> bool:
-    """Return whether a point that starts at (x, y) and moves by (dx, dy) a tick comes within this distance of the
-    origin within these ticks."""
+    """Return whether a point that starts at (x, y) and moves by (dx, dy) per tick comes within the distance ``far`` of
+    the origin in the next ``span`` ticks."""
     beyond = x * x + y * y - far * far
     closing = -(x * dx + y * dy)
-    # Their least distance, were the chords endless: beyond - closing^2 / speed^2.
+    # On an endless line the smallest squared distance would exceed far^2 by beyond - closing^2 / speed^2.
     if (beyond > 0.0) & ((closing <= 0.0) | (beyond * (dx * dx + dy * dy) > closing * closing)):
         return False
     x, y = x + span * dx, y + span * dy
@@ -94,11 +97,12 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """Return the first tick after ``tick`` at which one of two robots detects the other or is blocked by it, and which
-    of them is affected; NEVER if neither happens while both plans last.
+    """Find the first tick after ``tick`` at which one of two robots detects the other or is blocked by it.
 
     Args:
         a_first: whether ``a`` moves before ``b``.
+
+    Returns: the tick, NEVER if nothing happens while both plans last; whether ``a`` is affected; whether ``b`` is.
     """
     if a.mode == STOP and b.mode == STOP:
         return NEVER, False, False
@@ -151,8 +155,8 @@ def sees_from(row: Planner, setup: Setup) -> int:
 
 @inlined
 def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
-    """Return a lower bound on the ticks from ``tick`` before the two are within ``reach``, according to their
-    chords."""
+    """Return a lower bound on the ticks from ``tick`` until the two are within ``reach``, according to their chords: 0
+    if they may be now, 1e9 if they never are."""
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
@@ -184,12 +188,14 @@ def pair_clear_ticks(
     """Return lower bounds on the ticks before ``a`` detects ``b``, before ``b`` detects ``a``, and before a move of one
     ends in the other.
 
-    0 if one sees the other; below 1 if a move from ``tick`` may end so.
+    The first two are 0 if the one detects the other now; the third is below 1 if a move from ``tick`` may end so.
 
     Args:
         a_first: whether ``a`` moves before ``b``.
-        roughly: robots that turn are taken as standing somewhere within their slack, which is mostly enough.
-        a_looks, b_looks: whether it is asked what they see: only of those that drive.
+        roughly: whether a turning robot is taken as a point somewhere within ``position_error_m`` of its pivot, which
+            is cheaper and mostly precise enough.
+        a_looks: whether to compute when ``a`` detects ``b``, for drivers only; else that bound is SIDE_TICKS.
+        b_looks: the same for ``b``.
     """
     a_x, a_y, a_sin, a_cos = about(a, setup, tick, roughly)
     b_x, b_y, b_sin, b_cos = about(b, setup, tick, roughly)
@@ -213,14 +219,15 @@ def pair_clear_ticks(
     apart = math.sqrt(x * x + y * y)
     gap, both = apart - 2.0 * setup.radius_m - slack - CONTACT_M, a.max_step_m + b.max_step_m
     closing = creep - (x * dx + y * dy) / apart
-    # The first has moved when the second has not: apart may then be less by its step, as after so many ticks.
+    # When the second moves, the first has already moved: they may be closer by the first's step.
     first_rate = a.max_step_m if a_first else b.max_step_m
     contact = ticks_until_closed(gap - first_rate, closing, swerve)
     if contact < 1.0 and gap > 0.0:
         on_x, on_y, veer = x - a_step * a_cos, y - a_step * a_sin, a.max_step_m * abs(a_bend)
         if not a_first:
             on_x, on_y, veer = x + b_step * b_cos, y + b_step * b_sin, b.max_step_m * abs(b_bend)
-        # It is there a tick later, by which its heading and so its way differ.
+        # The step of the first is taken along its heading at ``tick``; a tick later it may differ by ``veer``, and
+        # that of a turning robot may have any direction.
         lateral = first_rate if is_turning(a if a_first else b) else veer
         on = math.sqrt(on_x * on_x + on_y * on_y)
         approach = creep + veer - (on_x * dx + on_y * dy) / on
@@ -245,9 +252,10 @@ def pair_clear_ticks(
 
 @inlined
 def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, float, float, float]:
-    """Return where a robot is at a tick of its plan, and the sine and cosine of its heading.
+    """Return a robot's position at a tick of its plan, m, m, and the sine and cosine of a driver's heading (of others
+    always 0 and 1: they use no rays).
 
-    ``roughly``: one that turns is somewhere about its pivot.
+    If ``roughly``, the position of a turning robot is its pivot.
     """
     if row.mode == DRIVE:
         x_m, y_m, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
@@ -264,14 +272,18 @@ def ticks_until_seen(
     x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
 ) -> float:  # fmt: skip
-    """Return ticks that surely pass before a robot's rays, each ``look`` long, see the disc of another; 0 if one does.
+    """Return a lower bound on the ticks before one of a robot's rays, each ``look`` long, meets the disc of another; 0
+    if one does now, at most SIDE_TICKS.
 
-    The distance of a point from a ray is convex: it falls by no more than the point's way along its gradient.
+    The distance of a point from a ray is convex: it falls by no more than the point's motion along its gradient.
 
     Args:
-        bend: rad a tick. x_m, y_m: of the other, seen from the robot. dx, dy: of its motion, m per tick.
-        slack: how far the other may be from there. creep: by how much that may grow, m per tick. swerve: how much
-            its motion may change, seen from the robot as it turns, m per tick^2.
+        bend: the robot's turn rate, rad per tick.
+        x_m, y_m: position of the other relative to the robot, in the world's axes, m.
+        dx, dy: velocity of the other relative to the robot, in the world's axes, m per tick.
+        slack: error bound of the position, m.
+        creep: how fast that bound may grow, m per tick.
+        swerve: bound on the other's acceleration in the frame of the turning robot, m per tick^2.
     """
     ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
     d_ahead = dx * cos_h + dy * sin_h + bend * left
@@ -293,7 +305,11 @@ def ticks_until_seen(
 
 @inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether a move from ``tick`` of one of the two would end in the other, according to their plans."""
+    """Return whether a move from ``tick`` of one of the two would end in the other, according to their plans.
+
+    ``first`` moves first. Where it ends up is compared with where ``second`` is then, which may block ``first``, and
+    with where ``second`` would move to, as ``first`` may block that.
+    """
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)
     x, y, _, _ = about(first, setup, tick + 1, False)

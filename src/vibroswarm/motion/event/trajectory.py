@@ -96,8 +96,11 @@ def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float
 def turn_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
-    """Simulate a turn up to the tick at which it ends, at most ``most`` ticks; return n, error, integral and gyro
-    just before the step n ticks ahead."""
+    """Simulate a turn until it ends, for at most ``most`` ticks.
+
+    Returns: the number of ticks n; error (deg), integral (deg s) and gyro (deg per tick) just before the step n ticks
+        ahead.
+    """
     dt_s = setup.tick_s
     command = turn_command(setup, error_deg, integral_deg_s)
     gyro_deg = gain * command
@@ -109,8 +112,8 @@ def turn_ahead(
             break
         skip = 0 if skipped else saturated_ticks(setup, gain, error_deg, integral_deg_s, command, most - n)
         if skip > 0:
-            # So many ticks at full command: e falls by the same each time, the integral by its sum. Then hardly any
-            # are left, and it is not asked again.
+            # In these ticks at full command the error falls by the same amount each time, and the integral grows by
+            # the sum of the errors. Hardly any such ticks are left afterwards, so they are skipped only once.
             skipped = True
             first = error_deg - gyro_deg
             integral_deg_s += dt_s * skip * (first - 0.5 * gyro_deg * (skip - 1))
@@ -127,12 +130,13 @@ def turn_ahead(
 
 @inlined
 def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
-    """Return whether the rest of a turn stays below full command, and sixteen steps of it cannot swing through 0 and
-    back.
+    """Return whether ``tail_ahead`` may simulate the rest of a turn, sixteen steps at a time.
 
-    Error and integral of one sign make the error fall to 0. The command falls with it if the integral adds no more
-    than the gain takes away. Below 0 the error stays for good if the eigenvalues of a step are real, else for half a
-    period: above sixteen steps if their angle, arccos(trace / (2 sqrt(determinant))), is below pi / 16.
+    The command must stay below full, and sixteen steps must not be enough for the error to swing through 0 and back,
+    as the end of the turn would then be missed. If error and integral have the same sign, the error falls to 0; the
+    command falls with it if the integral adds no more than the gain takes away. Beyond 0, the error keeps its sign
+    for good if the eigenvalues of a step are real, else for half a period. That is more than sixteen steps if their
+    angle, arccos(trace / (2 sqrt(determinant))), is below pi / 16.
     """
     if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
         return False
@@ -146,10 +150,11 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
 def tail_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
 ) -> tuple[int, float, float]:
-    """Return the tail of a turn up to the step before the one that ends it: n, error, integral.
+    """Simulate the tail of a turn from tick ``n`` to just before the step that ends it, at most to tick ``most``;
+    return that tick, the error and the integral.
 
-    A step is linear there, (e, integral) <- M (e, integral). As an error above the tolerance has only fallen, four
-    steps are taken at once, by M^4, as long as they do not end the turn, and sixteen by M^16.
+    A step is linear there, (e, integral) <- M (e, integral), and the error falls until the turn ends. If it is above
+    the tolerance after sixteen steps, it was so throughout, so these are taken at once, by M^16; then four, by M^4.
     """
     a, b = 1.0 - gain * setup.gain, -gain * setup.integral_gain
     c, d = setup.tick_s * a, 1.0 + setup.tick_s * b
@@ -187,7 +192,8 @@ def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float,
 def saturated_ticks(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
 ) -> int:
-    """Return a lower bound on the further ticks at full command that do not end the turn."""
+    """Return a lower bound on the further ticks at full command that do not end the turn, at most ``most``; 0 if the
+    command is below full."""
     if abs(command) < 100.0:
         return 0
     sign = 1.0 if command > 0.0 else -1.0
@@ -196,7 +202,7 @@ def saturated_ticks(
     if beyond <= 0.0 or error <= 0.0 or integral < 0.0:
         return 0
     per_tick = 100.0 * gain
-    # After k ticks at full command, beyond - fall k - bend k^2 of it is left: at the root nothing is.
+    # After k ticks the command, before it is clipped, is beyond - fall k - bend k^2 above 100 %: 0 at the root.
     by_integral = 0.5 * setup.integral_gain * setup.tick_s
     fall = setup.gain * per_tick - by_integral * (2.0 * error - per_tick)
     bend = by_integral * per_tick
@@ -207,7 +213,7 @@ def saturated_ticks(
 
 @inlined
 def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
-    """Return the number of ticks until the sample timer interrupts a robot in this mode."""
+    """Return the number of ticks until the sample timer interrupts a robot in this mode; NEVER if it does not."""
     if state_mode == AVOID and not setup.interrupts_avoidance:
         return NEVER
     if timer_ms > setup.sample_interval_ms:
@@ -229,7 +235,8 @@ def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
     """Return the number of ticks until the robot's own next event, at most ``horizon``; a turn's end state is
     cached.
 
-    For one that stands, the horizon does not count; the next event of one that stands for good is its silence."""
+    The horizon does not limit stops. A robot that has failed stands for good: its next event is the tick at which it
+    falls silent, and after that NEVER_FAILS."""
     if row.failed:
         row.sample_tick = NEVER_FAILS
         return (row.silent_tick if row.silent_tick > row.tick else NEVER_FAILS) - row.tick
@@ -374,7 +381,7 @@ def sinc(angle_rad: float) -> float:
 
 @inlined
 def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
-    """Return where the move of a blocked driver would end at this time after its plan's tick, m, m."""
+    """Return where the move of a blocked driver, tried ``ticks`` after its plan's tick, would end, m, m."""
     half = 0.5 * row.rate_rad_s * setup.tick_s
     sine, cosine = sin_cos((2 * ticks + 1) * half)
     chord = row.intended_speed_m_s * setup.tick_s * sinc(half)
@@ -387,7 +394,8 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
     """Return where the move of a blocked turning robot would end, m, m.
 
     Args:
-        turned_deg: since its plan's tick. gyro_deg: what it turns with this move.
+        turned_deg: the angle turned since its plan's tick.
+        gyro_deg: the angle that this move turns.
     """
     half = 0.5 * math.radians(gyro_deg)
     sine, cosine = sin_cos(math.radians(turned_deg) + half)
@@ -399,7 +407,10 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
 
 @inlined
 def catch_up(row: Planner, setup: Setup, tick: int) -> None:
-    """Bring a moving robot to ``tick``, just before its step there: pose, clocks, turn, times in each mode."""
+    """Bring a moving robot to ``tick``, just before its step there: pose, clocks, turn and ticks spent in its mode.
+
+    Clocks gain one tick less than has passed: the step at ``tick`` itself adds the last.
+    """
     n = tick - row.tick
     passed_ms = (n - 1) * setup.tick_ms
     if counts(row.mode, setup.timer):
@@ -426,7 +437,7 @@ def catch_up(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether a robot that wakes at ``tick`` only does what its plan says: it stops to sample."""
+    """Return whether a robot that wakes at ``tick`` only has to stop to sample, as planned."""
     due_ms = row.timer_ms + (tick - row.tick - 1) * setup.tick_ms
     return bool(
         row.plan_end_tick > row.self_event_tick
@@ -455,7 +466,10 @@ def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def plan_stop(stop: Planner, row: Planner) -> None:
-    """Write the second piece of a driver's plan: the stop at its end, so that others can look ahead on it."""
+    """Write the second piece of a driver's plan: the stop at its end, so that others can look ahead on it.
+
+    Its tick is one before the stop, as encounters are searched from the tick after it.
+    """
     stop.tick, stop.self_event_tick = row.self_event_tick - 1, row.plan_end_tick
     stop.mid_x_m, stop.mid_y_m = row.end_x_m, row.end_y_m
 

@@ -51,14 +51,17 @@ def arc_between(
     to_heading_rad: float,
     dt_s: float,
 ) -> tuple[float, float, float]:
-    """Return speed, turn rate and residual of the arc from one pose towards another, ``dt_s`` later."""
+    """Return speed (m/s), turn rate (rad/s) and residual (m) of the arc from one pose towards another, ``dt_s`` later.
+
+    After nearly whole turns the chord says nothing about the speed: this is then 0, and all of the chord is residual.
+    """
     turned = to_heading_rad - heading_rad
     half = 0.5 * turned
     sinc = math.sin(half) / half if abs(half) > 1e-6 else 1.0 - half * half / 6.0
     along_x, along_y = math.cos(heading_rad + half), math.sin(heading_rad + half)
     dx, dy = to_x_m - x_m, to_y_m - y_m
     chord = dx * along_x + dy * along_y
-    # A chord of whole turns is 0 whatever the speed.
+    # Over whole turns the chord is 0 at any speed.
     speed_m_s = chord / sinc / dt_s if abs(sinc) > 0.1 else 0.0
     lost_m = chord - speed_m_s * sinc * dt_s
     return speed_m_s, turned / dt_s, math.hypot(dy * along_x - dx * along_y, lost_m)
@@ -66,7 +69,7 @@ def arc_between(
 
 @inner
 def fit_period(swarm: Swarm, setup: Setup) -> None:
-    """Set each robot's speed and turn rate to what they were in the period from its ``from_`` pose to its pose."""
+    """Set each robot's speed and turn rate to those of the arc from its pose one period ago (``from_``) to its pose."""
     for i in range(swarm.size):
         row = swarm[i]
         row.speed_m_s, row.rate_rad_s, _ = arc_between(
@@ -78,10 +81,10 @@ def fit_period(swarm: Swarm, setup: Setup) -> None:
 def note_arcs(
     record: Record, opened: NDArray[np.void], swarm: Swarm, setup: Setup, run: int, tick: int
 ) -> None:
-    """Write down the period from ``tick`` to the next, after ``fit_period``, in the tables that are wanted.
+    """Record the period from ``tick`` to the next in the tables of segments and moves, if requested.
 
     Args:
-        opened: ``OPEN_SEGMENT``, (robots,).
+        opened: ``OPEN_SEGMENT``, (robots,), updated. swarm: after ``fit_period``.
     """
     if record.segments.size > 0:
         for i in range(swarm.size):
@@ -95,7 +98,7 @@ def note_arcs(
 def note_segment(
     record: Record, opened: NDArray[np.void], swarm: Swarm, setup: Setup, run: int, tick: int, i: int
 ) -> None:
-    """Write a segment of robot ``i`` from ``tick`` on, unless the one under way leads on."""
+    """Begin a segment of robot ``i`` at ``tick``, unless the arc of its open segment still leads to its pose."""
     row, now = swarm[i], opened[i]
     if now.kind == row.mode:
         elapsed_s = (tick + 1 - now.tick) * setup.tick_s
@@ -119,7 +122,8 @@ def note_segment(
 
 @inner
 def note_fitted_move(record: Record, swarm: Swarm, setup: Setup, run: int, tick: int, i: int) -> None:
-    """Continue robot ``i``'s move through the period from ``tick`` on, or begin another."""
+    """Continue robot ``i``'s move through the period from ``tick`` on; begin another if it does something new, or if
+    one arc no longer fits."""
     row, under_way = swarm[i], record.under_way
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode
     continues = doing == under_way[i].doing
@@ -140,5 +144,6 @@ def note_fitted_move(record: Record, swarm: Swarm, setup: Setup, run: int, tick:
         move = record.moves[under_way[i].place]
         speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
     move.speed_m_s, move.rate_rad_s = speed_m_s, rate_rad_s
+    # Of a turn, rows hold the radius in place of the speed (``MOVE_ROW``).
     if row.mode == TURN or row.mode == AVOID:
         move.speed_m_s = speed_m_s / rate_rad_s if rate_rad_s != 0.0 else 0.0

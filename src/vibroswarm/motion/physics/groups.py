@@ -47,10 +47,11 @@ class Model(NamedTuple):
 
 @inner
 def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
-    """Set the number of the first robot of each robot's group; return the size of the largest group.
+    """Group the robots by distance; return the size of the largest group.
 
     Args:
-        first: (robots,).
+        gap_m: robots nearer than this, centre to centre, are in one group.
+        first: (robots,), written: lowest index in each robot's group.
     """
     robots = swarm.size
     for i in range(robots):
@@ -74,7 +75,8 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
 
 @inner
 def members_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> int:
-    """Set the robots of the group whose first is ``i``; return how many they are, 0 if ``i`` is not first."""
+    """Write the robots of the group whose lowest index is ``i`` into ``members``; return their number, 0 if there is no
+    such group."""
     size = 0
     for j in range(first.size):
         if first[j] == i:
@@ -96,7 +98,7 @@ def copy_robot(source: Model, i: int, target: Model, j: int) -> None:
 
 @inner
 def rests(model: Model, i: int) -> bool:
-    """Return whether robot ``i`` stands, with its motors off."""
+    """Return whether robot ``i`` stands, with its motors off; False if a velocity is nan."""
     controls, speeds = model.control.size // model.robots, model.qvel.size // model.robots
     if model.control[controls * i] != 0.0 or model.control[controls * i + 1] != 0.0:
         return False

@@ -59,7 +59,8 @@ def push(world: World, body: Planar, swarm: Swarm) -> None:
 
 @inner
 def move_planar(world: World, body: Planar, swarm: Swarm, setup: Setup) -> None:
-    """Let MuJoCo move the bodies through one control period; set poses, gyro, and speeds as they were."""
+    """Let MuJoCo move the bodies through one control period; set their poses, gyro readings, and the speeds and turn
+    rates that they actually had."""
     for _ in range(world.steps):
         push(world, body, swarm)
         world.calls.step(world.model, world.data)

@@ -95,7 +95,10 @@ def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @inner
 def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> float:
-    """Return the shortest ray of robot ``i``'s sensor ``k`` by MuJoCo, m; infinite if none hits anything."""
+    """Return the shortest ray of robot ``i``'s sensor ``k`` by MuJoCo, m.
+
+    It is infinite if no ray hits anything, and 0 if the sensor lies outside the arena or within another robot's disc.
+    """
     row = swarm[i]
     ahead_x, ahead_y = math.cos(row.heading_rad), math.sin(row.heading_rad)
     x_m = row.x_m + row.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
@@ -152,10 +155,11 @@ def end_period(
     run: int,
     tick: int,
 ) -> None:
-    """Write down a control period after its moves: fails, arcs, what robots did.
+    """Record a control period after its moves: arcs, and the time of each robot in its mode.
 
     Args:
-        warned: MuJoCo has warned in this period: it is undone, and from it on the robots stand.
+        warned: whether MuJoCo has warned in this period. The period is then undone, and the robots stand from its
+            beginning on.
     """
     if world.frozen[0]:
         stand(swarm)

@@ -101,7 +101,11 @@ def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
 
 @inner
 def move_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
-    """Let MuJoCo move the robots through one control period; set poses, gyro, and speeds as they were."""
+    """Let MuJoCo move the robots through one control period; set their poses, gyro readings, and the speeds and turn
+    rates that they actually had.
+
+    Groups of at most LARGEST robots are stepped apart; if one is larger, all robots are stepped together.
+    """
     turn_wheels(wheels, swarm, setup)
     for i in range(swarm.size):
         swarm[i].gyro_deg = 0.0
